@@ -1,0 +1,13 @@
+"""Rate-dependent hysteresis models of piezoelectric actuators and their exact inverses: the host tools."""
+
+from __future__ import annotations
+
+
+def version() -> str:
+    """Version of the installed distribution; "unknown" when the package is run from a checkout without installing it."""
+    from importlib.metadata import PackageNotFoundError, version as installed
+
+    try:
+        return installed("rdpi")
+    except PackageNotFoundError:
+        return "unknown"

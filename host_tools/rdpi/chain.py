@@ -1,0 +1,157 @@
+"""The chain from command to displacement, and from reference to drive, as the model file describes it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from . import signals
+from .errors import BadInput
+from .firmware import Firmware
+from .model import Drive, Memory, Model
+from .recording import Recording
+
+MAX_SWEEPS = 60
+DEPTH, MIX = 6, 0.5  # sweeps remembered and damping of Anderson's mixing
+SETTLED = 1e-5  # rms change between sweeps, as a share of the stroke
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Displacement predicted for one run."""
+
+    predicted_um: np.ndarray  # (samples,)
+    states_um: np.ndarray  # plays at the end, (n + 1,)
+    rate_um_per_s: np.ndarray  # (samples,), before the guard
+    settled: bool  # whether the sweeps that find the rate of the prediction itself came to rest
+    memory: str  # where the states at the start came from: "reset", "carried", "model" or "estimated"
+
+
+class Score(NamedTuple):
+    """Prediction error of one run; percentages are of the measured peak-to-peak stroke."""
+
+    rms_um: float
+    max_um: float
+    rms_percent: float
+    max_percent: float
+    offset_um: float  # mean error, not removed from the other figures unless asked
+
+
+def score(predicted_um: np.ndarray, measured_um: np.ndarray, remove_offset: bool = False) -> Score:
+    """Error of a prediction, both (samples,)."""
+    error = measured_um - predicted_um
+    offset = float(np.mean(error))
+    if remove_offset:
+        error = error - offset
+    rms, peak, stroke = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.ptp(measured_um))
+    scale = 100 / stroke if stroke > 0 else float("nan")
+    return Score(rms, peak, rms * scale, peak * scale, offset)
+
+
+def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> list[Prediction]:
+    """Predict the displacement of each run from its command, in order.
+
+    memory: "auto" follows each run's metadata (reset: a decaying sweep ended at the first sample; carried: where the run
+    before ended; unknown: one number, a previous position, estimated from the samples that still depend on it, or the
+    model's memory without displacement); "model" and "reset" impose theirs on every run.
+    """
+    if model.effects:
+        names = ", ".join(str(effect.get("name")) if isinstance(effect, dict) else str(effect) for effect in model.effects)
+        raise BadInput(f"the model has effects that this version cannot simulate: {names}; empty its list `effects`")
+    predictions: list[Prediction] = []
+    for run in runs:
+        kind = run.memory if memory == "auto" else memory
+        x0 = float(model.x_of(run.command_V[0]))
+        if kind == "carried" and predictions:
+            states = predictions[-1].states_um
+        elif kind == "reset":
+            states = np.full(len(model.thresholds_um), x0)
+        elif kind == "model" or run.displacement_um is None:
+            kind, states = "model", model.memory.plays_um
+        else:
+            kind, states = "estimated", estimate_states(model, run)
+        predictions.append(_predict(model, run, states, kind))
+    return predictions
+
+
+def states_after(position_um: float, x0_um: float, thresholds_um: np.ndarray) -> np.ndarray:
+    """States of the plays that rested at `position_um` and moved straight to `x0_um`; shape (n + 1,)."""
+    return np.clip(position_um, x0_um - thresholds_um, x0_um + thresholds_um)
+
+
+def warm_up(x_um: np.ndarray, largest_threshold_um: float) -> int:
+    """First sample at which no play can still remember what came before the run.
+
+    A play of threshold r forgets once the input has spanned 2 r. One that never does keeps its state once the run has
+    spanned all it ever spans; a constant, which an offset takes up.
+    """
+    spanned = np.maximum.accumulate(x_um) - np.minimum.accumulate(x_um)
+    return int(np.argmax(spanned >= min(2 * largest_threshold_um, 0.999 * spanned[-1])))
+
+
+def estimate_states(model: Model, run: Recording) -> np.ndarray:
+    """States at the first sample of a run with unknown memory, from how it begins; shape (n + 1,)."""
+    x = model.x_of(run.command_V)
+    r = model.thresholds_um
+    rest = states_after(x[0], x[0], r)
+    samples = warm_up(x, r[-1])
+    if samples < 2 or len(r) == 1:
+        return rest
+    base = _predict(model, run, rest, "estimated")
+    error = run.displacement_um - base.predicted_um
+    offset = np.mean(error[samples:])  # thermal drift since the fit must not be taken for memory
+
+    def misfit(position: float) -> float:
+        firmware = _firmware(model, run, states_after(position, x[0], r))
+        start = firmware.forward(run.command_V[:samples], base.rate_um_per_s[:samples])
+        return float(np.mean((run.displacement_um[:samples] - start - offset) ** 2))
+
+    positions = x[0] + np.linspace(-r[-1], r[-1], 41)
+    return states_after(min(positions, key=misfit), x[0], r)
+
+
+def _firmware(model: Model, run: Recording, states_um: np.ndarray) -> Firmware:
+    """The compiled forward operator with these states; the run may use more of the drive than the model allows."""
+    start_V = states_um[0] / model.gain_um_per_V + model.offset_V
+    low, high = np.min(run.command_V), np.max(run.command_V)
+    drive = Drive(min(model.drive.min_V, low, start_V), max(model.drive.max_V, high, start_V))
+    free = replace(model, drive=drive, memory=Memory(float(states_um[0]), np.asarray(states_um, float)))
+    return Firmware(free, run.sample_time_s, "f64")
+
+
+def _predict(model: Model, run: Recording, states_um: np.ndarray, memory: str) -> Prediction:
+    command_V, sample_time_s, rate = run.command_V, run.sample_time_s, model.rate
+
+    def rate_of(signal_um: np.ndarray, smoothing_s: float) -> np.ndarray:
+        return signals.rate(signal_um, sample_time_s, rate.window_s, rate.filter_s, smoothing_s)
+
+    def forward(rate_um_per_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        firmware = _firmware(model, run, states_um)
+        return firmware.forward(command_V, rate_um_per_s), firmware.memory_um
+
+    rho = rate_of(model.x_of(command_V), 0.0)
+    predicted, end = forward(rho)
+    if rate.source == "control" or not np.any(model.slope_rate_s_per_um):
+        return Prediction(predicted, end, rho, True, memory)
+    # The rate is that of the displacement, which depends on the rate: find the fixed point by sweeps, with Anderson's
+    # mixing because plain sweeps overshoot at reversals. The control's rate is the first guess.
+    smoothing_s = float(rate.extra.get("smoothing_s", 0.0))
+    points: list[np.ndarray] = []
+    misses: list[np.ndarray] = []
+    for _ in range(MAX_SWEEPS):
+        miss = rate_of(predicted, smoothing_s) - rho
+        points, misses = [*points[-DEPTH:], rho], [*misses[-DEPTH:], miss]
+        rho = rho + MIX * miss
+        if len(points) > 1:
+            moves, changes = np.diff(points, axis=0), np.diff(misses, axis=0)
+            rho = rho - np.linalg.lstsq(changes.T, miss, rcond=None)[0] @ (moves + MIX * changes)
+        rho = np.maximum(rho, 0)
+        previous = predicted
+        predicted, end = forward(rho)
+        change = float(np.sqrt(np.mean((predicted - previous) ** 2))) / model.stroke_um
+        if change < SETTLED:
+            break
+    return Prediction(predicted, end, rho, change < SETTLED, memory)

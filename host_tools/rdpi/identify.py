@@ -1,0 +1,422 @@
+"""Identification: recordings to a model, as one bounded linear least-squares problem over all samples of all runs.
+
+With the dead zones given, the model (Ang et al. 2003, eq. 8, 9, 14-17) is linear in its parameters once the saturation
+stage stands on the side of the displacement:
+
+    sum_i W_i(rho) (y_i - y_(i+1)) + offset = sum_j U_j seg_j(z),     W_i(rho) = A_i (1 - rho / top) + B_i rho / top
+
+y_i are the outputs of the plays, U_j the slopes of the inverse saturation on its pieces (U_0 = 1) and seg_j the part of
+z on piece j. A_i and B_i are the slopes at rest and at the highest rate, so that keeping every slope positive over the
+whole range of rates is a lower bound on each unknown. The data are reduced to one small triangular factor; the outer
+search over dead zones and the strength of the prior work on that alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from . import chain, firmware, signals
+from .errors import BadInput
+from .model import MIN_SLOPE_RATIO, Drive, Memory, Model, Rate, guard_rates
+from .recording import Recording
+
+SLOPE_FLOOR = 0.05  # no slope of a loading curve falls below this within the identified rates
+PIECE_RANGE = (0.2, 5.0)  # bounds of the inverse saturation's slopes U_j
+GRID = np.linspace(0.12, 0.88, 20)  # candidate dead zones, as shares of the displacement's range
+GRID_GAP = 3  # dead zones closer than this many candidates cannot be told apart
+# The prior: what the model cannot explain must not bend the slopes, so its strength follows the residual. Each weight
+# times the relative residual times a slope's departure (bend along the curve, bend and size of the rate law, saturation
+# away from a straight line) weighs as much as that residual in every sample. Chosen on the measured record's second file
+# and on the virtual benches, where they lie on a wide plateau.
+PRIOR_BEND, PRIOR_RATE_BEND, PRIOR_RATE, PRIOR_SATURATION = 2.5, 25.0, 0.75, 2.5
+MIN_CORRELATION = 0.5  # between command and displacement
+RATE_HEADROOM = 1.25  # the guard never lies beyond the highest identified rate times this
+RATE_BINS = 8
+CHUNK = 1 << 16  # samples held as columns at a time
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user chooses; None leaves the choice to the data."""
+
+    operators: int = 9  # n: plays with a positive threshold
+    deadzones: int = 2  # m
+    thresholds_um: tuple[float, ...] | None = None  # r_1 ... r_n instead of equal intervals
+    rate_independent: bool = False
+    rate_source: str = "displacement"
+    rate_window_s: float = 0.0
+    rate_filter_s: float = 0.0
+    min_slope_ratio: float = MIN_SLOPE_RATIO
+    min_V: float | None = None
+    max_V: float | None = None
+    slew_V_per_s: float | None = None
+    dac_bits: int | None = None
+    actuator: str | None = None
+
+
+class RateSlopes(NamedTuple):
+    """Slopes fitted to narrow bands of rate one by one, to be compared with the lines of the model (Fig. 7 of the paper)."""
+
+    rate_um_per_s: np.ndarray  # (bands,)
+    slopes: np.ndarray  # (bands, n + 1); NaN where the band's data do not reach the interval
+    samples: np.ndarray  # (bands,)
+
+
+class RunScore(NamedTuple):
+    recording: Recording
+    held_out: bool
+    score: chain.Score
+    memory: str
+
+
+@dataclass
+class Fit:
+    """Result of an identification."""
+
+    model: Model
+    scores: list[RunScore]
+    rate_slopes: RateSlopes | None
+    noise_um: float
+    warnings: list[str] = field(default_factory=list)
+
+
+@dataclass
+class _Run:
+    """A recording prepared for the regression."""
+
+    recording: Recording
+    x_um: np.ndarray
+    rate_um_per_s: np.ndarray
+    states_um: np.ndarray
+    first: int  # samples before this depend on unknown memory
+
+
+class _Plant(NamedTuple):
+    """A candidate: slopes at rest and at the highest rate, inverse saturation, and how well it fits."""
+
+    rest: np.ndarray  # A_i
+    fast: np.ndarray  # B_i
+    picks: tuple[int, ...]  # dead zones, as indices into the grid
+    pieces: np.ndarray  # U_0 ... U_m
+    cost: float
+    residual: float  # rms, as a share of the stroke
+
+
+def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Sequence[Recording] = (),
+        progress: Callable[[float], None] = lambda fraction: None) -> Fit:
+    """Identify a model from `runs`, score it on them and on `hold_out`. Raises BadInput for runs that cannot be fitted."""
+    for run in (*runs, *hold_out):
+        _check(run)
+    _check_options(options)
+    warnings: list[str] = []
+    noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
+    smoothing = [signals.smoothing_time_s(run.displacement_um, run.sample_time_s) for run in runs]
+    smoothing_s = 0.0 if options.rate_source == "control" else max(smoothing)
+
+    low_V = min(float(np.min(run.command_V)) for run in runs)
+    high_V = max(float(np.max(run.command_V)) for run in runs)
+    low_um = min(float(np.min(run.displacement_um)) for run in runs)
+    high_um = max(float(np.max(run.displacement_um)) for run in runs)
+    stroke = max(float(np.ptp(run.displacement_um)) for run in runs)
+    sign = 1.0 if _correlation(max(runs, key=lambda run: np.ptp(run.command_V))) > 0 else -1.0
+    gain = sign * stroke / max(float(np.ptp(run.command_V)) for run in runs)
+    offset_V = low_V if gain > 0 else high_V  # x >= 0, as one-sided dead zones need it
+    thresholds = _thresholds(options, abs(gain) * max(float(np.ptp(run.command_V)) for run in runs), warnings)
+
+    prepared = _prepare(runs, gain, offset_V, thresholds, options, smoothing_s)
+    usable = np.concatenate([run.rate_um_per_s[run.first:] for run in prepared])
+    top = float(np.percentile(usable, 99.9))
+    if top <= 0:
+        raise BadInput(f"{runs[0].path}: the displacement never moves after warm-up; record a drive that moves the actuator")
+    grid = low_um + GRID * (high_um - low_um)
+    columns = _Columns(thresholds, grid, 0.0 if options.rate_independent else top)
+    factor, means, samples = _reduce(prepared, columns, stroke, lambda share: progress(0.6 * share))
+    plant = _search(factor, columns, options.deadzones, samples)
+
+    offsets = np.array([_offset(row, columns, plant) for row in means]) * stroke
+    weights = [len(run.x_um) - run.first for run in prepared]
+    offset_um = float(np.average(offsets, weights=weights))
+    deadzones, deadzone_weights = _saturation(grid[list(plant.picks)] - offset_um, plant.pieces)
+    change = (plant.fast - plant.rest) / top
+    singular = float(np.min(guard_rates(plant.rest, change)))
+    guard = min((1 - options.min_slope_ratio) * singular, RATE_HEADROOM * top)
+    first = prepared[0]
+    model = Model(
+        gain_um_per_V=gain, offset_V=offset_V, offset_um=offset_um, stroke_um=stroke, thresholds_um=thresholds,
+        slopes=plant.rest, slope_rate_s_per_um=change, deadzones_um=deadzones, deadzone_weights=deadzone_weights,
+        rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s, guard,
+                  singular if np.isfinite(singular) else None, options.min_slope_ratio,
+                  extra={"identified_um_per_s": top, "smoothing_s": smoothing_s}),
+        drive=Drive(low_V if options.min_V is None else options.min_V, high_V if options.max_V is None else options.max_V,
+                    options.slew_V_per_s, options.dac_bits),
+        memory=Memory(float(first.x_um[0]), first.states_um),
+        actuator=options.actuator if options.actuator is not None else runs[0].metadata.get("actuator", ""),
+    )
+    if first.recording.memory == "unknown":
+        states = chain.estimate_states(model, first.recording)
+        model.memory = Memory(float(states[0]), states)
+    progress(0.7)
+    scores = _scores(model, runs, hold_out, warnings)
+    rate_slopes = None if options.rate_independent else _rate_slopes(prepared, thresholds, grid, plant, top, stroke)
+    _remark(model, plant, noise, scores, warnings)
+    model.fit = _record(scores, noise, warnings)
+    progress(1.0)
+    return Fit(model, scores, rate_slopes, noise, warnings)
+
+
+def _check(run: Recording) -> None:
+    command, displacement = run.command_V, run.displacement_um
+    if np.ptp(command) == 0:
+        raise BadInput(f"{run.path}: command_V is constant at {command[0]:g} V; identification needs a drive that moves: "
+                       "leave this run out, or see `rdpi excite`")
+    if np.ptp(displacement) == 0:
+        raise BadInput(f"{run.path}: displacement_um is constant at {displacement[0]:g} um; check the sensor and its column")
+    correlation = _correlation(run)
+    if abs(correlation) < MIN_CORRELATION:
+        raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {correlation:.2f}); "
+                       "check that both columns are of the same run, and their order and units")
+
+
+def _check_options(options: Options) -> None:
+    if not 0 <= options.operators <= 128:
+        raise BadInput(f"--operators {options.operators}: must be 0 to 128")
+    if not 0 <= options.deadzones <= 6:
+        raise BadInput(f"--deadzones {options.deadzones}: must be 0 to 6; more cannot be told apart")
+    if not 0 < options.min_slope_ratio < 1:
+        raise BadInput(f"--min-slope-ratio {options.min_slope_ratio:g}: must lie between 0 and 1")
+
+
+def _correlation(run: Recording) -> float:
+    return float(np.corrcoef(run.command_V, run.displacement_um)[0, 1])
+
+
+def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> np.ndarray:
+    """r_0 = 0 ... r_n. A play with a threshold beyond half the largest excursion never moves: it cannot be identified."""
+    reach = excursion_um / 2
+    if options.thresholds_um is None:
+        # n + 1 equal intervals up to the reach, so that the last slope is seen over as long a way as the others
+        return np.arange(options.operators + 1) * reach / (options.operators + 1)
+    wanted = np.array([0.0, *options.thresholds_um])
+    if np.any(np.diff(wanted) <= 0):
+        raise BadInput("--thresholds: must be positive and increase")
+    hidden = wanted[wanted > 0.98 * reach]
+    if len(hidden):
+        warnings.append(f"thresholds {', '.join(f'{r:g}' for r in hidden)} um not fitted: unobservable, beyond half the "
+                        f"largest excursion in the recordings ({reach:.4g} um)")
+    return wanted[wanted <= 0.98 * reach]
+
+
+def _prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds: np.ndarray, options: Options,
+             smoothing_s: float) -> list[_Run]:
+    prepared: list[_Run] = []
+    end: np.ndarray | None = None
+    for run in runs:
+        x = gain * (run.command_V - offset_V)
+        signal = run.displacement_um if options.rate_source == "displacement" else x
+        rate = signals.rate(signal, run.sample_time_s, options.rate_window_s, options.rate_filter_s, smoothing_s)
+        known = run.memory == "reset" or (run.memory == "carried" and end is not None)
+        carried = run.memory == "carried" and end is not None
+        states = np.array(end) if carried else chain.states_after(x[0], x[0], thresholds)
+        first = 0 if known else chain.warm_up(x, thresholds[-1])
+        prepared.append(_Run(run, x, rate, states, first))
+        end = firmware.plays(x, thresholds, states)[1]
+    return prepared
+
+
+class _Columns(NamedTuple):
+    """Layout of the regression's columns: plays (twice with a rate law), candidate dead zones, displacement."""
+
+    thresholds_um: np.ndarray
+    grid_um: np.ndarray
+    top_um_per_s: float  # 0: rate-independent
+
+    @property
+    def plays(self) -> int:
+        return len(self.thresholds_um) * (2 if self.top_um_per_s else 1)
+
+    def blocks(self, run: _Run) -> Iterator[np.ndarray]:
+        """Blocks of at most CHUNK rows, warm-up left out; first column 1."""
+        states = run.states_um
+        z = run.recording.displacement_um
+        for start in range(0, len(z), CHUNK):
+            part = slice(start, start + CHUNK)
+            outputs, states = firmware.plays(run.x_um[part], self.thresholds_um, states)
+            outputs[:, :-1] -= outputs[:, 1:]
+            if self.top_um_per_s:
+                share = (run.rate_um_per_s[part] / self.top_um_per_s)[:, None]
+                outputs = np.hstack([outputs * (1 - share), outputs * share])
+            zone = np.maximum(z[part, None] - self.grid_um, 0)
+            block = np.hstack([np.ones((len(outputs), 1)), outputs, zone, z[part, None]])[max(0, run.first - start):]
+            if len(block):
+                yield block
+
+
+def _reduce(runs: Sequence[_Run], columns: _Columns, stroke: float, progress: Callable[[float], None]
+            ) -> tuple[np.ndarray, np.ndarray, int]:
+    """Triangular factor of all columns with every run's mean removed (each run has its own offset), the means, samples.
+
+    Displacements are in units of the stroke. Means are one row per run.
+    """
+    total, means, samples, done = np.zeros((0, columns.plays + len(columns.grid_um) + 1)), [], 0, 0
+    everything = sum(len(run.x_um) for run in runs)
+    for run in runs:
+        factor = np.zeros((0, total.shape[1] + 1))
+        for block in columns.blocks(run):
+            block[:, 1:] /= stroke
+            factor = np.linalg.qr(np.vstack([factor, block]), mode="r")
+            done += len(block)
+            progress(done / everything)
+        means.append(factor[0, 1:] / factor[0, 0])  # of a factor with a leading column of ones
+        total = np.linalg.qr(np.vstack([total, factor[1:, 1:]]), mode="r")
+        samples += len(run.x_um) - run.first
+    return total, np.array(means), samples
+
+
+def _assemble(rows: np.ndarray, columns: _Columns, picks: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Design matrix [plays, -seg_1 ... -seg_m] and target seg_0, for dead zones at grid[picks]."""
+    zones = rows[:, [columns.plays + j for j in picks]]
+    parts = np.hstack([rows[:, -1:], zones])
+    parts[:, :-1] -= zones
+    return np.hstack([rows[:, :columns.plays], -parts[:, 1:]]), parts[:, 0]
+
+
+def _prior(columns: _Columns, m: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and targets that keep the loading curve smooth, the rate law smooth and small, the saturation straight."""
+    n = len(columns.thresholds_um)
+    bend, none = np.diff(np.eye(n), 2, axis=0), np.zeros
+    rows = [PRIOR_BEND * np.hstack([bend, none((len(bend), columns.plays + m - n))])]
+    if columns.plays > n:
+        rows.append(PRIOR_RATE_BEND * np.hstack([-bend, bend, none((len(bend), m))]))
+        rows.append(PRIOR_RATE * np.hstack([-np.eye(n), np.eye(n), none((n, m))]))
+    straight = PRIOR_SATURATION * np.hstack([none((m, columns.plays)), np.eye(m)])
+    rows.append(straight)
+    return np.vstack(rows), np.r_[none(sum(map(len, rows)) - m), straight.sum(axis=1)]
+
+
+def _solve(factor: np.ndarray, columns: _Columns, picks: tuple[int, ...], samples: int, residual: float) -> _Plant:
+    """Slopes and pieces for given dead zones; `residual` is the relative error that the prior is weighed against."""
+    from scipy.optimize import lsq_linear
+
+    n, m = len(columns.thresholds_um), len(picks)
+    design, target = _assemble(factor, columns, picks)
+    prior, wish = (residual * np.sqrt(samples) * part for part in _prior(columns, m))
+    low = np.r_[np.full(columns.plays, SLOPE_FLOOR), np.full(m, PIECE_RANGE[0])]
+    high = np.r_[np.full(columns.plays, np.inf), np.full(m, PIECE_RANGE[1])]
+    both = np.vstack([design, prior]), np.r_[target, wish]
+    found = np.linalg.lstsq(*both, rcond=None)[0]
+    if np.any(found < low) or np.any(found > high):
+        found = lsq_linear(*both, (low, high), method="bvls").x
+    left = np.sum((design @ found - target) ** 2)
+    cost = np.sum((both[0] @ found - both[1]) ** 2)
+    rest = found[:n]
+    fast = found[n:2 * n] if columns.top_um_per_s else rest
+    return _Plant(rest, fast, picks, np.r_[1.0, found[columns.plays:]], float(cost), float(np.sqrt(left / samples)))
+
+
+def _search(factor: np.ndarray, columns: _Columns, m: int, samples: int) -> _Plant:
+    """Outer search over the dead zones, one at a time until none moves; the prior follows the residual."""
+    spread = np.linspace(0, len(columns.grid_um) - 1, m + 2)[1:-1]
+    plant = _solve(factor, columns, tuple(int(round(j)) for j in spread), samples, 1e-3)
+    for _ in range(4):
+        residual = plant.residual
+        plant = _solve(factor, columns, plant.picks, samples, residual)
+        before = plant.picks
+        for j in range(m):
+            lowest = plant.picks[j - 1] + GRID_GAP if j else 0
+            highest = plant.picks[j + 1] - GRID_GAP if j + 1 < m else len(columns.grid_um) - 1
+            for place in range(lowest, highest + 1):
+                picks = (*plant.picks[:j], place, *plant.picks[j + 1:])
+                plant = min(plant, _solve(factor, columns, picks, samples, residual), key=lambda p: p.cost)
+        if plant.picks == before:
+            break
+    return plant
+
+
+def _offset(means: np.ndarray, columns: _Columns, plant: _Plant) -> float:
+    """Offset of one run, in units of the stroke: what its means leave."""
+    design, target = _assemble(means[None, :], columns, plant.picks)
+    slopes = np.r_[plant.rest, plant.fast] if columns.top_um_per_s else plant.rest
+    return float((target - design @ np.r_[slopes, plant.pieces[1:]])[0])
+
+
+def _saturation(corners_um: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """d_j and ws_j of S from the corners of its inverse (in um of z, increasing) and the slopes U_j of that."""
+    corners = np.r_[0.0, corners_um]
+    if np.any(np.diff(corners) <= 0):
+        raise BadInput("the saturation stage does not fit these recordings (a dead zone lies at or below zero); "
+                       "use fewer --deadzones")
+    deadzones = np.r_[0.0, np.cumsum(np.diff(corners) * pieces[:-1])]
+    return deadzones, np.diff(1 / pieces, prepend=0.0)
+
+
+def _scores(model: Model, runs: Sequence[Recording], hold_out: Sequence[Recording], warnings: list[str]) -> list[RunScore]:
+    scores = []
+    for held_out, group in ((False, runs), (True, hold_out)):
+        for run, prediction in zip(group, chain.simulate(model, group)):
+            if not prediction.settled:
+                warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care")
+            scores.append(RunScore(run, held_out, chain.score(prediction.predicted_um, run.displacement_um),
+                                   prediction.memory))
+    return scores
+
+
+def _rate_slopes(runs: Sequence[_Run], thresholds: np.ndarray, grid: np.ndarray, plant: _Plant, top: float, stroke: float
+                 ) -> RateSlopes:
+    """The slopes of each band of rate fitted alone, for comparison; the saturation is kept."""
+    from scipy.optimize import lsq_linear
+
+    columns = _Columns(thresholds, grid, 0.0)
+    n = len(thresholds)
+    edges = np.linspace(0, top, RATE_BINS + 1)
+    factors = [np.zeros((0, n + len(plant.picks) + 2))] * RATE_BINS
+    samples, totals = np.zeros(RATE_BINS, int), np.zeros(RATE_BINS)
+    for run in runs:
+        start = run.first
+        for block in columns.blocks(run):
+            rate = run.rate_um_per_s[start:start + len(block)]
+            start += len(block)
+            design, target = _assemble(block[:, 1:] / stroke, columns, plant.picks)
+            rows = np.hstack([block[:, :1], design, target[:, None]])
+            bands = np.digitize(rate, edges[1:-1])
+            for band in range(RATE_BINS):
+                inside = bands == band
+                factors[band] = np.linalg.qr(np.vstack([factors[band], rows[inside]]), mode="r")
+                samples[band] += np.count_nonzero(inside)
+                totals[band] += np.sum(rate[inside])
+    slopes = np.full((RATE_BINS, n), np.nan)
+    prior = plant.residual * _prior(columns, 0)[0]
+    for band, factor in enumerate(factors):
+        if samples[band] < 4 * n:
+            continue
+        factor = factor[1:, 1:]  # one offset for the band
+        reached = np.linalg.norm(factor[:, :n], axis=0) > 1e-3 * np.sqrt(samples[band]) / n
+        target = factor[:, -1] - factor[:, n:-1] @ plant.pieces[1:]
+        design = np.vstack([factor[:, :n], prior * np.sqrt(samples[band])])
+        found = lsq_linear(design, np.r_[target, np.zeros(len(prior))], (SLOPE_FLOOR, np.inf), method="bvls").x
+        slopes[band] = np.where(reached, found, np.nan)
+    seen = samples >= 4 * n
+    return RateSlopes(totals[seen] / samples[seen], slopes[seen], samples[seen])
+
+
+def _remark(model: Model, plant: _Plant, noise: float, scores: Sequence[RunScore], warnings: list[str]) -> None:
+    slopes = np.r_[plant.rest, plant.fast]
+    if np.any(slopes <= SLOPE_FLOOR * 1.0001):
+        warnings.append(f"a slope lies on its floor of {SLOPE_FLOOR:g}: the recordings do not determine it; "
+                        "use fewer --operators or record more amplitudes and rates")
+    for run in scores:
+        if run.memory == "estimated":
+            warnings.append(f"{run.recording.path}: memory at the start unknown; estimated, and left out of the fit until "
+                            "the drive had erased it")
+
+
+def _record(scores: Sequence[RunScore], noise: float, warnings: Sequence[str]) -> dict:
+    return {
+        "runs": [{"file": run.recording.path, "digest": run.recording.digest, "samples": len(run.recording),
+                  "held_out": run.held_out, "memory": run.memory, **run.score._asdict()} for run in scores],
+        "noise_um": noise,
+        "warnings": list(warnings),
+    }

@@ -1,0 +1,313 @@
+"""The model file: one identified actuator as JSON (schema rdpi-model/1), read, checked and written.
+
+Displacements are in um, drives in V, rates in um/s. `Model.validate` refuses everything that `rdpi_f32_init` refuses,
+so that a model that was read can be flashed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import version
+from .errors import BadInput
+from .recording import atomic_write
+
+SCHEMA = "rdpi-model/1"
+SOURCES = ("displacement", "control")
+MIN_SLOPE_RATIO = 0.2  # default of rate.min_slope_ratio
+TOLERANCE = 1e-5  # relative; what rounding to the firmware's float may cost (MEMORY_TOLERANCE in lib/src/rdpi.c)
+MAX_DAC_BITS = 20  # RDPI_MAX_DAC_BITS
+
+
+@dataclass
+class Rate:
+    """How the rate is estimated and where the guard clamps it; see lib/include/rdpi/rate.h."""
+
+    source: str = "displacement"
+    window_s: float = 0.0
+    filter_s: float = 0.0
+    max_um_per_s: float = math.inf
+    singular_um_per_s: float | None = None
+    min_slope_ratio: float = MIN_SLOPE_RATIO
+    extra: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Drive:
+    """What may be output."""
+
+    min_V: float = 0.0
+    max_V: float = 1.0
+    slew_V_per_s: float | None = None
+    dac_bits: int | None = None
+    extra: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Memory:
+    """The plays at the first sample."""
+
+    x_um: float = 0.0
+    plays_um: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    extra: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Model:
+    """One actuator. Arrays are float64: thresholds, slopes and slope rates (n + 1,), dead zones and weights (m + 1,)."""
+
+    gain_um_per_V: float
+    offset_V: float
+    offset_um: float
+    stroke_um: float
+    thresholds_um: np.ndarray
+    slopes: np.ndarray
+    slope_rate_s_per_um: np.ndarray
+    deadzones_um: np.ndarray
+    deadzone_weights: np.ndarray
+    rate: Rate
+    drive: Drive
+    memory: Memory
+    actuator: str = ""
+    fit: dict[str, Any] = field(default_factory=dict)
+    effects: list[dict[str, Any]] = field(default_factory=list)
+    passport: dict[str, Any] | None = None
+    extra: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.memory.plays_um) == 0:
+            self.memory.plays_um = np.zeros(len(self.thresholds_um))
+
+    def slopes_at(self, rate_um_per_s: float | np.ndarray) -> np.ndarray:
+        """W_i(rate), eq. 14; shape (..., n + 1). No guard."""
+        return self.slopes + np.multiply.outer(rate_um_per_s, self.slope_rate_s_per_um)
+
+    def x_of(self, command_V: np.ndarray | float) -> np.ndarray | float:
+        """Control input in um."""
+        return self.gain_um_per_V * (command_V - self.offset_V)
+
+    def validate(self, where: str = "model") -> None:
+        """Raise BadInput, naming the key and a remedy, unless the firmware would take these parameters."""
+
+        def refuse(key: str, what: str) -> None:
+            raise BadInput(f"{where}: {key}: {what}")
+
+        def ascending(key: str, values: np.ndarray) -> None:
+            if values[0] != 0 or np.any(np.diff(values) <= 0):
+                refuse(key, f"must start at 0 and increase, got {_short(values)}; sort the values, none twice")
+
+        n, m = len(self.thresholds_um), len(self.deadzones_um)
+        for key, length in (("slopes", n), ("slope_rate_s_per_um", n), ("deadzone_weights", m)):
+            if len(getattr(self, key)) != length:
+                refuse(key, f"has {len(getattr(self, key))} values, expected {length}, one per "
+                            f"{'threshold' if length == n else 'dead zone'}")
+        if len(self.memory.plays_um) != n:
+            refuse("memory.plays_um", f"has {len(self.memory.plays_um)} values, expected {n}, one per threshold")
+        if self.gain_um_per_V == 0:
+            refuse("gain_um_per_V", "is 0; x = gain (V - offset_V) needs a gain")
+        if not self.stroke_um > 0:
+            refuse("stroke_um", f"is {self.stroke_um:g}; must be positive")
+        ascending("thresholds_um", self.thresholds_um)
+        if not np.all(self.slopes > 0):
+            i = int(np.argmin(self.slopes))
+            refuse(f"slopes[{i}]", f"is {self.slopes[i]:g}; every slope must be positive, or the model has no inverse")
+        ascending("deadzones_um", self.deadzones_um)
+        pieces = np.cumsum(self.deadzone_weights)
+        if not np.all(pieces > 0):
+            j = int(np.argmin(pieces))
+            refuse("deadzone_weights", f"the weights up to [{j}] sum to {pieces[j]:g}; every partial sum must be positive, "
+                                       "or the saturation stage has no inverse")
+        self._validate_rate(refuse)
+        self._validate_drive(refuse)
+
+    def _validate_rate(self, refuse: Any) -> None:
+        rate = self.rate
+        if rate.source not in SOURCES:
+            refuse("rate.source", f'is "{rate.source}"; must be one of {", ".join(SOURCES)}')
+        for key in ("window_s", "filter_s"):
+            if getattr(rate, key) < 0:
+                refuse(f"rate.{key}", f"is {getattr(rate, key):g} s; must not be negative")
+        if not rate.max_um_per_s > 0:
+            refuse("rate.max_um_per_s", f"is {rate.max_um_per_s:g}; must be positive")
+        if not 0 < rate.min_slope_ratio < 1:
+            refuse("rate.min_slope_ratio", f"is {rate.min_slope_ratio:g}; must lie between 0 and 1")
+        floor = rate.min_slope_ratio * (1 - TOLERANCE) * self.slopes
+        fastest = self.slopes_at(rate.max_um_per_s)
+        if np.any(fastest < floor):
+            i = int(np.argmin(fastest / self.slopes))
+            limit = (1 - rate.min_slope_ratio) * guard_rates(self.slopes, self.slope_rate_s_per_um)[i]
+            refuse("rate.max_um_per_s", f"at {rate.max_um_per_s:g} um/s slope {i} has fallen to {fastest[i]:.3g}, below "
+                                        f"{rate.min_slope_ratio:g} of its {self.slopes[i]:.3g} at rest; use {limit:.4g} or less")
+
+    def _validate_drive(self, refuse: Any) -> None:
+        drive, memory = self.drive, self.memory
+        if not drive.min_V < drive.max_V:
+            refuse("drive", f"min_V {drive.min_V:g} must be below max_V {drive.max_V:g}")
+        if drive.slew_V_per_s is not None and not drive.slew_V_per_s > 0:
+            refuse("drive.slew_V_per_s", f"is {drive.slew_V_per_s:g}; must be positive, or null for no limit")
+        if drive.dac_bits is not None and not 1 <= drive.dac_bits <= MAX_DAC_BITS:
+            refuse("drive.dac_bits", f"is {drive.dac_bits}; must be 1 to {MAX_DAC_BITS}, or null")
+        if not math.isclose(memory.plays_um[0], memory.x_um, rel_tol=TOLERANCE, abs_tol=TOLERANCE * self.stroke_um):
+            refuse("memory.plays_um[0]", f"is {memory.plays_um[0]:g}, but must be x_um = {memory.x_um:g} (its threshold is 0)")
+        slack = TOLERANCE * self.thresholds_um[-1]
+        if np.any(np.abs(np.diff(memory.plays_um)) > np.diff(self.thresholds_um) + slack):
+            refuse("memory.plays_um", "no history leaves these states: neighbours may differ by no more than their thresholds do")
+        start_V = memory.x_um / self.gain_um_per_V + self.offset_V
+        slack = TOLERANCE * (drive.max_V - drive.min_V)
+        if not drive.min_V - slack <= start_V <= drive.max_V + slack:
+            refuse("memory.x_um", f"is held by {start_V:g} V, outside drive {drive.min_V:g} to {drive.max_V:g} V")
+
+    def to_json(self) -> dict[str, Any]:
+        """The document as written, unknown keys included."""
+        arrays = ("thresholds_um", "slopes", "slope_rate_s_per_um", "deadzones_um", "deadzone_weights")
+        document: dict[str, Any] = {"schema": SCHEMA, "tool": f"rdpi {version()}", "actuator": self.actuator}
+        for key in ("gain_um_per_V", "offset_V", "offset_um", "stroke_um"):
+            document[key] = float(getattr(self, key))
+        for key in arrays:
+            document[key] = [float(value) for value in getattr(self, key)]
+        for key in ("rate", "drive", "memory"):
+            document[key] = _section_to_json(getattr(self, key))
+        document.update(fit=self.fit, effects=self.effects, passport=self.passport)
+        return {**self.extra, **document}
+
+    def digest(self) -> str:
+        """SHA-256 of what the firmware takes from the model: same behaviour, same digest."""
+        document = self.to_json()
+        for key in ("tool", "actuator", "fit", "effects", "passport", *self.extra):
+            document.pop(key, None)
+        return "sha256:" + hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+
+
+def guard_rates(slopes: np.ndarray, slope_rate_s_per_um: np.ndarray) -> np.ndarray:
+    """Rate in um/s at which each slope reaches zero, inf where it does not fall; shape (n + 1,)."""
+    falling = slope_rate_s_per_um < 0
+    return np.where(falling, slopes / np.where(falling, -slope_rate_s_per_um, 1), np.inf)
+
+
+def read_model(path: str | os.PathLike[str]) -> Model:
+    """Read and validate a model file. Raises BadInput naming file, key and remedy."""
+    path = str(path)
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; check the path") from None
+    except (json.JSONDecodeError, UnicodeDecodeError, _NotFinite) as error:
+        raise BadInput(f"{path}: not a complete JSON document ({error}); "
+                       "the file may be cut short or edited: fit again or restore it") from None
+    model = _Reader(path).model(document)
+    model.validate(path)
+    return model
+
+
+def write_model(path: str | os.PathLike[str], model: Model) -> None:
+    """Validate and write atomically."""
+    model.validate(str(path))
+    atomic_write(path, json.dumps(model.to_json(), indent=1, allow_nan=False) + "\n")
+
+
+class _NotFinite(ValueError):
+    pass
+
+
+def _refuse_constant(name: str) -> None:
+    raise _NotFinite(f"{name} is not a JSON number")
+
+
+def _section_to_json(section: Rate | Drive | Memory) -> dict[str, Any]:
+    document = dict(section.extra)
+    for item in fields(section):
+        value = getattr(section, item.name)
+        if item.name != "extra":
+            document[item.name] = [float(v) for v in value] if isinstance(value, np.ndarray) else value
+    return document
+
+
+def _short(values: np.ndarray) -> str:
+    text = ", ".join(f"{value:g}" for value in values[:6])
+    return f"[{text}{', …' if len(values) > 6 else ''}]"
+
+
+class _Reader:
+    """Takes typed values out of the document, or says which key is wrong."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+
+    def refuse(self, key: str, what: str) -> None:
+        raise BadInput(f"{self.path}: {key}: {what}")
+
+    def number(self, document: dict[str, Any], key: str, where: str = "", **default: Any) -> Any:
+        value = document.pop(key, default.get("default", ...))
+        if value is ...:
+            self.refuse(where + key, "missing; fit again, or add it (see the README, model file)")
+        if value is None and "default" in default and default["default"] is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            self.refuse(where + key, f"must be a finite number, got {json.dumps(value)}")
+        return float(value)
+
+    def numbers(self, document: dict[str, Any], key: str, where: str = "", **default: Any) -> np.ndarray:
+        value = document.pop(key, default.get("default", ...))
+        if value is ...:
+            self.refuse(where + key, "missing; fit again, or add it (see the README, model file)")
+        good = isinstance(value, list) and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value)
+        if not good or not np.all(np.isfinite(value)):
+            self.refuse(where + key, "must be a list of finite numbers")
+        if not value and "default" not in default:
+            self.refuse(where + key, "is empty")
+        return np.array(value, dtype=float)
+
+    def section(self, document: dict[str, Any], key: str, kind: type, default: Any = None) -> Any:
+        value = document.pop(key, default)
+        if not isinstance(value, kind):
+            self.refuse(key, f"must be {'an object' if kind is dict else 'a list'}")
+        return value
+
+    def model(self, document: Any) -> Model:
+        if not isinstance(document, dict):
+            raise BadInput(f"{self.path}: not a model: the document is no JSON object")
+        document = dict(document)
+        schema = document.pop("schema", None)
+        if schema != SCHEMA:
+            self.refuse("schema", f'is {json.dumps(schema)}, expected "{SCHEMA}"; this is no model file, or one of another '
+                                  "version: fit again with this version of rdpi")
+        document.pop("tool", None)
+        rate = dict(self.section(document, "rate", dict))
+        drive = dict(self.section(document, "drive", dict))
+        memory = dict(self.section(document, "memory", dict, {}))
+        source = rate.pop("source", "displacement")
+        bits = self.number(drive, "dac_bits", "drive.", default=None)
+        if bits is not None and bits != int(bits):
+            self.refuse("drive.dac_bits", f"must be a whole number, got {bits:g}")
+        x_um = self.number(memory, "x_um", "memory.", default=0.0)
+        plays_um = self.numbers(memory, "plays_um", "memory.", default=[])
+        thresholds_um = self.numbers(document, "thresholds_um")
+        passport = document.pop("passport", None)
+        return Model(
+            **{key: self.number(document, key) for key in ("gain_um_per_V", "offset_V", "offset_um", "stroke_um")},
+            thresholds_um=thresholds_um,
+            **{key: self.numbers(document, key)
+               for key in ("slopes", "slope_rate_s_per_um", "deadzones_um", "deadzone_weights")},
+            rate=Rate(source, self.number(rate, "window_s", "rate.", default=0.0),
+                      self.number(rate, "filter_s", "rate.", default=0.0), self.number(rate, "max_um_per_s", "rate."),
+                      self.number(rate, "singular_um_per_s", "rate.", default=None),
+                      self.number(rate, "min_slope_ratio", "rate.", default=MIN_SLOPE_RATIO), extra=rate),
+            drive=Drive(self.number(drive, "min_V", "drive."), self.number(drive, "max_V", "drive."),
+                        self.number(drive, "slew_V_per_s", "drive.", default=None),
+                        None if bits is None else int(bits), extra=drive),
+            memory=Memory(x_um, plays_um if len(plays_um) else np.clip(0.0, x_um - thresholds_um, x_um + thresholds_um),
+                          extra=memory),
+            actuator=str(document.pop("actuator", "")),
+            fit=self.section(document, "fit", dict, {}),
+            effects=self.section(document, "effects", list, []),
+            passport=passport,
+            extra=document,
+        )

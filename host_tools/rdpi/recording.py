@@ -1,0 +1,357 @@
+"""Recordings: one CSV file per run, `# key: value` metadata, a line of column names, then numbers.
+
+Column names carry their units. Sampling is uniform, and that is checked, not assumed: see `check_samples`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import re
+import stat
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .errors import BadInput
+
+MIN_SAMPLES = 16
+MEMORY = ("reset", "carried", "unknown")
+RUN_COLUMNS = ("time_s", "command_V", "displacement_um")
+GRID_TOLERANCE = 0.25  # of a sample time; a lost sample moves some time by at least 0.5
+RATE_TOLERANCE = 1e-3  # relative, between stated and measured rate
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
+_ROWS_PER_WRITE = 1 << 16
+
+Place = Callable[[int], str]  # data row, counted from 0 -> "file:line"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One run. Columns are float64, 1-D and equally long; metadata and columns keep the file's order."""
+
+    path: str
+    metadata: dict[str, str]
+    columns: dict[str, np.ndarray]
+    digest: str = field(default="")  # "sha256:…" of the file's bytes
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def time_s(self) -> np.ndarray:
+        return self.columns["time_s"]
+
+    @property
+    def command_V(self) -> np.ndarray | None:
+        return self.columns.get("command_V")
+
+    @property
+    def displacement_um(self) -> np.ndarray | None:
+        return self.columns.get("displacement_um")
+
+    @property
+    def reference_um(self) -> np.ndarray | None:
+        return self.columns.get("reference_um")
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """The stated rate, or else the mean rate of the times to nine digits (more is rounding noise)."""
+        if "sample_rate_hz" in self.metadata:
+            return float(self.metadata["sample_rate_hz"])
+        return float(f"{1 / _grid(self.time_s)[0]:.9g}")
+
+    @property
+    def sample_time_s(self) -> float:
+        return 1 / self.sample_rate_hz
+
+    @property
+    def memory(self) -> str:
+        """What the hysteresis remembers at the first sample: "reset", "carried" or "unknown"."""
+        return self.metadata.get("memory", "unknown")
+
+
+def read_recording(path: str | os.PathLike[str], required: Sequence[str] = RUN_COLUMNS) -> Recording:
+    """Read and check one recording.
+
+    `required` names the columns that must be there; `time_s` always must. Every other column is kept as a covariate.
+    UTF-8 with or without a byte-order mark, any line ends, blank lines ignored. A metadata key given on several
+    lines is one value of several lines; `#` lines without a colon are comments and are dropped.
+
+    Raises BadInput for a file that cannot be read, missing or repeated columns, text, NaN or infinity in a number,
+    rows of unequal length, an unknown `memory`, and everything `check_samples` checks.
+    """
+    path = os.fspath(path)
+    data = read_bytes(path)
+    text = _decode(path, data)
+    metadata, key_lines, header_line, header, body = _split_header(path, text)
+    names = _column_names(path, header_line, header, dict.fromkeys(("time_s", *required)))
+    place = line_of_row(path, body, header_line + 1)
+    table = parse_rows(path, body, header_line + 1, names)
+    columns = {name: np.ascontiguousarray(table[:, index]) for index, name in enumerate(names)}
+
+    def key_place(key: str) -> str:
+        return f"{path}:{key_lines[key]}"
+
+    check_metadata(metadata, key_place)
+    check_samples(path, columns, place)
+    check_rate(columns["time_s"], metadata, key_place)
+    return Recording(path, metadata, columns, f"sha256:{hashlib.sha256(data).hexdigest()}")
+
+
+def write_recording(path: str | os.PathLike[str], columns: Mapping[str, np.ndarray],
+                    metadata: Mapping[str, object]) -> None:
+    """Write a recording atomically; every number reads back as the same float64.
+
+    Columns and metadata keep the order they are given in. Raises ValueError for columns of unequal length, NaN or
+    infinity, and names that the format cannot hold.
+    """
+    arrays = [np.asarray(column, dtype=np.float64) for column in columns.values()]
+    if not arrays or any(array.ndim != 1 or len(array) != len(arrays[0]) for array in arrays):
+        raise ValueError("columns must be 1-D and equally long")
+    for name, array in zip(columns, arrays):
+        if name != name.strip() or not name or re.search(r'[,"#\r\n]', name):
+            raise ValueError(f"column name {name!r} cannot be written")
+        if not np.isfinite(array).all():
+            raise ValueError(f"column {name} holds NaN or infinity")
+    lines = []
+    for key, value in metadata.items():
+        if key != key.strip() or not key or re.search(r"[:\r\n]", key):
+            raise ValueError(f"metadata key {key!r} cannot be written")
+        lines += [f"# {key}: {line.strip()}".rstrip() for line in str(value).splitlines() or [""]]
+    lines.append(",".join(columns))
+    atomic_write(path, "\n".join(lines) + "\n" + "".join(_format_rows(arrays)))
+
+
+def atomic_write(path: str | os.PathLike[str], data: str | bytes) -> None:
+    """Replace a file's content in one step: readers see the old file or the new one, never a part of either.
+
+    Text is written as UTF-8 with "\\n". A link is followed; a device or pipe is simply written to. Raises OSError.
+    """
+    target = Path(os.path.realpath(path))
+    data = data.encode() if isinstance(data, str) else data
+    mode = target.stat().st_mode if target.exists() else None
+    if mode is not None and not stat.S_ISREG(mode):
+        target.write_bytes(data)  # replacing /dev/null by a file would be a disaster; a directory raises here
+        return
+    try:
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:100]}.", suffix=".part")
+    except OSError as error:
+        error.filename = os.fspath(path)  # the user knows the target, not the temporary file
+        raise
+    try:
+        with open(handle, "wb") as stream:
+            stream.write(data)
+        os.chmod(temporary, _default_mode() if mode is None else stat.S_IMODE(mode))
+        os.replace(temporary, target)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def sample_times(count: int, rate_hz: float) -> np.ndarray:
+    """Times of `count` uniform samples from 0, in whole nanoseconds so that they print short."""
+    return np.round(np.arange(count) / rate_hz, 9)
+
+
+def read_bytes(path: str) -> bytes:
+    """Content of a file. Raises BadInput when it cannot be read."""
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read ({error.strerror}); check the file name and permissions") from None
+
+
+def parse_rows(path: str, body: str, first_line: int, names: Sequence[str], delimiter: str | None = ",",
+               usecols: Sequence[int] | None = None) -> np.ndarray:
+    """Numbers of a table's body, shape (rows, len(names)).
+
+    `body` starts at line `first_line` of the file; `delimiter` None means white space. `usecols` are the numbers of the
+    columns called `names`; without it the rows must hold exactly these columns.
+    Raises BadInput with the line of the first thing that is not a finite number.
+    """
+    if not body.strip():
+        return np.empty((0, len(names)))
+    try:
+        # Bytes behind a text layer: a StringIO would hold four bytes per character.
+        stream = io.TextIOWrapper(io.BytesIO(body.encode()), "utf-8")
+        table = np.loadtxt(stream, delimiter=delimiter, usecols=usecols, comments=None, quotechar='"', ndmin=2)
+        good = table.shape[1] == len(names) and np.isfinite(table).all()
+        reason = "not a table of numbers"
+    except ValueError as error:
+        good, reason = False, str(error)
+    if not good:
+        _explain_rows(path, body, first_line, names, delimiter, usecols)
+        raise BadInput(f"{path}: {reason}")
+    return table
+
+
+def line_of_row(path: str, body: str, first_line: int) -> Place:
+    """A function that gives the place "file:line" of a data row."""
+
+    def place(row: int) -> str:
+        return next(f"{path}:{line}" for index, (line, _) in enumerate(_lines(body, first_line)) if index == row)
+
+    return place
+
+
+def check_metadata(metadata: Mapping[str, str], key_place: Callable[[str], str]) -> None:
+    """Raise BadInput unless `memory` and `sample_rate_hz`, where given, can be used."""
+    memory = metadata.get("memory")
+    if memory is not None and memory not in MEMORY:
+        raise BadInput(f"{key_place('memory')}: memory is {_show(memory)}; use one of {', '.join(MEMORY)}")
+    rate = metadata.get("sample_rate_hz")
+    if rate is not None and not (_NUMBER.fullmatch(rate) and 0 < float(rate) < np.inf):
+        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {_show(rate)}; "
+                       "give a positive number of samples per second, or leave the line out")
+
+
+def check_samples(path: str, columns: Mapping[str, np.ndarray], place: Place, first_row: int = 0) -> None:
+    """Raise BadInput unless there are enough samples, at rising and uniform times.
+
+    Uniform means: every time lies within a quarter of the sample time of the evenly spaced grid that fits all times
+    best. That lets pass times printed with few digits and small jitter, and finds every lost sample and any change of
+    rate that adds up. Times need not start at 0. `first_row` is the number of the first sample's row in its file.
+    """
+    time_s = columns["time_s"]
+    if len(time_s) < MIN_SAMPLES:
+        raise BadInput(f"{path}: {len(time_s)} samples; a recording needs at least {MIN_SAMPLES}")
+    steps = np.diff(time_s)
+    if (steps <= 0).any():
+        row = int(np.argmax(steps <= 0)) + 1
+        what = "repeats" if steps[row - 1] == 0 else "runs backwards"
+        raise BadInput(f"{place(row)}: time_s {what} ({time_s[row - 1]:.12g} then {time_s[row]:.12g}); cut the "
+                       f"recording there, or write times with more digits, or rebuild them with `rdpi import --rate`")
+    sample_time_s, deviation = _grid(time_s)
+    if deviation > GRID_TOLERANCE * sample_time_s:
+        usual = float(np.median(steps))
+        row = int(np.argmax(np.abs(steps - usual))) + 1
+        raise BadInput(f"{place(row)}: sampling is not uniform: time_s steps by {steps[row - 1]:.6g} here and by "
+                       f"{usual:.6g} as a rule; resample, cut the recording at the gap (`rdpi import --rows`; this is "
+                       f"row {first_row + row}), or rebuild times that are merely inaccurate with `rdpi import --rate`")
+
+
+def check_rate(time_s: np.ndarray, metadata: Mapping[str, str], key_place: Callable[[str], str]) -> None:
+    """Raise BadInput when `sample_rate_hz`, where given, contradicts the times.
+
+    They may differ by 0.1 %, and by what the grid tolerance at both ends of the recording leaves open.
+    """
+    if "sample_rate_hz" not in metadata:
+        return
+    stated, measured = float(metadata["sample_rate_hz"]), 1 / _grid(time_s)[0]
+    if abs(stated / measured - 1) > RATE_TOLERANCE + 2 * GRID_TOLERANCE / (len(time_s) - 1):
+        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {stated:.9g} but the times say "
+                       f"{measured:.9g}; correct whichever is wrong (times: `rdpi import --rate`)")
+
+
+def _grid(time_s: np.ndarray) -> tuple[float, float]:
+    """Step of the evenly spaced grid that fits the times best, and the largest deviation from it, in s."""
+    index = np.arange(len(time_s)) - (len(time_s) - 1) / 2
+    centred = time_s - time_s.mean()
+    step = float(index @ centred / (index @ index))
+    return step, float(np.abs(centred - step * index).max())
+
+
+def _decode(path: str, data: bytes) -> str:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise BadInput(f"{path}:{line}: not UTF-8 text; save the recording as CSV in UTF-8, "
+                       "or bring another format over with `rdpi import`") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def _split_header(path: str, text: str) -> tuple[dict[str, str], dict[str, int], int, str, str]:
+    """Metadata, the line of each key, the line and text of the column names, and the body below."""
+    metadata: dict[str, str] = {}
+    key_lines: dict[str, int] = {}
+    line_number = start = 0
+    while start < len(text):
+        end = text.find("\n", start)
+        end = len(text) if end < 0 else end
+        line, start, line_number = text[start:end].strip(), end + 1, line_number + 1
+        if not line:
+            continue
+        if not line.startswith("#"):
+            return metadata, key_lines, line_number, line, text[start:]
+        key, colon, value = (part.strip() for part in line[1:].partition(":"))
+        if colon and key:
+            metadata[key] = f"{metadata[key]}\n{value}" if key in metadata else value
+            key_lines[key] = line_number
+    raise BadInput(f"{path}: {'no column names and no samples' if text.strip() else 'empty file'}; "
+                   f"a recording has a line {','.join(RUN_COLUMNS)} and then one line per sample")
+
+
+def _column_names(path: str, line: int, header: str, required: Iterable[str]) -> list[str]:
+    names = [name.strip().strip('"').strip() for name in header.split(",")]
+    place = f"{path}:{line}"
+    if all(_NUMBER.fullmatch(name) for name in names):
+        raise BadInput(f"{place}: numbers where the column names should be; "
+                       "say which column is what with `rdpi import --command … --displacement …`")
+    for name in required:
+        if name not in names:
+            raise BadInput(f"{place}: no column {name}; there are {_show_list(names)}; "
+                           "rename the column, or use `rdpi import` to say which column is what")
+    for index, name in enumerate(names):
+        if not name:
+            raise BadInput(f"{place}: column {index + 1} has no name; name it or take it out")
+        if name in names[:index]:
+            raise BadInput(f"{place}: column {name} is there twice; rename or take out one of them")
+    return names
+
+
+def _explain_rows(path: str, body: str, first_line: int, names: Sequence[str], delimiter: str | None,
+                  usecols: Sequence[int] | None) -> None:
+    """Raise BadInput for the first field that is no finite number, or row of the wrong length."""
+    for line, text in _lines(body, first_line):
+        place = f"{path}:{line}"
+        fields = [value.strip().strip('"') for value in text.split(delimiter)]
+        needed = len(names) if usecols is None else max(usecols) + 1
+        if len(fields) < needed or (usecols is None and len(fields) > needed):
+            raise BadInput(f"{place}: {len(fields)} value(s) where there should be {needed}; complete the line or take it out")
+        for name, index in zip(names, range(needed) if usecols is None else usecols):
+            value = fields[index]
+            if _NOT_FINITE.fullmatch(value) or _NUMBER.fullmatch(value) and not np.isfinite(float(value)):
+                raise BadInput(f"{place}: column {name} is {value}; every sample needs a finite number: "
+                               "cut the recording there or interpolate, or take the column out")
+            if not _NUMBER.fullmatch(value):
+                what = f"is {_show(value)}, not a number" if value else "is empty"
+                raise BadInput(f"{place}: column {name} {what}; correct the value, or take out the line or the column")
+
+
+def _lines(body: str, first_line: int) -> Iterator[tuple[int, str]]:
+    """Line numbers and texts of the lines that are not blank."""
+    for line, text in enumerate(body.split("\n"), first_line):
+        if text.strip():
+            yield line, text
+
+
+def _format_rows(arrays: Sequence[np.ndarray]) -> Iterator[str]:
+    # Codes and counts look like integers in the file; 2^53 is where float64 stops telling integers apart.
+    whole = [bool((np.abs(array) < 2.0**53).all() and (array == np.rint(array)).all()) for array in arrays]
+    for start in range(0, len(arrays[0]), _ROWS_PER_WRITE):
+        part = [array[start:start + _ROWS_PER_WRITE] for array in arrays]
+        texts = [map(repr, (piece.astype(np.int64) if w else piece).tolist()) for piece, w in zip(part, whole)]
+        yield "\n".join(map(",".join, zip(*texts))) + "\n"
+
+
+def _default_mode() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
+
+
+def _show(text: str) -> str:
+    return repr(text if len(text) <= 40 else text[:40] + "…")
+
+
+def _show_list(names: Sequence[str]) -> str:
+    shown = ", ".join(name if name.isprintable() and len(name) <= 40 else _show(name) for name in names[:12])
+    return shown + (f" and {len(names) - 12} more" if len(names) > 12 else "")

@@ -1,0 +1,75 @@
+"""What the tests of the host tools share."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import click.testing
+import hypothesis
+import numpy as np
+import pytest
+
+from rdpi.cli import main
+from rdpi.recording import sample_times
+
+# No time limit per example, which a busy machine breaks, and no folder of examples in the checkout.
+hypothesis.settings.register_profile("rdpi", deadline=None, database=None)
+hypothesis.settings.load_profile("rdpi")
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def rdpi() -> Callable[..., click.testing.Result]:
+    """Run the command line in this process."""
+    return lambda *arguments: click.testing.CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def refused(rdpi: Callable[..., click.testing.Result], tmp_path: Path) -> Callable[..., str]:
+    """Run a command that must refuse its input; returns the message.
+
+    Checks exit status 2, a message without traceback, and that neither a new nor an existing output file is touched.
+    The output file is an argument that is the Path `refused.output`, anywhere in the command line.
+    """
+    output = tmp_path / "result" / "out.csv"
+
+    def run(*arguments: object) -> str:
+        assert output in arguments
+        for existing in (False, True):
+            output.parent.mkdir(exist_ok=True)
+            if existing:
+                output.write_text("as it was\n")
+            result = rdpi(*arguments)
+            assert result.exit_code == 2, result.output
+            assert result.output.startswith("rdpi: ") and "Traceback" not in result.output
+            assert result.output.count("\n") == 1
+            assert [path.name for path in output.parent.iterdir()] == (["out.csv"] if existing else [])
+        assert output.read_text() == "as it was\n"
+        output.unlink()
+        return result.output.removeprefix("rdpi: ").strip()
+
+    run.output = output
+    return run
+
+
+@pytest.fixture
+def picma() -> Path:
+    """The measured stack records of PI P-885.91; see the README beside them."""
+    folder = Path(os.environ.get("RDPI_DATA", ROOT / ".." / "shared" / "data" / "picma_p885")).resolve()
+    if not folder.is_dir():
+        message = f"measured data not found in {folder}; set RDPI_DATA to its folder"
+        if os.environ.get("CI") == "true":
+            pytest.fail(message)
+        pytest.skip(message)
+    return folder
+
+
+@pytest.fixture
+def run_columns() -> dict[str, np.ndarray]:
+    """200 samples of a small, plausible run at 1 kHz."""
+    time_s = sample_times(200, 1000)
+    command_V = np.round(50 - 50 * np.cos(2 * np.pi * 10 * time_s), 6)
+    return {"time_s": time_s, "command_V": command_V, "displacement_um": np.round(0.12 * command_V + 0.3, 6)}

@@ -1,0 +1,161 @@
+"""The frame that every command shares: exit status, messages, --json, progress."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import click
+import pytest
+
+import rdpi.cli
+from rdpi.errors import BadInput
+
+HOST_TOOLS = Path(__file__).resolve().parents[1]
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(HOST_TOOLS)}
+
+
+def program(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "rdpi", *arguments], env=ENVIRONMENT, capture_output=True, text=True, **options)
+
+
+@pytest.fixture
+def scratch() -> Iterator[Callable[[Callable], None]]:
+    """Make a function the command `scratch` for one test."""
+
+    def add(function: Callable) -> None:
+        rdpi.cli.command("scratch")(function)
+
+    yield add
+    rdpi.cli.main.commands.pop("scratch", None)
+
+
+def test_as_a_program(tmp_path: Path) -> None:
+    done = program("excite", "startup", "-o", "drive.csv", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "") and (tmp_path / "drive.csv").exists()
+    refused = program("import", "nowhere.csv", "-o", "run.csv", cwd=tmp_path)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert refused.stderr == ("rdpi: nowhere.csv: cannot be read (No such file or directory); check the file name and "
+                              "permissions\n")
+
+
+def test_version(rdpi: Callable) -> None:
+    result = rdpi("--version")
+    assert result.exit_code == 0 and result.output.startswith("rdpi, version ")
+
+
+def test_starts_without_numpy() -> None:
+    """Help must not wait for the heavy imports."""
+    check = "import sys, rdpi.cli; sys.exit(any(name in sys.modules for name in ('numpy', 'scipy', 'matplotlib', 'rich')))"
+    assert subprocess.run([sys.executable, "-c", check], env=ENVIRONMENT).returncode == 0
+
+
+def test_every_command_has_help_and_json(rdpi: Callable) -> None:
+    from rdpi.cli import main
+    for name, command in main.commands.items():
+        result = rdpi(name, "--help")
+        assert result.exit_code == 0 and "--json FILE" in result.output
+        for parameter in command.params:
+            if isinstance(parameter, click.Option):
+                assert parameter.help, f"{name} {parameter.opts[0]}"
+
+
+def test_usage_error_is_status_2(rdpi: Callable) -> None:
+    for arguments in (["fly"], ["import"], ["excite", "sine"], ["excite", "sine", "-o", "x", "--wings", "2"]):
+        assert rdpi(*arguments).exit_code == 2
+
+
+@pytest.mark.parametrize("target", ["missing/drive.csv", "."])
+def test_unwritable_output(target: str, rdpi: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = rdpi("excite", "startup", "-o", target)
+    assert result.exit_code == 2 and target in result.output and "Traceback" not in result.output
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unwritable_json(rdpi: Callable, tmp_path: Path) -> None:
+    result = rdpi("excite", "startup", "-o", tmp_path / "drive.csv", "--json", tmp_path / "missing" / "result.json")
+    assert result.exit_code == 2
+    assert f"rdpi: {tmp_path / 'missing' / 'result.json'}: No such file or directory; check the path" in result.output
+
+
+def test_json_replaces_in_one_step(rdpi: Callable, scratch: Callable, tmp_path: Path) -> None:
+    import numpy as np
+    path = tmp_path / "result.json"
+    scratch(lambda: {"count": np.int64(3), "values": np.array([1.5, 2.0]), "none": None})
+    assert rdpi("scratch", "--json", path).exit_code == 0
+    assert json.loads(path.read_text()) == {"count": 3, "values": [1.5, 2.0], "none": None}
+    before = path.read_bytes()
+
+    def bad() -> dict:
+        raise BadInput("run.csv:3: wrong; repair it")
+
+    scratch(bad)
+    result = rdpi("scratch", "--json", path)
+    assert result.exit_code == 2 and result.output == "rdpi: run.csv:3: wrong; repair it\n"
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
+
+
+def test_bugs_are_not_hidden(rdpi: Callable, scratch: Callable) -> None:
+    """Only bad input is explained away; a mistake of ours keeps its traceback."""
+
+    def bug() -> dict:
+        raise ValueError("ours")
+
+    scratch(bug)
+    assert isinstance(rdpi("scratch").exception, ValueError)
+
+
+SLOW = """
+import time, rdpi.cli as cli
+cli.PROGRESS_DELAY_S = 0.05
+with cli.progress("working") as report:
+    time.sleep({before}); report(0.5); time.sleep(0.3)
+"""
+
+
+def on_a_terminal(code: str) -> str:
+    """What a program writes when its stderr is a terminal."""
+    terminal, end = pty.openpty()
+    child = subprocess.Popen([sys.executable, "-c", code], env=ENVIRONMENT | {"TERM": "xterm"}, stderr=end)
+    os.close(end)
+    shown = b""
+    try:
+        while chunk := os.read(terminal, 4096):
+            shown += chunk
+    except OSError:  # Linux: the other end is closed
+        pass
+    os.close(terminal)
+    assert child.wait() == 0
+    return shown.decode()
+
+
+def test_progress_on_a_terminal() -> None:
+    for before in (0.3, 0):
+        shown = on_a_terminal(SLOW.format(before=before))
+        assert "working" in shown and "50%" in shown
+    assert on_a_terminal(SLOW.format(before=0).replace("0.05", "60")) == ""  # quick work shows nothing, and ends at once
+
+
+def test_no_progress_when_piped() -> None:
+    done = subprocess.run([sys.executable, "-c", SLOW.format(before=0.2)], env=ENVIRONMENT, capture_output=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+
+
+def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:
+    """`rdpi … | head` ends without a message."""
+    table = "t,voltage,position\n" + "".join(f"{k / 1000},{k % 7},{k % 5}\n" for k in range(100))
+    for index in range(40):
+        (tmp_path / f"{index}.csv").write_text(table)
+    child = subprocess.Popen([sys.executable, "-u", "-m", "rdpi", "import", *(str(p) for p in sorted(tmp_path.iterdir())),
+                              "-o", str(tmp_path / "runs")], env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    child.stdout.close()
+    started = time.monotonic()
+    assert child.stderr.read() == b"" and child.wait() != 2
+    assert time.monotonic() - started < 30

@@ -1,0 +1,40 @@
+#include "rdpi/types.h"
+
+const char *rdpi_status_text(rdpi_status_t status)
+{
+    switch (status) {
+    case RDPI_OK:
+        return "ok";
+    case RDPI_ERR_NULL:
+        return "a required pointer is NULL";
+    case RDPI_ERR_SCHEMA:
+        return "parameters of another schema: generate the header again";
+    case RDPI_ERR_NOT_FINITE:
+        return "a value is NaN or infinite";
+    case RDPI_ERR_COUNT:
+        return "number of plays or dead zones is 0 or above the compile-time maximum";
+    case RDPI_ERR_GAIN:
+        return "gain_um_per_V is 0";
+    case RDPI_ERR_THRESHOLDS:
+        return "thresholds_um must start at 0 and increase";
+    case RDPI_ERR_SLOPES:
+        return "a slope is not positive at rate 0";
+    case RDPI_ERR_GUARD:
+        return "min_slope_ratio not in (0, 1), or a slope falls below that ratio before max_um_per_s";
+    case RDPI_ERR_DEADZONES:
+        return "deadzones_um must start at 0 and increase";
+    case RDPI_ERR_SATURATION:
+        return "a piece of the saturation stage has no positive slope";
+    case RDPI_ERR_SAMPLE_TIME:
+        return "sample time must be positive, finite and not absurdly short";
+    case RDPI_ERR_RATE:
+        return "rate window, filter time or max_um_per_s out of range";
+    case RDPI_ERR_WINDOW:
+        return "rate window spans more samples than RDPI_MAX_WINDOW";
+    case RDPI_ERR_DRIVE:
+        return "drive limits: need min_V < max_V, slew_V_per_s >= 0, at most 20 dac_bits";
+    case RDPI_ERR_MEMORY:
+        return "memory is not a state one history can leave inside the drive range";
+    }
+    return "unknown status";
+}

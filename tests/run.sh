@@ -1,0 +1,69 @@
+#!/usr/bin/env bash
+# Every test: C under CTest and Ceedling, Python under pytest. Installs what is missing first.
+#
+#   ./tests/run.sh           everything: also sanitizers, coverage, slow tests
+#   ./tests/run.sh --quick   CTest and the fast pytests
+#
+# All runners run even when one fails; their own closing lines come last, whole outputs are in build/logs.
+set -uo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+cd "$root" || exit
+case "$*" in
+'') quick= ;;
+--quick) quick=1 ;;
+*)
+    sed -n '2,7s/^# \{0,1\}//p' "$0" >&2
+    exit 2
+    ;;
+esac
+tests/support/setup.sh tests || exit
+
+logs=build/logs
+rm -rf $logs
+mkdir -p $logs
+closing=()
+failed=()
+run() { # run NAME PATTERN COMMAND...: PATTERN picks the runner's closing lines out of its output
+    local name=$1 pattern=$2 log=$logs/$1.log begin=$SECONDS status=passed
+    shift 2
+    if ! "$@" >"$log" 2>&1 </dev/null; then
+        status=failed
+        failed+=("$name")
+        { grep -E ':FAIL|error:|^E  |ERROR' "$log" | head -n 20; echo ...; tail -n 20 "$log"; } | sed 's/^/    /'
+    fi
+    echo "$name: $status in $((SECONDS - begin)) s"
+    closing+=("$(grep -E "$pattern" "$log" | tail -n 4)")
+}
+ctest_preset() {
+    cmake --preset "$1" && cmake --build --preset "$1" --parallel "$(nproc)" && ctest --preset "$1"
+}
+names() {
+    .venv/bin/python tests/ceedling/compare_names.py build/host/ctest.xml build/ceedling/artifacts/test/tests_report.json
+}
+pytests() {
+    local folders=()
+    for folder in host_tools/tests tests/*/; do
+        compgen -G "$folder/test_*.py" >/dev/null && folders+=("$folder")
+    done
+    .venv/bin/python -m pytest -c host_tools/pyproject.toml "$@" "${folders[@]}"
+}
+
+ctest_lines='tests passed, .* tests? failed out of|^No tests were found'
+run ctest-host "$ctest_lines" ctest_preset host
+if [ -z "$quick" ]; then
+    run ctest-sanitize "$ctest_lines" ctest_preset sanitize
+    run ctest-coverage "$ctest_lines" ctest_preset coverage
+    rm -rf build/ceedling/artifacts # or names would read an old report when Ceedling cannot build
+    run ceedling '^(TESTED|PASSED|FAILED|IGNORED): ' env GEM_HOME="$root/.gems" GEM_PATH="$root/.gems" .gems/bin/ceedling test:all
+    run same-names 'executed' names
+    run pytest ' in [0-9.]+s' pytests
+else
+    run pytest ' in [0-9.]+s' pytests -m 'not slow'
+fi
+
+echo
+printf '%s\n' "${closing[@]}"
+if [ ${#failed[@]} -gt 0 ]; then
+    echo "failed: ${failed[*]} (outputs in $logs)"
+    exit 1
+fi
