@@ -29,7 +29,7 @@ run() { # run NAME PATTERN COMMAND...: PATTERN picks the runner's closing lines 
     if ! "$@" >"$log" 2>&1 </dev/null; then
         status=failed
         failed+=("$name")
-        { grep -E ':FAIL|error:|^E  |ERROR' "$log" | head -n 20; echo ...; tail -n 20 "$log"; } | sed 's/^/    /'
+        { grep -E ':FAIL|error:|^E  |ERROR:' "$log" | head -n 20; echo ...; tail -n 20 "$log"; } | sed 's/^/    /'
     fi
     echo "$name: $status in $((SECONDS - begin)) s"
     closing+=("$(grep -E "$pattern" "$log" | tail -n 4)")
@@ -45,24 +45,22 @@ pytests() {
     for folder in host_tools/tests tests/*/; do
         compgen -G "$folder/test_*.py" >/dev/null && folders+=("$folder")
     done
-    .venv/bin/python -m pytest -c host_tools/pyproject.toml "$@" "${folders[@]}"
+    .venv/bin/python -m pytest -c host_tools/pyproject.toml --rootdir . "$@" "${folders[@]}"
 }
 
+rm -rf build/host/ctest.xml build/ceedling/artifacts # same-names must not read those of an earlier run
 ctest_lines='tests passed, .* tests? failed out of|^No tests were found'
 run ctest-host "$ctest_lines" ctest_preset host
 if [ -z "$quick" ]; then
     run ctest-sanitize "$ctest_lines" ctest_preset sanitize
     run ctest-coverage "$ctest_lines" ctest_preset coverage
-    rm -rf build/ceedling/artifacts # or names would read an old report when Ceedling cannot build
     run ceedling '^(TESTED|PASSED|FAILED|IGNORED): ' env GEM_HOME="$root/.gems" GEM_PATH="$root/.gems" .gems/bin/ceedling test:all
     run same-names 'executed' names
-    run pytest ' in [0-9.]+s' pytests
-else
-    run pytest ' in [0-9.]+s' pytests -m 'not slow'
 fi
+run pytest ' in [0-9.]+s' pytests ${quick:+-m 'not slow'}
 
 echo
-printf '%s\n' "${closing[@]}"
+printf '%s\n' "${closing[@]}" | grep .
 if [ ${#failed[@]} -gt 0 ]; then
     echo "failed: ${failed[*]} (outputs in $logs)"
     exit 1

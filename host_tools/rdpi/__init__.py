@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def version() -> str:
-    """Version of the installed distribution; "unknown" when the package is run from a checkout without installing it."""
+    """Version of the installed distribution; "unknown" when the package runs from a checkout, not installed."""
     from importlib.metadata import PackageNotFoundError, version as installed
 
     try:

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import signals
+from . import firmware, operators, signals
 from .errors import BadInput
-from .firmware import Firmware
+from .firmware import Firmware, Steps
 from .model import Drive, Memory, Model
 from .recording import Recording
 
@@ -105,12 +105,47 @@ def estimate_states(model: Model, run: Recording) -> np.ndarray:
     offset = np.mean(error[samples:])  # thermal drift since the fit must not be taken for memory
 
     def misfit(position: float) -> float:
-        firmware = _firmware(model, run, states_after(position, x[0], r))
-        start = firmware.forward(run.command_V[:samples], base.rate_um_per_s[:samples])
+        start = _firmware(model, run, states_after(position, x[0], r)).forward(run.command_V[:samples], base.rate_um_per_s[:samples])
         return float(np.mean((run.displacement_um[:samples] - start - offset) ** 2))
 
     positions = x[0] + np.linspace(-r[-1], r[-1], 41)
     return states_after(min(positions, key=misfit), x[0], r)
+
+
+def follow(model: Model, run: Recording, column: str = "reference_um", engine: str = "f32",
+           remove_offset: bool = False) -> tuple[Steps, float]:
+    """The drive that makes the actuator follow a column of `run`, sample by sample as the firmware computes it.
+
+    Before the first sample the plays are as the metadata `memory` says: reset, a decaying sweep ended at the first
+    reference; unknown, estimated if the run also has command and displacement, else the model's own. Engine "f32" is the
+    firmware library, "f64" the same in double, "numpy" the independent reference. Returns the steps and the offset in um
+    that was removed from the reference: with `remove_offset` the mean error of the model's prediction of this run.
+    """
+    reference = run.columns[column]
+    offset = 0.0
+    recorded = run.command_V is not None and run.displacement_um is not None
+    if remove_offset:
+        if not recorded:
+            raise BadInput(f"{run.path}: an offset can only be removed from a recording (command_V and displacement_um)")
+        offset = score(simulate(model, [run])[0].predicted_um, run.displacement_um).offset_um
+    if run.memory == "reset":
+        model = replace(model, memory=rest_at(model, float(reference[0] - offset)))
+    elif recorded:
+        states = estimate_states(model, run)
+        low, high = sorted((model.x_of(model.drive.min_V), model.x_of(model.drive.max_V)))
+        states = firmware.plays(np.clip(states[:1], low, high), model.thresholds_um, states)[1]  # within what may be output
+        model = replace(model, memory=Memory(float(states[0]), states))
+    if engine == "numpy":
+        return Steps(*operators.step(model, reference - offset, run.sample_time_s)[0]), offset
+    return Firmware(model, run.sample_time_s, engine).step(reference - offset), offset
+
+
+def rest_at(model: Model, displacement_um: float) -> Memory:
+    """Memory that a decaying sweep ending at `displacement_um` leaves: every play at x, so that v = W_n x at rate 0."""
+    v = operators.saturation_inverse(displacement_um - model.offset_um, model.deadzones_um, model.deadzone_weights)
+    low, high = sorted((model.x_of(model.drive.min_V), model.x_of(model.drive.max_V)))
+    x = float(np.clip(v / model.slopes[-1], low, high))
+    return Memory(x, np.full(len(model.thresholds_um), x))
 
 
 def _firmware(model: Model, run: Recording, states_um: np.ndarray) -> Firmware:
@@ -129,8 +164,8 @@ def _predict(model: Model, run: Recording, states_um: np.ndarray, memory: str) -
         return signals.rate(signal_um, sample_time_s, rate.window_s, rate.filter_s, smoothing_s)
 
     def forward(rate_um_per_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        firmware = _firmware(model, run, states_um)
-        return firmware.forward(command_V, rate_um_per_s), firmware.memory_um
+        engine = _firmware(model, run, states_um)
+        return engine.forward(command_V, rate_um_per_s), engine.memory_um
 
     rho = rate_of(model.x_of(command_V), 0.0)
     predicted, end = forward(rho)

@@ -1,4 +1,4 @@
-"""The command `rdpi`. Every command parses its options here, calls one module, prints, and returns what `--json` writes.
+"""The command `rdpi`. Every command parses its options here, calls a module, prints, and returns what `--json` writes.
 
 Modules are imported inside the commands: `rdpi --help` must not wait for NumPy.
 """
@@ -49,12 +49,15 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
 
                     text = json.dumps(result, indent=2, allow_nan=False, default=lambda value: value.tolist())
                     atomic_write(json_path, text + "\n")
+                if result.get("gate_failed"):
+                    raise click.exceptions.Exit(1)
             except BadInput as error:
                 _fail(str(error))
             except BrokenPipeError:
                 raise  # `rdpi … | head`: click ends quietly
             except OSError as error:
-                _fail(f"{error.filename}: {error.strerror}; check the path and permissions" if error.filename else str(error))
+                where = f"{error.filename}: " if error.filename else ""
+                _fail(f"{where}{error.strerror or error}; check the path and permissions")
 
         run.params.append(click.Option(["--json", "json_path"], type=click.Path(dir_okay=False), metavar="FILE",
                                        help="Also write the result as JSON."))
@@ -72,8 +75,8 @@ def _fail(message: str) -> NoReturn:
 def progress(label: str) -> Iterator[Callable[[float], None]]:
     """Yield a function to call with the fraction done, 0 to 1, as often as convenient.
 
-    A bar appears on a terminal when the work lasts over two seconds (before the first call it only says that work goes on);
-    nothing is shown when stderr is piped.
+    A bar appears on a terminal when the work lasts over two seconds (before the first call it only says that work goes
+    on); nothing is shown when stderr is piped.
     """
     if not sys.stderr.isatty():
         yield lambda fraction: None
@@ -172,8 +175,8 @@ _COLUMN = "COLUMN[:UNIT]"
               help="What the hysteresis remembers at the first row taken: a decaying sweep ended here, the row follows "
                    "the previous recording, or unknown.")
 @click.option("--note", metavar="TEXT", help="Kept in the recording.")
-def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: slice, command_gain: float, purpose: str,
-            also: dict[str, str], actuator: str | None, memory: str | None, note: str | None,
+def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: slice, command_gain: float,
+            purpose: str, also: dict[str, str], actuator: str | None, memory: str | None, note: str | None,
             **columns: str | None) -> dict[str, Any]:
     """Bring other formats to a recording.
 
@@ -194,8 +197,9 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
     for name in set(also) & set(reserved):
         raise BadInput(f"--also {name}: this column has its own option, --{reserved[name]}")
     texts = {"actuator": actuator, "memory": memory, "note": note}
-    request = Request({key: spec for key, spec in columns.items() if spec is not None}, also, rate_hz, rows, command_gain,
-                      purpose, {key: text for key, text in texts.items() if text is not None})
+    request = Request(columns={key: spec for key, spec in columns.items() if spec is not None}, also=also,
+                      rate_hz=rate_hz, rows=rows, command_gain=command_gain, purpose=purpose,
+                      metadata={key: text for key, text in texts.items() if text is not None})
     targets = _targets(sources, output)
     results = []
     with progress("importing") as report:
@@ -229,14 +233,16 @@ def _targets(sources: tuple[str, ...], output: str) -> list[Path]:
 
 
 @command("excite")
-@click.argument("kind", type=click.Choice(["sawtooth", "minor-loops", "steps", "multisine", "sine", "chirp", "startup"]))
+@click.argument("kind", type=click.Choice(["sawtooth", "minor-loops", "steps", "multisine", "sine", "chirp",
+                                           "startup"]))
 @click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=click.Path(dir_okay=False), help="The drive.")
 @click.option("--min-V", "min_V", type=float, default=0.0, show_default=True, help="Lowest voltage, V.")
 @click.option("--max-V", "max_V", type=float, default=10.0, show_default=True, help="Highest voltage, V.")
 @click.option("--rest-V", "rest_V", type=float, help="Voltage at which the drive starts and ends, V. Default: --min-V.")
 @click.option("--sample-rate", "sample_rate_hz", type=float, default=10_000.0, show_default=True, metavar="HZ",
               help="Samples per second.")
-@click.option("--slew", "slew_V_per_s", type=float, metavar="V/S", help="The drive never changes faster than this, V/s.")
+@click.option("--slew", "slew_V_per_s", type=float, metavar="V/S",
+              help="The drive never changes faster than this, V/s.")
 @click.option("--no-sweep", is_flag=True, help="Leave out the decaying sweep at the start.")
 @click.option("--frequencies", "frequencies_hz", type=Numbers(), metavar="HZ,HZ,...",
               help="sawtooth, sine: one wave each, default 1,2,5,10,20 Hz. multisine: its lines, default 16 of 0.5 to "
@@ -248,7 +254,8 @@ def _targets(sources: tuple[str, ...], output: str) -> list[Path]:
 @click.option("--cycles", type=int, help="Periods per wave: sawtooth 3, sine 5, startup 20 by default.")
 @click.option("--levels", type=int, help="minor-loops: amplitudes, default 6. steps: steps up and down, default 4.")
 @click.option("--hold", "hold_s", type=float, metavar="S", help="steps: time on each step, default 5 s.")
-@click.option("--duration", "duration_s", type=float, metavar="S", help="multisine, chirp: length, default 10 s (multisine: longer if --slew demands it).")
+@click.option("--duration", "duration_s", type=float, metavar="S",
+              help="multisine, chirp: length, default 10 s (multisine: longer where --slew demands it).")
 @click.option("--seed", type=click.IntRange(min=0), help="multisine: picks the random phases, default 0.")
 @click.option("--end-V", "end_V", type=float, help="startup: where the sweep ends, V. Default: --rest-V.")
 def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | None, sample_rate_hz: float,
@@ -265,7 +272,7 @@ def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | N
     startup      decaying oscillation: brings the hysteresis to a known state
 
     The drive starts and ends at --rest-V and first (but for --no-sweep) brings the hysteresis to a known state by a
-    decaying sweep of about one second; `sweep_s` in the file says how long it takes. The same options give the same file.
+    decaying sweep of about one second; `sweep_s` in the file says how long it takes. Same options, same file.
     """
     from .excite import Limits, make_drive
     from .recording import write_recording
@@ -281,3 +288,238 @@ def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | N
                f"{voltage.min():g} to {voltage.max():g} V, starts at {voltage[0]:g} V and ends at {voltage[-1]:g} V")
     return {"file": output, "kind": kind, "samples": len(voltage), "duration_s": duration_s,
             "min_V": voltage.min(), "max_V": voltage.max(), "metadata": metadata}
+
+
+@command("fit")
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
+@click.option("-o", "--output", required=True, metavar="MODEL.json", type=click.Path(dir_okay=False), help="The model.")
+@click.option("--operators", type=int, default=9, show_default=True, metavar="N", help="Plays with a positive threshold.")
+@click.option("--deadzones", type=int, default=2, show_default=True, metavar="M", help="Dead zones of the saturation stage.")
+@click.option("--thresholds", "thresholds_um", type=Numbers(), metavar="UM,UM,...",
+              help="Thresholds r_1, r_2, ... in um instead of equal intervals.")
+@click.option("--rate-independent", is_flag=True, help="Fit no rate law: slopes do not depend on rate.")
+@click.option("--rate-source", type=click.Choice(["displacement", "control"]), default="displacement", show_default=True,
+              help="Whose rate modulates the slopes.")
+@click.option("--rate-window", "rate_window_s", type=float, default=0.0, show_default=True, metavar="S",
+              help="The firmware's rate is a difference over this time, s; 0: one sample.")
+@click.option("--rate-filter", "rate_filter_s", type=float, default=0.0, show_default=True, metavar="S",
+              help="Time constant of the firmware's low-pass on the rate, s; 0: none.")
+@click.option("--min-slope-ratio", type=float, default=0.2, show_default=True, metavar="RATIO",
+              help="The guard clamps the rate where a slope has fallen to this share of its value at rest.")
+@click.option("--min-V", "min_V", type=float, metavar="V", help="Lowest drive the firmware may output. Default: lowest recorded.")
+@click.option("--max-V", "max_V", type=float, metavar="V", help="Highest drive. Default: highest recorded.")
+@click.option("--slew", "slew_V_per_s", type=float, metavar="V/S", help="Fastest change of the drive. Default: no limit.")
+@click.option("--dac-bits", type=int, metavar="BITS", help="Codes of the DAC span --min-V to --max-V. Default: no codes.")
+@click.option("--actuator", metavar="TEXT", help="Name kept in the model. Default: the first recording's.")
+@click.option("--hold-out", multiple=True, metavar="RUN", type=click.Path(dir_okay=False),
+              help="A recording to score the model on, not fitted; may be given several times.")
+@click.option("--max-rms", "max_rms_percent", type=float, metavar="PERCENT",
+              help="Exit with status 1 if any held-out run (without any: any run) is predicted worse than this, % of stroke.")
+@click.option("--report", metavar="DIR", type=click.Path(file_okay=False), help="Write fit.png (loops, slopes, residual) and fit.json there.")
+def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_percent: float | None, report: str | None,
+        **options: Any) -> dict[str, Any]:
+    """Identify a model from recordings.
+
+    One bounded least-squares problem over all samples of all runs. Recordings at several rates and amplitudes, with
+    memory known (metadata memory: reset) where possible, give the best model; see `rdpi excite`.
+    """
+    from .identify import Options
+    from .identify import fit as identify
+    from .model import write_model
+    from .recording import read_recording
+
+    with progress("fitting") as report_progress:
+        fitted = [read_recording(path) for path in runs]
+        held = [read_recording(path) for path in hold_out]
+        result = identify(fitted, Options(**options), held, report_progress)
+    write_model(output, result.model)
+    _print_fit(result, output)
+    judged = [run.score.rms_percent for run in result.scores if run.held_out or not held]
+    failed = max_rms_percent is not None and max(judged) > max_rms_percent
+    if failed:
+        click.echo(f"rdpi: {max(judged):.3g} % rms, above the {max_rms_percent:g} % allowed by --max-rms", err=True)
+    summary = {**result.model.fit, "model": output, "gate_failed": failed, "rate_slopes": result.rate_slopes.to_json()}
+    if report is not None:
+        _write_fit_report(result, fitted, Path(report), summary)
+    return summary
+
+
+def _print_fit(result: Any, output: str) -> None:
+    import numpy as np
+
+    model = result.model
+    click.echo(f"{output}: {len(model.slopes) - 1} plays, {len(model.deadzones_um) - 1} dead zones, stroke {model.stroke_um:.5g} um, "
+               f"noise {result.noise_um:.2g} um rms")
+    _print_scores([(run.recording.path, run.score, "held out" if run.held_out else "fitted") for run in result.scores])
+    bands = result.rate_slopes
+    click.echo("slopes W_i against rate (each band of rate alone; then the model):")
+    head = "".join(f"{f'W_{i}':>7}" for i in range(len(model.slopes)))
+    click.echo(f"  {'um/s':>8}{head}")
+    top = model.rate.extra["identified_um_per_s"]
+    rows = [*zip(bands.rate_um_per_s, bands.slopes), ("model 0", model.slopes), (f"{top:.4g}", model.slopes_at(top))]
+    for rate, slopes in rows:
+        cells = "".join(f"{'-' if np.isnan(slope) else f'{slope:.3f}':>7}" for slope in slopes)
+        click.echo(f"  {rate if isinstance(rate, str) else f'{rate:.4g}':>8}{cells}")
+    singular = model.rate.singular_um_per_s
+    click.echo(f"rates identified up to {top:.4g} um/s; guard at {model.rate.max_um_per_s:.4g} um/s"
+               + (f"; a slope reaches zero at {singular:.4g} um/s" if singular else ""))
+    for warning in result.warnings:
+        click.echo(f"note: {warning}")
+
+
+def _print_scores(rows: list[tuple[str, Any, str]]) -> None:
+    width = max(len(path) for path, _, _ in rows)
+    click.echo(f"  {'':{width}}  {'rms um':>9} {'max um':>9} {'rms %':>7} {'max %':>7}   (% of the run's stroke)")
+    for path, score, remark in rows:
+        click.echo(f"  {path:{width}}  {score.rms_um:9.4g} {score.max_um:9.4g} {score.rms_percent:7.3f} {score.max_percent:7.3f}   {remark}")
+
+
+def _write_fit_report(result: Any, runs: list[Any], folder: Path, summary: dict[str, Any]) -> None:
+    from . import chain, report
+    from .recording import atomic_write
+
+    folder.mkdir(parents=True, exist_ok=True)
+    figure = report.picture(result.model, runs, chain.simulate(result.model, runs), result.rate_slopes)
+    report.write_picture(figure, folder / "fit.png")
+    atomic_write(folder / "fit.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
+
+
+@command("header")
+@click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
+@click.option("-o", "--output", required=True, metavar="rdpi_params.h", type=click.Path(dir_okay=False), help="The header.")
+@click.option("--name", default="rdpi_params", show_default=True, metavar="NAME",
+              help="C name of the parameters, for several actuators in one firmware.")
+def header(model: str, output: str, name: str) -> dict[str, Any]:
+    """Generate the C header that the firmware compiles in. The same model gives the same bytes."""
+    from .header import write_header
+    from .model import read_model
+
+    parameters = read_model(model)
+    write_header(parameters, output, name)
+    click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones")
+    return {"file": output, "name": name, "digest": parameters.digest()}
+
+
+@command("simulate")
+@click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
+@click.option("-o", "--output", metavar="OUT.csv", type=click.Path(dir_okay=False),
+              help="The run's columns and predicted_um; one run only.")
+@click.option("--remove-offset", is_flag=True, help="Score without the mean error (thermal drift since the fit).")
+@click.option("--memory", type=click.Choice(["auto", "model", "reset"]), default="auto", show_default=True,
+              help="State of the hysteresis at each run's start. auto: as its metadata says, estimated where unknown.")
+@click.option("--max-rms", "max_rms_percent", type=float, metavar="PERCENT",
+              help="Exit with status 1 if any run is predicted worse than this, % of stroke.")
+def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offset: bool, memory: str,
+             max_rms_percent: float | None) -> dict[str, Any]:
+    """Predict the displacement from the command and score it; percentages are of each run's measured stroke."""
+    from . import chain
+    from .model import read_model
+    from .recording import read_recording, write_recording
+
+    if output is not None and len(runs) > 1:
+        raise BadInput("-o takes one RUN; simulate them one by one (memory: carried is then lost)")
+    with progress("simulating"):
+        parameters = read_model(model)
+        recordings = [read_recording(path, required=("time_s", "command_V")) for path in runs]
+        predictions = chain.simulate(parameters, recordings, memory)
+    if output is not None:
+        columns = {**recordings[0].columns, "predicted_um": predictions[0].predicted_um}
+        write_recording(output, columns, recordings[0].metadata)
+    scores = [(run.path, chain.score(prediction.predicted_um, run.displacement_um, remove_offset), f"memory: {prediction.memory}")
+              for run, prediction in zip(recordings, predictions) if run.displacement_um is not None]
+    for run, prediction in zip(recordings, predictions):
+        if run.displacement_um is None:
+            click.echo(f"{run.path}: predicted, no displacement_um to score")
+        if not prediction.settled:
+            click.echo(f"note: {run.path}: the prediction's own rate did not settle; treat it with care")
+    if not scores:
+        return {"runs": [], "rms_percent": None, "max_percent": None, "gate_failed": False}
+    _print_scores(scores)
+    if remove_offset:
+        click.echo("offsets removed: " + ", ".join(f"{score.offset_um:.4g} um" for _, score, _ in scores))
+    weights = [len(run) for run in recordings if run.displacement_um is not None]
+    squares = sum(weight * score.rms_percent**2 for weight, (_, score, _) in zip(weights, scores))
+    failed = max_rms_percent is not None and max(score.rms_percent for _, score, _ in scores) > max_rms_percent
+    if failed:
+        click.echo(f"rdpi: above the {max_rms_percent:g} % rms allowed by --max-rms", err=True)
+    return {"runs": [{"file": path, **score._asdict(), "memory": remark.split()[-1]} for path, score, remark in scores],
+            "rms_percent": (squares / sum(weights)) ** 0.5, "max_percent": max(score.max_percent for _, score, _ in scores),
+            "gate_failed": failed}
+
+
+@command("compensate")
+@click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
+@click.argument("reference", metavar="REFERENCE.csv", type=click.Path(dir_okay=False))
+@click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=click.Path(dir_okay=False),
+              help="The reference's columns and command_V, rate_um_per_s, flags and, with --dac-bits, dac_code.")
+@click.option("--engine", type=click.Choice(["f32", "f64", "numpy"]), default="f32", show_default=True,
+              help="f32: the firmware library; f64: the same in double; numpy: the independent reference.")
+@click.option("--dac-bits", type=int, metavar="BITS", help="Output codes of this many bits. Default: the model's.")
+@click.option("--reference-column", default="reference_um", show_default=True, metavar="COLUMN",
+              help="Column to follow; displacement_um of a recording shows how well its command is recovered.")
+@click.option("--remove-offset", is_flag=True, help="First remove the recording's mean deviation from the model (thermal drift).")
+def compensate(model: str, reference: str, output: str, engine: str, dac_bits: int | None, reference_column: str,
+               remove_offset: bool) -> dict[str, Any]:
+    """Run the inverse as the firmware does: reference in um to drive in V.
+
+    flags are the sum of 1 (rate clamped by the guard), 2 (drive clipped to its range), 4 (drive clipped by its slew
+    limit) and 8 (reference not usable, drive held). If REFERENCE.csv has a command_V it is kept as recorded_V, and the
+    computed drive is compared with it.
+    """
+    from dataclasses import replace
+
+    from . import chain
+    from .model import read_model
+    from .recording import read_recording, write_recording
+
+    parameters = read_model(model)
+    if dac_bits is not None:
+        parameters.drive = replace(parameters.drive, dac_bits=dac_bits)
+        parameters.validate(model)
+    run = read_recording(reference, required=("time_s", reference_column))
+    with progress("compensating"):
+        steps, offset = chain.follow(parameters, run, reference_column, engine, remove_offset)
+    columns = {name: values for name, values in run.columns.items() if name != "command_V"}
+    columns["reference_um"] = run.columns[reference_column]
+    columns.update(command_V=steps.drive_V.astype(float), rate_um_per_s=steps.rate_um_per_s.astype(float),
+                   flags=steps.flags.astype(float))
+    if parameters.drive.dac_bits:
+        columns["dac_code"] = steps.dac_code.astype(float)
+    result: dict[str, Any] = {"file": output, "engine": engine, "samples": len(run)}
+    for name, bit in (("guard", 1), ("range", 2), ("slew", 4), ("input", 8)):
+        result[f"{name}_count"] = int(((steps.flags & bit) > 0).sum())
+    flagged = ", ".join(f"{result[f'{name}_count']} {name}" for name in ("guard", "range", "slew", "input"))
+    click.echo(f"{output}: {len(run)} samples, {steps.drive_V.min():.6g} to {steps.drive_V.max():.6g} V, flagged: {flagged}")
+    if run.command_V is not None:
+        columns["recorded_V"] = run.command_V
+        score = chain.score(steps.drive_V.astype(float), run.command_V)
+        click.echo(f"against the recorded command: rms {score.rms_percent:.3f} %, max {score.max_percent:.3f} % of its "
+                   f"peak-to-peak" + (f" (offset of {offset:.4g} um removed)" if remove_offset else ""))
+        result["recorded"] = {"rms_V": score.rms_um, "max_V": score.max_um, "rms_percent": score.rms_percent,
+                              "max_percent": score.max_percent, "removed_um": offset}
+    write_recording(output, columns, run.metadata)
+    return result
+
+
+@command("plot")
+@click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
+@click.option("-o", "--output", default="rdpi.png", show_default=True, metavar="PICTURE", type=click.Path(dir_okay=False),
+              help="The picture, .png, .svg or .pdf.")
+def plot(model: str, runs: tuple[str, ...], output: str) -> dict[str, Any]:
+    """Draw loops, slopes against rate, the prediction where it is worst, and the residual."""
+    from . import chain, identify, report
+    from .model import read_model
+    from .recording import read_recording
+
+    if Path(output).suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise BadInput(f"{output}: write a picture as .png, .svg or .pdf")
+    with progress("drawing"):
+        parameters = read_model(model)
+        recordings = [read_recording(path) for path in runs]
+        predictions = chain.simulate(parameters, recordings)
+        figure = report.picture(parameters, recordings, predictions, identify.rate_slopes(parameters, recordings))
+        report.write_picture(figure, output)
+    click.echo(output)
+    return {"file": output}

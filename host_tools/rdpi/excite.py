@@ -20,7 +20,7 @@ from .recording import sample_times
 MAX_SAMPLES = 20_000_000
 SAMPLES_PER_PERIOD = 10  # fewer no longer draw a sine or a triangle
 QUANTUM_V = 1e-9  # voltages are whole nanovolts: short to print, and the last bit of a sine does not matter
-PHASE_DRAWS = 200
+DEFAULT_LINES, PHASE_DRAWS = 16, 200  # of a multisine
 SWEEP_CYCLES, SWEEP_HZ = 20, 20.0
 FREQUENCIES_HZ = (1.0, 2.0, 5.0, 10.0, 20.0)
 MOVE_S = 0.1  # a move between waveforms crosses the whole range in this time
@@ -86,7 +86,7 @@ class _Pen:
         self._add(np.full(self.samples(duration_s), self.at_V))
 
     def wave(self, voltage: np.ndarray, what: str, remedy: str) -> None:
-        """A smooth waveform, its first sample where the pen is after a move there. Raises BadInput if it is too fast."""
+        """A smooth waveform, after a move to its first sample. Raises BadInput if it is too fast."""
         self.move(float(voltage[0]))
         steepest = float(np.abs(np.diff(voltage)).max()) * self.limits.sample_rate_hz
         if steepest > self.slew:
@@ -106,7 +106,8 @@ class _Pen:
                            "shorter or faster waveforms")
 
 
-def make_drive(kind: str, limits: Limits, sweep: bool = True, **options: object) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+def make_drive(kind: str, limits: Limits, sweep: bool = True,
+               **options: object) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """Columns `time_s` and `command_V` and the metadata of one drive.
 
     `kind` is a key of KINDS and `options` are parameters of that function. Raises BadInput for limits and options that
@@ -146,7 +147,8 @@ def sawtooth(pen: _Pen, frequencies_hz: Sequence[float] | None = None, rates_V_p
              cycles: int = 3) -> dict[str, object]:
     """Triangular waves over the whole range, one after another at several rates: slopes against rate."""
     if frequencies_hz and rates_V_per_s:
-        raise BadInput("--frequencies and --rates: give one of them; a triangular wave of f Hz has a rate of 2 f (max - min)")
+        raise BadInput("--frequencies and --rates: give one of them; a triangular wave of f Hz has a rate of "
+                       "2 f (max - min)")
     span = pen.limits.span_V
     if rates_V_per_s:
         rates = [_positive("rates", rate, "V/s") for rate in rates_V_per_s]
@@ -164,7 +166,7 @@ def sawtooth(pen: _Pen, frequencies_hz: Sequence[float] | None = None, rates_V_p
 
 
 def minor_loops(pen: _Pen, levels: int = 6, rates_V_per_s: Sequence[float] | None = None) -> dict[str, object]:
-    """Reversals that shrink towards the middle, then loops hung on the rising and the falling branch: every amplitude."""
+    """Reversals shrinking towards the middle, then loops hung on the rising and the falling branch: every amplitude."""
     low, span = pen.limits.min_V, pen.limits.span_V
     levels = _whole("levels", levels)
     rates = rates_V_per_s or (min(2 * span, pen.slew),)
@@ -203,7 +205,8 @@ def steps(pen: _Pen, levels: int = 4, hold_s: float = 5.0) -> dict[str, object]:
     return {}
 
 
-def multisine(pen: _Pen, frequencies_hz: Sequence[float] | None = None, duration_s: float | None = None, seed: int = 0) -> dict[str, object]:
+def multisine(pen: _Pen, frequencies_hz: Sequence[float] | None = None, duration_s: float | None = None,
+              seed: int = 0) -> dict[str, object]:
     """Sum of sines with random phases of low crest factor, half the time over the whole range, half over a tenth of it.
 
     Frequencies are moved to whole periods of half the duration. Amplitudes fall as 1/sqrt(f).
@@ -213,10 +216,11 @@ def multisine(pen: _Pen, frequencies_hz: Sequence[float] | None = None, duration
     period_s = _positive("duration", duration_s, "s") / 2
     count = pen.samples(period_s)
     rate = pen.limits.sample_rate_hz
-    draws = 2 * np.pi * np.random.default_rng(seed).random((PHASE_DRAWS, 16 if frequencies_hz is None else len(frequencies_hz)))
+    line_count = DEFAULT_LINES if frequencies_hz is None else len(frequencies_hz)
+    draws = 2 * np.pi * np.random.default_rng(seed).random((PHASE_DRAWS, line_count))
 
     def one_period(frequencies_hz: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """The lines in periods per `count` samples, and the signal from 0 to 1 with its first sample repeated at the end."""
+        """Lines in periods per `count` samples, and the signal from 0 to 1, its first sample repeated at the end."""
         lines = np.unique([round(_frequency(pen, f) * count / rate) for f in frequencies_hz])
         if lines[0] < 1:
             raise BadInput(f"--frequencies {min(frequencies_hz):g}: no full period fits into half of --duration "
@@ -237,13 +241,14 @@ def multisine(pen: _Pen, frequencies_hz: Sequence[float] | None = None, duration
     else:
         highest = min(50.0, rate / SAMPLES_PER_PERIOD)
         while True:
-            lines, wave = one_period(np.geomspace(max(highest / 100, 1 / period_s), highest, 16))
+            lines, wave = one_period(np.geomspace(max(highest / 100, 1 / period_s), highest, DEFAULT_LINES))
             if highest * period_s <= 2 or np.abs(np.diff(wave)).max() * pen.limits.span_V * rate <= pen.slew:
                 break
             highest *= 0.8
     for share in (1.0, 0.1):
         low = pen.limits.middle_V - share * pen.limits.span_V / 2
-        pen.wave(low + share * pen.limits.span_V * wave, "this multisine", "ask for lower --frequencies, a longer --duration,")
+        pen.wave(low + share * pen.limits.span_V * wave, "this multisine",
+                 "ask for lower --frequencies, a longer --duration,")
     return {"frequencies_hz": lines * rate / count, "duration_s": duration_s}
 
 
@@ -260,7 +265,7 @@ def sine(pen: _Pen, frequencies_hz: Sequence[float] | None = None, cycles: int =
 
 
 def chirp(pen: _Pen, frequencies_hz: Sequence[float] | None = None, duration_s: float = 10.0) -> dict[str, object]:
-    """One sine whose frequency runs from the first to the second, equally long per octave: resonance (keep it small)."""
+    """A sine whose frequency runs from the first to the second, equally long per octave: resonance (keep it small)."""
     if frequencies_hz is None:
         highest = min(500.0, _highest_hz(pen, np.pi))
         frequencies_hz = (min(1.0, highest / 10), highest)
@@ -297,7 +302,7 @@ OPTION_NAMES = {"frequencies_hz": "frequencies", "rates_V_per_s": "rates", "cycl
 
 
 def _decay(pen: _Pen, end_V: float, cycles: int, frequency_hz: float) -> None:
-    """Triangles around the end voltage, the first from limit to limit, each smaller than the one before, the last nothing."""
+    """Triangles around the end voltage, the first from limit to limit, each smaller than the one before."""
     high, low, half_s = pen.limits.max_V - end_V, pen.limits.min_V - end_V, 0.5 / frequency_hz
     for cycle in range(cycles):
         left = 1 - cycle / cycles

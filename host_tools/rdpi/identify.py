@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import chain, firmware, signals
+from . import chain, firmware, operators, signals
 from .errors import BadInput
 from .model import MIN_SLOPE_RATIO, Drive, Memory, Model, Rate, guard_rates
 from .recording import Recording
@@ -65,6 +65,10 @@ class RateSlopes(NamedTuple):
     slopes: np.ndarray  # (bands, n + 1); NaN where the band's data do not reach the interval
     samples: np.ndarray  # (bands,)
 
+    def to_json(self) -> list[dict]:
+        return [{"rate_um_per_s": float(rate), "slopes": [None if np.isnan(w) else float(w) for w in slopes],
+                 "samples": int(samples)} for rate, slopes, samples in zip(*self)]
+
 
 class RunScore(NamedTuple):
     recording: Recording
@@ -79,7 +83,7 @@ class Fit:
 
     model: Model
     scores: list[RunScore]
-    rate_slopes: RateSlopes | None
+    rate_slopes: RateSlopes
     noise_um: float
     warnings: list[str] = field(default_factory=list)
 
@@ -127,7 +131,8 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     offset_V = low_V if gain > 0 else high_V  # x >= 0, as one-sided dead zones need it
     thresholds = _thresholds(options, abs(gain) * max(float(np.ptp(run.command_V)) for run in runs), warnings)
 
-    prepared = _prepare(runs, gain, offset_V, thresholds, options, smoothing_s)
+    prepared = _prepare(runs, gain, offset_V, thresholds, options.rate_source, options.rate_window_s,
+                        options.rate_filter_s, smoothing_s)
     usable = np.concatenate([run.rate_um_per_s[run.first:] for run in prepared])
     top = float(np.percentile(usable, 99.9))
     if top <= 0:
@@ -161,11 +166,11 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         model.memory = Memory(float(states[0]), states)
     progress(0.7)
     scores = _scores(model, runs, hold_out, warnings)
-    rate_slopes = None if options.rate_independent else _rate_slopes(prepared, thresholds, grid, plant, top, stroke)
     _remark(model, plant, noise, scores, warnings)
     model.fit = _record(scores, noise, warnings)
+    bands = _rate_slopes(model, prepared)
     progress(1.0)
-    return Fit(model, scores, rate_slopes, noise, warnings)
+    return Fit(model, scores, bands, noise, warnings)
 
 
 def _check(run: Recording) -> None:
@@ -210,14 +215,14 @@ def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> n
     return wanted[wanted <= 0.98 * reach]
 
 
-def _prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds: np.ndarray, options: Options,
-             smoothing_s: float) -> list[_Run]:
+def _prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds: np.ndarray, source: str,
+             window_s: float, filter_s: float, smoothing_s: float) -> list[_Run]:
     prepared: list[_Run] = []
     end: np.ndarray | None = None
     for run in runs:
         x = gain * (run.command_V - offset_V)
-        signal = run.displacement_um if options.rate_source == "displacement" else x
-        rate = signals.rate(signal, run.sample_time_s, options.rate_window_s, options.rate_filter_s, smoothing_s)
+        signal = run.displacement_um if source == "displacement" else x
+        rate = signals.rate(signal, run.sample_time_s, window_s, filter_s, smoothing_s)
         known = run.memory == "reset" or (run.memory == "carried" and end is not None)
         carried = run.memory == "carried" and end is not None
         states = np.array(end) if carried else chain.states_after(x[0], x[0], thresholds)
@@ -364,41 +369,46 @@ def _scores(model: Model, runs: Sequence[Recording], hold_out: Sequence[Recordin
     return scores
 
 
-def _rate_slopes(runs: Sequence[_Run], thresholds: np.ndarray, grid: np.ndarray, plant: _Plant, top: float, stroke: float
-                 ) -> RateSlopes:
-    """The slopes of each band of rate fitted alone, for comparison; the saturation is kept."""
+def rate_slopes(model: Model, runs: Sequence[Recording]) -> RateSlopes:
+    """The slopes that each band of rate has when fitted alone, thresholds and saturation those of `model`."""
+    prepared = _prepare(runs, model.gain_um_per_V, model.offset_V, model.thresholds_um, model.rate.source,
+                        model.rate.window_s, model.rate.filter_s, float(model.rate.extra.get("smoothing_s", 0.0)))
+    return _rate_slopes(model, prepared)
+
+
+def _rate_slopes(model: Model, runs: Sequence[_Run]) -> RateSlopes:
     from scipy.optimize import lsq_linear
 
-    columns = _Columns(thresholds, grid, 0.0)
-    n = len(thresholds)
-    edges = np.linspace(0, top, RATE_BINS + 1)
-    factors = [np.zeros((0, n + len(plant.picks) + 2))] * RATE_BINS
+    columns = _Columns(model.thresholds_um, np.zeros(0), 0.0)
+    n = len(model.thresholds_um)
+    edges = np.linspace(0, np.percentile(np.concatenate([run.rate_um_per_s for run in runs]), 99.9), RATE_BINS + 1)
+    factors = [np.zeros((0, n + 2))] * RATE_BINS
     samples, totals = np.zeros(RATE_BINS, int), np.zeros(RATE_BINS)
     for run in runs:
         start = run.first
         for block in columns.blocks(run):
             rate = run.rate_um_per_s[start:start + len(block)]
             start += len(block)
-            design, target = _assemble(block[:, 1:] / stroke, columns, plant.picks)
-            rows = np.hstack([block[:, :1], design, target[:, None]])
+            block[:, -1] = operators.saturation_inverse(block[:, -1] - model.offset_um, model.deadzones_um,
+                                                        model.deadzone_weights)
             bands = np.digitize(rate, edges[1:-1])
             for band in range(RATE_BINS):
                 inside = bands == band
-                factors[band] = np.linalg.qr(np.vstack([factors[band], rows[inside]]), mode="r")
+                factors[band] = np.linalg.qr(np.vstack([factors[band], block[inside]]), mode="r")
                 samples[band] += np.count_nonzero(inside)
                 totals[band] += np.sum(rate[inside])
+    seen = samples >= 8 * n
     slopes = np.full((RATE_BINS, n), np.nan)
-    prior = plant.residual * _prior(columns, 0)[0]
-    for band, factor in enumerate(factors):
-        if samples[band] < 4 * n:
-            continue
-        factor = factor[1:, 1:]  # one offset for the band
-        reached = np.linalg.norm(factor[:, :n], axis=0) > 1e-3 * np.sqrt(samples[band]) / n
-        target = factor[:, -1] - factor[:, n:-1] @ plant.pieces[1:]
-        design = np.vstack([factor[:, :n], prior * np.sqrt(samples[band])])
-        found = lsq_linear(design, np.r_[target, np.zeros(len(prior))], (SLOPE_FLOOR, np.inf), method="bvls").x
-        slopes[band] = np.where(reached, found, np.nan)
-    seen = samples >= 4 * n
+    for band in np.flatnonzero(seen):
+        factor = factors[band][1:, 1:] / (model.stroke_um * np.sqrt(samples[band]))  # means removed: an offset of its own
+        residual = 1e-3
+        for _ in range(3):  # the prior follows the residual, as in the fit itself
+            prior = residual * _prior(columns, 0)[0]
+            found = lsq_linear(np.vstack([factor[:, :n], prior]), np.r_[factor[:, -1], np.zeros(len(prior))],
+                               (SLOPE_FLOOR, np.inf), method="bvls").x
+            residual = float(np.linalg.norm(factor[:, :n] @ found - factor[:, -1]))
+        reached = np.linalg.norm(factor[:, :n], axis=0) > 0.1 / n  # an interval that the band hardly enters says nothing
+        slopes[band, reached] = found[reached]
     return RateSlopes(totals[seen] / samples[seen], slopes[seen], samples[seen])
 
 

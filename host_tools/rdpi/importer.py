@@ -28,8 +28,9 @@ UNITS = {
     "s": ("s", 0), "ms": ("s", -3), "us": ("s", -6),
     "degC": ("degC", 0),
 }
-_SPELLINGS = {"µm": "um", "μm": "um", "micron": "um", "microns": "um", "µs": "us", "μs": "us", "sec": "s", "seconds": "s",
-              "volt": "V", "volts": "V", "c": "degC", "°c": "degC", **{unit.lower(): unit for unit in UNITS}}
+_SPELLINGS = {"µm": "um", "μm": "um", "micron": "um", "microns": "um", "µs": "us", "μs": "us", "sec": "s",
+              "seconds": "s", "volt": "V", "volts": "V", "c": "degC", "°c": "degC",
+              **{unit.lower(): unit for unit in UNITS}}
 
 _RATE_NAMES = ("sample_rate_hz", "samplerate", "sample_rate", "rate_hz", "fs")
 _SAMPLE_TIME_NAMES = ("sample_time_s", "sampletime", "sample_time", "ts", "dt")
@@ -131,7 +132,7 @@ class Choice:
 def import_recording(path: str, request: Request) -> tuple[Recording, list[str]]:
     """Read any supported file as a recording; also the lines that tell the user what was taken for what.
 
-    Raises BadInput for files that cannot be read, columns that cannot be found, and whatever makes a recording unusable.
+    Raises BadInput for files that cannot be read, columns that cannot be found, and what makes a recording unusable.
     """
     source = open_source(path)
     chosen = _choose(source, request)
@@ -239,7 +240,8 @@ def _find(source: Source, wanted: str) -> int | None:
     for match in (lambda name: name, str.lower, lambda name: _split_unit(name)[0].lower()):
         hits = [index for index, name in enumerate(source.names) if name and match(name) == match(wanted)]
         if len(hits) > 1:
-            raise BadInput(f"{source.path}: several columns are called {wanted!r}; choose one by its number; {source.listing()}")
+            raise BadInput(f"{source.path}: several columns are called {wanted!r}; choose one by its number; "
+                           f"{source.listing()}")
         if hits:
             return hits[0]
     if wanted.isascii() and wanted.isdigit() and int(wanted) < len(source.names):
@@ -254,7 +256,8 @@ def _recognised(source: Source, key: str, role: Role, taken: set[int]) -> Choice
         dimension, exponent = UNITS.get(named or role.unit, (None, 0))
         if number in taken or dimension != role.unit or re.sub("[^a-z0-9]", "", base.lower()) not in role.names:
             continue
-        choice = Choice(role.column, number, named or role.unit, exponent, why="recognised" if named else "recognised, unit assumed")
+        why = "recognised" if named else "recognised, unit assumed"
+        choice = Choice(role.column, number, named or role.unit, exponent, why=why)
         if name == role.column:
             return choice
         hits.append(choice)
@@ -335,7 +338,8 @@ def _describe(source: Source, request: Request, recording: Recording, chosen: Se
     taken = {choice.number for choice in chosen}
     left = [name for number, name in enumerate(source.names) if number not in taken and name]
     if left:
-        lines.append(f"  left out: {', '.join(left[:12])}{' …' if len(left) > 12 else ''} (--also NAME=COLUMN keeps one)")
+        more = " …" if len(left) > 12 else ""
+        lines.append(f"  left out: {', '.join(left[:12])}{more} (--also NAME=COLUMN keeps one)")
     duration = len(recording) * recording.sample_time_s
     lines.append(f"  rows {recording.metadata['rows']}: {len(recording)} samples, {recording.sample_rate_hz:g} per "
                  f"second, {duration:.6g} s")
@@ -414,7 +418,7 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, np.ndarray]]:
     if isinstance(value, dict):
         for key, item in value.items():
             yield from _leaves(f"{name}.{key}" if name else key, item)
-    elif isinstance(value, (list, tuple)) or isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1:
+    elif isinstance(value, list) or isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1:
         for index, item in enumerate(value):
             yield from _leaves(f"{name}.{index}" if name else str(index), item)
     elif np.asarray(value).dtype.kind in "fiub" and np.asarray(value).size:
@@ -468,10 +472,11 @@ def _decode(data: bytes) -> str:
 
 
 def _sniff(path: str, head: Sequence[str]) -> tuple[str | None, str, int, int]:
-    """Delimiter, decimal sign, index of the first line of numbers and the number of columns, from the first lines of a file."""
+    """Delimiter, decimal sign, index of the first line of numbers and number of columns, from a file's first lines."""
     full = [index for index, line in enumerate(head) if line.strip()]
     for delimiter, decimal in _DIALECTS:
-        rows = {index: _fields(head[index], delimiter) for index in full if delimiter is None or delimiter in head[index]}
+        parted = [index for index in full if delimiter is None or delimiter in head[index]]
+        rows = {index: _fields(head[index], delimiter) for index in parted}
         numeric = {index: len(row) for index, row in rows.items() if _all_numbers(row, decimal)}
         for index, following in zip(full, [*full[1:], None]):
             # A lone number may be part of a preamble; two equal rows are a table.

@@ -28,6 +28,7 @@ RATE_TOLERANCE = 1e-3  # relative, between stated and measured rate
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 _ROWS_PER_WRITE = 1 << 16
+_LINES_PER_BLOCK = 1 << 14
 
 Place = Callable[[int], str]  # data row, counted from 0 -> "file:line"
 
@@ -178,17 +179,10 @@ def parse_rows(path: str, body: str, first_line: int, names: Sequence[str], deli
     """
     if not body.strip():
         return np.empty((0, len(names)))
-    try:
-        # Bytes behind a text layer: a StringIO would hold four bytes per character.
-        stream = io.TextIOWrapper(io.BytesIO(body.encode()), "utf-8")
-        table = np.loadtxt(stream, delimiter=delimiter, usecols=usecols, comments=None, quotechar='"', ndmin=2)
-        good = table.shape[1] == len(names) and np.isfinite(table).all()
-        reason = "not a table of numbers"
-    except ValueError as error:
-        good, reason = False, str(error)
-    if not good:
+    table = _load(body, len(names), delimiter, usecols)
+    if table is None:
         _explain_rows(path, body, first_line, names, delimiter, usecols)
-        raise BadInput(f"{path}: {reason}")
+        raise BadInput(f"{path}: not a table of numbers; save it as CSV again")
     return table
 
 
@@ -227,7 +221,7 @@ def check_samples(path: str, columns: Mapping[str, np.ndarray], place: Place, fi
         row = int(np.argmax(steps <= 0)) + 1
         what = "repeats" if steps[row - 1] == 0 else "runs backwards"
         raise BadInput(f"{place(row)}: time_s {what} ({time_s[row - 1]:.12g} then {time_s[row]:.12g}); cut the "
-                       f"recording there, or write times with more digits, or rebuild them with `rdpi import --rate`")
+                       "recording there, or write times with more digits, or rebuild them with `rdpi import --rate`")
     sample_time_s, deviation = _grid(time_s)
     if deviation > GRID_TOLERANCE * sample_time_s:
         usual = float(np.median(steps))
@@ -307,23 +301,43 @@ def _column_names(path: str, line: int, header: str, required: Iterable[str]) ->
     return names
 
 
+def _load(body: str, width: int, delimiter: str | None, usecols: Sequence[int] | None) -> np.ndarray | None:
+    """Rows of `width` finite numbers, or None when it is anything else."""
+    # Bytes behind a text layer: a StringIO would hold four bytes per character.
+    stream = io.TextIOWrapper(io.BytesIO(body.encode()), "utf-8")
+    try:
+        table = np.loadtxt(stream, delimiter=delimiter, usecols=usecols, comments=None, quotechar='"', ndmin=2)
+    except ValueError:
+        return None
+    return table if table.shape[1] == width and np.isfinite(table).all() else None
+
+
 def _explain_rows(path: str, body: str, first_line: int, names: Sequence[str], delimiter: str | None,
                   usecols: Sequence[int] | None) -> None:
     """Raise BadInput for the first field that is no finite number, or row of the wrong length."""
-    for line, text in _lines(body, first_line):
-        place = f"{path}:{line}"
-        fields = [value.strip().strip('"') for value in text.split(delimiter)]
-        needed = len(names) if usecols is None else max(usecols) + 1
-        if len(fields) < needed or (usecols is None and len(fields) > needed):
-            raise BadInput(f"{place}: {len(fields)} value(s) where there should be {needed}; complete the line or take it out")
-        for name, index in zip(names, range(needed) if usecols is None else usecols):
-            value = fields[index]
-            if _NOT_FINITE.fullmatch(value) or _NUMBER.fullmatch(value) and not np.isfinite(float(value)):
-                raise BadInput(f"{place}: column {name} is {value}; every sample needs a finite number: "
-                               "cut the recording there or interpolate, or take the column out")
-            if not _NUMBER.fullmatch(value):
-                what = f"is {_show(value)}, not a number" if value else "is empty"
-                raise BadInput(f"{place}: column {name} {what}; correct the value, or take out the line or the column")
+    numbers = range(len(names)) if usecols is None else usecols
+    needed = max(numbers) + 1
+    lines = body.split("\n")
+    for start in range(0, len(lines), _LINES_PER_BLOCK):  # reading a good block again is faster than looking at it
+        block = "\n".join(lines[start:start + _LINES_PER_BLOCK])
+        if not block.strip() or _load(block, len(names), delimiter, usecols) is not None:
+            continue
+        for line, text in _lines(block, first_line + start):
+            fields = [value.strip().strip('"') for value in text.split(delimiter)]
+            if len(fields) < needed or (usecols is None and len(fields) > needed):
+                raise BadInput(f"{path}:{line}: {len(fields)} value(s) where there should be {needed}; "
+                               "complete the line or take it out")
+            for name, number in zip(names, numbers):
+                _explain_field(f"{path}:{line}: column {name}", fields[number])
+
+
+def _explain_field(place: str, value: str) -> None:
+    if _NOT_FINITE.fullmatch(value) or _NUMBER.fullmatch(value) and not np.isfinite(float(value)):
+        raise BadInput(f"{place} is {value}; every sample needs a finite number: cut the recording there or "
+                       "interpolate, or take the column out")
+    if not _NUMBER.fullmatch(value):
+        what = f"is {_show(value)}, not a number" if value else "is empty"
+        raise BadInput(f"{place} {what}; correct the value, or take out the line or the column")
 
 
 def _lines(body: str, first_line: int) -> Iterator[tuple[int, str]]:

@@ -32,7 +32,8 @@ def reversals(voltage: np.ndarray) -> np.ndarray:
 @settings(max_examples=40)
 @given(kind=st.sampled_from(sorted(KINDS)), low=st.floats(-200, 200), span=st.floats(0.01, 500), rest=st.floats(0, 1),
        rate_hz=st.sampled_from([200.0, 1000.0, 3333.3]), slew=st.none() | st.floats(2, 100), sweep=st.booleans())
-def test_limits_hold(kind: str, low: float, span: float, rest: float, rate_hz: float, slew: float | None, sweep: bool) -> None:
+def test_limits_hold(kind: str, low: float, span: float, rest: float, rate_hz: float, slew: float | None,
+                     sweep: bool) -> None:
     """Whatever the limits: starts and ends at rest, never outside, never too fast, with every default."""
     high = low + span
     rest_V = min(max(low + rest * span, low), high)
@@ -53,8 +54,8 @@ def test_limits_hold(kind: str, low: float, span: float, rest: float, rate_hz: f
 def test_command_line(kind: str, rdpi: Callable, tmp_path: Path) -> None:
     paths = [tmp_path / "one.csv", tmp_path / "two.csv"]
     for path in paths:
-        result = rdpi("excite", kind, "-o", path, "--sample-rate", "1000", "--min-V", "-20", "--max-V", "100", "--rest-V", "10",
-                      "--json", tmp_path / "result.json")
+        result = rdpi("excite", kind, "-o", path, "--sample-rate", "1000", "--min-V", "-20", "--max-V", "100",
+                      "--rest-V", "10", "--json", tmp_path / "result.json")
         assert result.exit_code == 0, result.output
     assert paths[0].read_bytes() == paths[1].read_bytes()
     drive = read_recording(paths[0], required=("command_V",))
@@ -74,7 +75,8 @@ def test_sawtooth_has_constant_rates() -> None:
     rates = np.abs(np.diff(voltage)) * 10_000
     assert set(np.round(rates, 4)) == {200, 1000, 4000}
     assert list(reversals(voltage)) == [0, 100] * 6 + [0]
-    np.testing.assert_array_equal(voltage, command("sawtooth", Limits(0, 100), rates_V_per_s=(200, 1000, 4000), cycles=2))
+    again = command("sawtooth", Limits(0, 100), rates_V_per_s=(200, 1000, 4000), cycles=2)
+    np.testing.assert_array_equal(voltage, again)
 
 
 def test_minor_loops_cover_amplitudes() -> None:
@@ -100,7 +102,8 @@ def test_steps_hold() -> None:
 
 def test_multisine_lines_and_crest() -> None:
     frequencies = (1, 2, 3, 5, 7, 11, 13)
-    columns, metadata = make_drive("multisine", Limits(0, 10, rest_V=5), False, frequencies_hz=frequencies, duration_s=4.0, seed=3)
+    limits, options = Limits(0, 10, rest_V=5), {"frequencies_hz": frequencies, "duration_s": 4.0}
+    columns, metadata = make_drive("multisine", limits, False, seed=3, **options)
     voltage = columns["command_V"]
     start = int(np.argmax(np.abs(np.diff(voltage, 2)) > 1e-7)) + 1  # the straight move from rest ends in a kink
     assert metadata["frequencies_hz"] == "1 2 3 5 7 11 13" and metadata["seed"] == "3"
@@ -112,7 +115,7 @@ def test_multisine_lines_and_crest() -> None:
     assert crest < 2.1 and np.ptp(period) == pytest.approx(10)
     small = voltage[-20_000:-2000]
     assert 0.7 < np.ptp(small) <= 1 and 4.5 <= small.min() and small.max() <= 5.5
-    assert not np.array_equal(voltage, command("multisine", Limits(0, 10, rest_V=5), frequencies_hz=frequencies, duration_s=4.0, seed=4))
+    assert not np.array_equal(voltage, command("multisine", limits, seed=4, **options))
 
 
 def test_sine_and_chirp_frequencies() -> None:
@@ -140,7 +143,8 @@ def test_sweep_makes_memory_known(rest_V: float) -> None:
     columns, metadata = make_drive("sine", Limits(0, 10, rest_V, 1000), frequencies_hz=(5,), cycles=1)
     after = round(float(metadata["sweep_s"]) * 1000)
     for threshold in (0.1, 2, 4.9):
-        states = [play(columns["command_V"], threshold, start)[after:] for start in (-threshold, rest_V, 10 + threshold)]
+        starts = (-threshold, rest_V, 10 + threshold)
+        states = [play(columns["command_V"], threshold, start)[after:] for start in starts]
         np.testing.assert_array_equal(states[0], states[1])
         np.testing.assert_array_equal(states[0], states[2])
 
@@ -206,6 +210,7 @@ def test_refused(name: str, refused: Callable) -> None:
 
 
 def test_usage_errors(rdpi: Callable, tmp_path: Path) -> None:
-    for arguments in (["square"], ["sine", "--frequencies", "1,x"], ["sine", "--cycles", "1.5"], ["multisine", "--seed", "-1"]):
+    for arguments in (["square"], ["sine", "--frequencies", "1,x"], ["sine", "--cycles", "1.5"],
+                      ["multisine", "--seed", "-1"]):
         result = rdpi("excite", *arguments, "-o", tmp_path / "out.csv")
         assert result.exit_code == 2 and arguments[-1] in result.output and not (tmp_path / "out.csv").exists()

@@ -1,0 +1,152 @@
+"""The C header of one actuator: a model as the const parameters that rdpi_f32_init takes (lib/include/rdpi/rdpi.h)."""
+
+from __future__ import annotations
+
+import os
+import re
+import unicodedata
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from . import version
+from .errors import BadInput
+from .firmware import Firmware, scalars
+from .model import Model
+from .recording import atomic_write
+
+SCHEMA = 1  # of rdpi_f32_params_t as the template fills it in; the header compares it with the library's
+NAME = "rdpi_params"
+
+# Fields of rdpi_f32_params_t in its order: key in the model file, what the header says about it.
+ARRAYS = {
+    "thresholds_um": ("thresholds_um", "r_0 = 0 < r_1 < ... < r_n, um: thresholds of the plays (eq. 1)"),
+    "slopes": ("slopes", "W_0 ... W_n at rate 0: slopes of the loading curve, not play weights (eq. 15)"),
+    "slope_rate_s_per_um": ("slope_rate_s_per_um", "c_0 ... c_n, s/um: slope at rate rho is W_i + c_i rho (eq. 14)"),
+    "deadzones_um": ("deadzones_um", "d_0 = 0 < d_1 < ... < d_m, um: thresholds of the dead zones (eq. 7)"),
+    "deadzone_weights": ("deadzone_weights", "ws_0 ... ws_m: weights of the dead zones (eq. 8)"),
+    "memory_um": ("memory.plays_um", "y_0 ... y_n, um: the plays at power up; y_0 is x"),
+}
+SCALARS = {
+    "gain_um_per_V": ("gain_um_per_V", "um/V: x = gain (V - offset_V)"),
+    "offset_V": ("offset_V", "V"),
+    "offset_um": ("offset_um", "um: displacement = z + offset_um"),
+    "rate_window_s": ("rate.window_s", "s: the rate is a difference over this time ..."),
+    "rate_filter_s": ("rate.filter_s", "s: ... through a low-pass of this time constant"),
+    "max_um_per_s": ("rate.max_um_per_s", "um/s: the guard clamps the rate to this"),
+    "min_slope_ratio": ("rate.min_slope_ratio", "what is left of every slope at that rate, at least"),
+    "min_V": ("drive.min_V", "V: output range"),
+    "max_V": ("drive.max_V", "V"),
+    "slew_V_per_s": ("drive.slew_V_per_s", "V/s: largest change of the output; 0: unlimited"),
+}
+ASCENDING = ("thresholds_um", "deadzones_um")
+POSITIVE = ("slopes", "max_um_per_s", "min_slope_ratio")
+
+KEYWORDS = frozenset("""
+    alignas alignof and and_eq asm auto bitand bitor bool break case catch char char16_t char32_t class compl const
+    const_cast constexpr continue decltype default delete do double dynamic_cast else enum explicit export extern false
+    float for friend goto if inline int long main mutable namespace new noexcept not not_eq nullptr operator or or_eq
+    private protected public register reinterpret_cast restrict return short signed sizeof static static_assert
+    static_cast struct switch template this thread_local throw true try typedef typeid typename union unsigned using
+    virtual void volatile wchar_t while xor xor_eq
+""".split())  # of C99 and C++11
+
+_TEMPLATES = jinja2.Environment(loader=jinja2.PackageLoader(__package__), undefined=jinja2.StrictUndefined,
+                                trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+
+
+def render(model: Model, source: str = "", name: str = NAME) -> str:
+    """The header's text; the same for the same model, whenever and wherever it is made.
+
+    `source` is the model's file, for the banner and for messages. `name` is what the parameters are called in C, also the
+    prefix of arrays and (in capitals) macros, so that one firmware can hold several actuators.
+    Raises BadInput for a name that C cannot use and for a model that 32-bit floats cannot hold.
+    """
+    _check_name(name)
+    where = source or "model"
+    model.validate(where)
+    fields = scalars(model)
+    arrays = {field: _float32(where, field, key, model.memory.plays_um if field == "memory_um" else getattr(model, field))
+              for field, (key, _) in ARRAYS.items()}
+    numbers = {field: _float32(where, field, key, [fields[field]])[0] for field, (key, _) in SCALARS.items()}
+    _check_rounded(where, model, numbers)
+    return _TEMPLATES.get_template("rdpi_params.h.j2").render(
+        name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(_file_name(source)),
+        actuator=comment(model.actuator), digest=model.digest(), rate_source=model.rate.source, runs=_runs(model.fit),
+        plays=len(model.thresholds_um), deadzones=len(model.deadzones_um), dac_bits=int(fields["dac_bits"]),
+        arrays=[(field, ARRAYS[field][1], [literal(value) for value in values]) for field, values in arrays.items()],
+        scalars=[(field, SCALARS[field][1], literal(value)) for field, value in numbers.items()],
+        pieces={field: "DEADZONES" if field.startswith("deadzone") else "PLAYS" for field in ARRAYS})
+
+
+def write_header(model: Model, path: str | os.PathLike[str], source: str = "", name: str = NAME) -> None:
+    """Render and write atomically. Raises BadInput as `render` does, OSError when the file cannot be written."""
+    atomic_write(path, render(model, source, name))
+
+
+def literal(value: float) -> str:
+    """A C literal that reads back as the float32 nearest to `value`, bit for bit: nine significant digits do."""
+    return f"{float(np.float32(value)):#.9g}f"
+
+
+def comment(text: str, length: int = 100) -> str:
+    """Foreign text as part of a C comment: one line of harmless ASCII, without what ends comments or makes trigraphs."""
+    text = unicodedata.normalize("NFKD", " ".join(text.split()).replace("\u00b5", "u").replace("\u03bc", "u"))
+    text = "".join(letter for letter in text if not unicodedata.combining(letter))
+    return re.sub(r"[^A-Za-z0-9 .,:;_+()\[\]<>=%&@#'/-]", "_", text)[:length].rstrip()
+
+
+def _check_name(name: str) -> None:
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", name) or name in KEYWORDS:
+        raise BadInput(f"name {name[:60]!r}: must be a C identifier of at most 40 letters, digits and _, starting with a "
+                       "letter, and no keyword of C or C++")
+    if re.match(r"rdpi_(?!params(_|$))", name + "_", re.IGNORECASE):
+        raise BadInput(f"name {name!r}: names that start with rdpi_ belong to the library; use another, or {NAME}_…")
+
+
+def _float32(where: str, field: str, key: str, values: Any) -> np.ndarray:
+    """Values as the firmware holds them. Raises BadInput where rounding changes what they mean."""
+    values = np.asarray(values, float)
+
+    def refuse(index: int, what: str) -> None:
+        place = f"{key}[{index}]" if field in ARRAYS else key
+        raise BadInput(f"{where}: {place}: is {values[index]:.9g}; {what}")
+
+    with np.errstate(over="ignore"):
+        rounded = values.astype(np.float32)
+    if not np.all(np.isfinite(rounded)):
+        refuse(int(np.argmin(np.isfinite(rounded))), "the firmware computes in 32-bit float, which ends at 3.4e38")
+    # Below the smallest normal number digits are lost, and many FPUs are set to flush to zero.
+    vanished = (np.abs(rounded) < np.finfo(np.float32).tiny) & ((values != 0) | (field in POSITIVE))
+    if field in (*POSITIVE, "gain_um_per_V", "slew_V_per_s") and np.any(vanished):
+        refuse(int(np.argmax(vanished)), "too small for the firmware's 32-bit float, which ends at 1.2e-38")
+    if field in ASCENDING and np.any(np.diff(rounded) <= 0):
+        index = int(np.argmax(np.diff(rounded) <= 0)) + 1
+        refuse(index, f"the same as the one before, {values[index - 1]:.9g}, in the firmware's 32-bit float; "
+                      "leave one of them out")
+    return rounded
+
+
+def _check_rounded(where: str, model: Model, numbers: dict[str, np.float32]) -> None:
+    if not numbers["min_V"] < numbers["max_V"]:
+        raise BadInput(f"{where}: drive: min_V and max_V are the same in the firmware's 32-bit float; widen the range")
+    try:
+        Firmware(model, max(model.rate.window_s, 1e-3), "f32")  # at a sample time for which the window is short
+    except BadInput as error:
+        raise BadInput(f"{where}: rounded to 32-bit float, {error}; move the model away from this limit") from None
+
+
+def _file_name(path: str) -> str:
+    return re.split(r"[\\/]", path)[-1]
+
+
+def _runs(fit: dict[str, Any]) -> list[dict[str, str]]:
+    """What the banner says about each run the model was fitted to or tested on."""
+    lines = []
+    for run in fit.get("runs") or []:
+        errors = [f"{label} {run[key]:.3g} % of stroke" for label, key in (("rms", "rms_percent"), ("max", "max_percent"))
+                  if isinstance(run.get(key), (int, float))]
+        lines.append({"file": comment(_file_name(str(run.get("file", ""))), 60), "errors": ", ".join(errors),
+                      "held_out": bool(run.get("held_out")), "digest": comment(str(run.get("digest", "")))})
+    return lines
