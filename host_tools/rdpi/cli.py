@@ -395,7 +395,7 @@ def header(model: str, output: str, name: str) -> dict[str, Any]:
     from .model import read_model
 
     parameters = read_model(model)
-    write_header(parameters, output, name)
+    write_header(parameters, output, name, source=model)
     click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones")
     return {"file": output, "name": name, "digest": parameters.digest()}
 

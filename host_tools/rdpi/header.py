@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import unicodedata
+from operator import attrgetter
 from typing import Any
 
 import jinja2
@@ -19,14 +20,14 @@ from .recording import atomic_write
 SCHEMA = 1  # of rdpi_f32_params_t as the template fills it in; the header compares it with the library's
 NAME = "rdpi_params"
 
-# Fields of rdpi_f32_params_t in its order: key in the model file, what the header says about it.
+# Fields of rdpi_f32_params_t in its order: key in the model file, for arrays their length, what the header says.
 ARRAYS = {
-    "thresholds_um": ("thresholds_um", "r_0 = 0 < r_1 < ... < r_n, um: thresholds of the plays (eq. 1)"),
-    "slopes": ("slopes", "W_0 ... W_n at rate 0: slopes of the loading curve, not play weights (eq. 15)"),
-    "slope_rate_s_per_um": ("slope_rate_s_per_um", "c_0 ... c_n, s/um: slope at rate rho is W_i + c_i rho (eq. 14)"),
-    "deadzones_um": ("deadzones_um", "d_0 = 0 < d_1 < ... < d_m, um: thresholds of the dead zones (eq. 7)"),
-    "deadzone_weights": ("deadzone_weights", "ws_0 ... ws_m: weights of the dead zones (eq. 8)"),
-    "memory_um": ("memory.plays_um", "y_0 ... y_n, um: the plays at power up; y_0 is x"),
+    "thresholds_um": ("thresholds_um", "PLAYS", "r_0 = 0 < r_1 < ... < r_n, um: play thresholds (eq. 1)"),
+    "slopes": ("slopes", "PLAYS", "W_0 ... W_n at rate 0: slopes of the loading curve, not play weights (eq. 15)"),
+    "slope_rate_s_per_um": ("slope_rate_s_per_um", "PLAYS", "c_0 ... c_n, s/um: W_i(rate) = W_i + c_i rate (eq. 14)"),
+    "deadzones_um": ("deadzones_um", "DEADZONES", "d_0 = 0 < d_1 < ... < d_m, um: dead-zone thresholds (eq. 7)"),
+    "deadzone_weights": ("deadzone_weights", "DEADZONES", "ws_0 ... ws_m: dead-zone weights (eq. 8)"),
+    "memory_um": ("memory.plays_um", "PLAYS", "y_0 ... y_n, um: the plays at power up; y_0 is x"),
 }
 SCALARS = {
     "gain_um_per_V": ("gain_um_per_V", "um/V: x = gain (V - offset_V)"),
@@ -41,7 +42,7 @@ SCALARS = {
     "slew_V_per_s": ("drive.slew_V_per_s", "V/s: largest change of the output; 0: unlimited"),
 }
 ASCENDING = ("thresholds_um", "deadzones_um")
-POSITIVE = ("slopes", "max_um_per_s", "min_slope_ratio")
+NOT_ZERO = ("slopes", "gain_um_per_V", "max_um_per_s", "min_slope_ratio", "slew_V_per_s")  # slew: 0 means unlimited
 
 KEYWORDS = frozenset("""
     alignas alignof and and_eq asm auto bitand bitor bool break case catch char char16_t char32_t class compl const
@@ -56,33 +57,31 @@ _TEMPLATES = jinja2.Environment(loader=jinja2.PackageLoader(__package__), undefi
                                 trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
 
 
-def render(model: Model, source: str = "", name: str = NAME) -> str:
+def render(model: Model, name: str = NAME, source: str = "") -> str:
     """The header's text; the same for the same model, whenever and wherever it is made.
 
-    `source` is the model's file, for the banner and for messages. `name` is what the parameters are called in C, also the
-    prefix of arrays and (in capitals) macros, so that one firmware can hold several actuators.
+    `name` is what the parameters are called in C, and the prefix of arrays and (in capitals) macros, so that a firmware
+    can hold several actuators. `source` is the model's file, for the banner and for messages.
     Raises BadInput for a name that C cannot use and for a model that 32-bit floats cannot hold.
     """
     _check_name(name)
     where = source or "model"
     model.validate(where)
     fields = scalars(model)
-    arrays = {field: _float32(where, field, key, model.memory.plays_um if field == "memory_um" else getattr(model, field))
-              for field, (key, _) in ARRAYS.items()}
+    arrays = {field: _float32(where, field, key, attrgetter(key)(model)) for field, (key, *_) in ARRAYS.items()}
     numbers = {field: _float32(where, field, key, [fields[field]])[0] for field, (key, _) in SCALARS.items()}
     _check_rounded(where, model, numbers)
     return _TEMPLATES.get_template("rdpi_params.h.j2").render(
         name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(_file_name(source)),
         actuator=comment(model.actuator), digest=model.digest(), rate_source=model.rate.source, runs=_runs(model.fit),
         plays=len(model.thresholds_um), deadzones=len(model.deadzones_um), dac_bits=int(fields["dac_bits"]),
-        arrays=[(field, ARRAYS[field][1], [literal(value) for value in values]) for field, values in arrays.items()],
-        scalars=[(field, SCALARS[field][1], literal(value)) for field, value in numbers.items()],
-        pieces={field: "DEADZONES" if field.startswith("deadzone") else "PLAYS" for field in ARRAYS})
+        arrays=[(field, *ARRAYS[field][1:], [literal(value) for value in values]) for field, values in arrays.items()],
+        scalars=[(field, SCALARS[field][1], literal(value)) for field, value in numbers.items()])
 
 
-def write_header(model: Model, path: str | os.PathLike[str], source: str = "", name: str = NAME) -> None:
+def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "") -> None:
     """Render and write atomically. Raises BadInput as `render` does, OSError when the file cannot be written."""
-    atomic_write(path, render(model, source, name))
+    atomic_write(path, render(model, name, source))
 
 
 def literal(value: float) -> str:
@@ -91,17 +90,17 @@ def literal(value: float) -> str:
 
 
 def comment(text: str, length: int = 100) -> str:
-    """Foreign text as part of a C comment: one line of harmless ASCII, without what ends comments or makes trigraphs."""
-    text = unicodedata.normalize("NFKD", " ".join(text.split()).replace("\u00b5", "u").replace("\u03bc", "u"))
+    """Foreign text made fit for a C comment: one line of ASCII that cannot end the comment or make trigraphs."""
+    text = unicodedata.normalize("NFKD", " ".join(text.split())).replace("\u03bc", "u")  # the Greek letter of um
     text = "".join(letter for letter in text if not unicodedata.combining(letter))
     return re.sub(r"[^A-Za-z0-9 .,:;_+()\[\]<>=%&@#'/-]", "_", text)[:length].rstrip()
 
 
 def _check_name(name: str) -> None:
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", name) or name in KEYWORDS:
-        raise BadInput(f"name {name[:60]!r}: must be a C identifier of at most 40 letters, digits and _, starting with a "
-                       "letter, and no keyword of C or C++")
-    if re.match(r"rdpi_(?!params(_|$))", name + "_", re.IGNORECASE):
+        raise BadInput(f"name {name[:60]!r}: must be a C identifier of at most 40 letters, digits and _, starting with "
+                       "a letter, and no keyword of C or C++")
+    if re.match(r"rdpi_(?!params_)", name + "_", re.IGNORECASE):
         raise BadInput(f"name {name!r}: names that start with rdpi_ belong to the library; use another, or {NAME}_…")
 
 
@@ -116,11 +115,11 @@ def _float32(where: str, field: str, key: str, values: Any) -> np.ndarray:
     with np.errstate(over="ignore"):
         rounded = values.astype(np.float32)
     if not np.all(np.isfinite(rounded)):
-        refuse(int(np.argmin(np.isfinite(rounded))), "the firmware computes in 32-bit float, which ends at 3.4e38")
-    # Below the smallest normal number digits are lost, and many FPUs are set to flush to zero.
-    vanished = (np.abs(rounded) < np.finfo(np.float32).tiny) & ((values != 0) | (field in POSITIVE))
-    if field in (*POSITIVE, "gain_um_per_V", "slew_V_per_s") and np.any(vanished):
-        refuse(int(np.argmax(vanished)), "too small for the firmware's 32-bit float, which ends at 1.2e-38")
+        refuse(int(np.argmin(np.isfinite(rounded))), "not finite in the firmware's 32-bit float, which ends at 3.4e38")
+    # Below the smallest normal number digits are lost, and some FPUs flush to zero.
+    vanished = (values != 0) & (np.abs(rounded) < np.finfo(np.float32).tiny)
+    if field in NOT_ZERO and np.any(vanished):
+        refuse(int(np.argmax(vanished)), "too small for the firmware's 32-bit float, which begins at 1.2e-38")
     if field in ASCENDING and np.any(np.diff(rounded) <= 0):
         index = int(np.argmax(np.diff(rounded) <= 0)) + 1
         refuse(index, f"the same as the one before, {values[index - 1]:.9g}, in the firmware's 32-bit float; "
@@ -143,10 +142,12 @@ def _file_name(path: str) -> str:
 
 def _runs(fit: dict[str, Any]) -> list[dict[str, str]]:
     """What the banner says about each run the model was fitted to or tested on."""
+    runs = fit.get("runs")
     lines = []
-    for run in fit.get("runs") or []:
-        errors = [f"{label} {run[key]:.3g} % of stroke" for label, key in (("rms", "rms_percent"), ("max", "max_percent"))
-                  if isinstance(run.get(key), (int, float))]
-        lines.append({"file": comment(_file_name(str(run.get("file", ""))), 60), "errors": ", ".join(errors),
-                      "held_out": bool(run.get("held_out")), "digest": comment(str(run.get("digest", "")))})
+    for run in runs if isinstance(runs, list) else []:  # nothing has checked this part of the model file
+        run = run if isinstance(run, dict) else {"file": run}
+        errors = ", ".join(f"{kind} {run[f'{kind}_percent']:.3g} %" for kind in ("rms", "max")
+                           if isinstance(run.get(f"{kind}_percent"), (int, float)))
+        lines.append({"file": comment(_file_name(str(run.get("file", ""))), 60), "held_out": bool(run.get("held_out")),
+                      "errors": f"{errors} of stroke" if errors else "", "digest": comment(str(run.get("digest", "")))})
     return lines

@@ -14,14 +14,14 @@ search over dead zones and the strength of the prior work on that alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from . import chain, firmware, operators, signals
 from .errors import BadInput
-from .model import MIN_SLOPE_RATIO, Drive, Memory, Model, Rate, guard_rates
+from .model import MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, guard_rates
 from .recording import Recording
 
 SLOPE_FLOOR = 0.05  # no slope of a loading curve falls below this within the identified rates
@@ -35,6 +35,7 @@ GRID_GAP = 3  # dead zones closer than this many candidates cannot be told apart
 PRIOR_BEND, PRIOR_RATE_BEND, PRIOR_RATE, PRIOR_SATURATION = 2.5, 25.0, 0.75, 2.5
 MIN_CORRELATION = 0.5  # between command and displacement
 RATE_HEADROOM = 1.25  # the guard never lies beyond the highest identified rate times this
+OTHER_SOURCE = 0.6  # residual with the other rate source, relative to this one's, from which it is worth a remark
 RATE_BINS = 8
 CHUNK = 1 << 16  # samples held as columns at a time
 
@@ -118,8 +119,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     _check_options(options)
     warnings: list[str] = []
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
-    smoothing = [signals.smoothing_time_s(run.displacement_um, run.sample_time_s) for run in runs]
-    smoothing_s = 0.0 if options.rate_source == "control" else max(smoothing)
+    smoothing_s = max(signals.smoothing_time_s(run.displacement_um, run.sample_time_s) for run in runs)
 
     low_V = min(float(np.min(run.command_V)) for run in runs)
     high_V = max(float(np.max(run.command_V)) for run in runs)
@@ -141,6 +141,9 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     columns = _Columns(thresholds, grid, 0.0 if options.rate_independent else top)
     factor, means, samples = _reduce(prepared, columns, stroke, lambda share: progress(0.6 * share))
     plant = _search(factor, columns, options.deadzones, samples)
+
+    if not options.rate_independent:
+        _compare_sources(runs, prepared, columns, options, plant, stroke, smoothing_s, warnings)
 
     offsets = np.array([_offset(row, columns, plant) for row in means]) * stroke
     weights = [len(run.x_um) - run.first for run in prepared]
@@ -171,6 +174,22 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     bands = _rate_slopes(model, prepared)
     progress(1.0)
     return Fit(model, scores, bands, noise, warnings)
+
+
+def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], columns: _Columns, options: Options, plant: _Plant,
+                     stroke: float, smoothing_s: float, warnings: list[str]) -> None:
+    """Say so if the other source of the rate explains the recordings much better."""
+    other = next(source for source in SOURCES if source != options.rate_source)
+    rates = [_rate(run, used.x_um, other, options.rate_window_s, options.rate_filter_s, smoothing_s)
+             for run, used in zip(runs, prepared)]
+    swapped = [replace(run, rate_um_per_s=rate) for run, rate in zip(prepared, rates)]
+    factor, _, samples = _reduce(swapped, columns, stroke)
+    residual = plant.residual
+    for _ in range(3):  # the prior follows the residual
+        residual = _solve(factor, columns, plant.picks, samples, residual).residual
+    if residual < OTHER_SOURCE * plant.residual:
+        warnings.append(f"the rate of the {other} explains these recordings better ({100 * residual:.2g} % rms of the stroke "
+                        f"against {100 * plant.residual:.2g} %): try --rate-source {other}")
 
 
 def _check(run: Recording) -> None:
@@ -221,8 +240,7 @@ def _prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds
     end: np.ndarray | None = None
     for run in runs:
         x = gain * (run.command_V - offset_V)
-        signal = run.displacement_um if source == "displacement" else x
-        rate = signals.rate(signal, run.sample_time_s, window_s, filter_s, smoothing_s)
+        rate = _rate(run, x, source, window_s, filter_s, smoothing_s)
         known = run.memory == "reset" or (run.memory == "carried" and end is not None)
         carried = run.memory == "carried" and end is not None
         states = np.array(end) if carried else chain.states_after(x[0], x[0], thresholds)
@@ -230,6 +248,13 @@ def _prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds
         prepared.append(_Run(run, x, rate, states, first))
         end = firmware.plays(x, thresholds, states)[1]
     return prepared
+
+
+def _rate(run: Recording, x_um: np.ndarray, source: str, window_s: float, filter_s: float, smoothing_s: float) -> np.ndarray:
+    """The rate that modulates the slopes; the command is free of noise and is not smoothed."""
+    if source == "control":
+        return signals.rate(x_um, run.sample_time_s, window_s, filter_s, 0.0)
+    return signals.rate(run.displacement_um, run.sample_time_s, window_s, filter_s, smoothing_s)
 
 
 class _Columns(NamedTuple):
@@ -260,8 +285,8 @@ class _Columns(NamedTuple):
                 yield block
 
 
-def _reduce(runs: Sequence[_Run], columns: _Columns, stroke: float, progress: Callable[[float], None]
-            ) -> tuple[np.ndarray, np.ndarray, int]:
+def _reduce(runs: Sequence[_Run], columns: _Columns, stroke: float,
+            progress: Callable[[float], None] = lambda fraction: None) -> tuple[np.ndarray, np.ndarray, int]:
     """Triangular factor of all columns with every run's mean removed (each run has its own offset), the means, samples.
 
     Displacements are in units of the stroke. Means are one row per run.

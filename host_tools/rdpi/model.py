@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 import os
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -180,9 +180,10 @@ class Model:
 
     def digest(self) -> str:
         """SHA-256 of what the firmware takes from the model: same behaviour, same digest."""
-        document = self.to_json()
-        for key in ("tool", "actuator", "fit", "effects", "passport", *self.extra):
-            document.pop(key, None)
+        bare = replace(self, extra={}, **{key: replace(getattr(self, key), extra={}) for key in ("rate", "drive", "memory")})
+        document = bare.to_json()
+        for key in ("tool", "actuator", "fit", "effects", "passport"):
+            del document[key]
         return "sha256:" + hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
@@ -225,8 +226,13 @@ def _section_to_json(section: Rate | Drive | Memory) -> dict[str, Any]:
     document = dict(section.extra)
     for item in fields(section):
         value = getattr(section, item.name)
-        if item.name != "extra":
-            document[item.name] = [float(v) for v in value] if isinstance(value, np.ndarray) else value
+        if item.name == "extra":
+            continue
+        if isinstance(value, np.ndarray):
+            value = [float(v) for v in value]
+        elif value is not None and item.name not in ("source", "dac_bits"):
+            value = float(value)
+        document[item.name] = value
     return document
 
 

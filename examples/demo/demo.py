@@ -1,0 +1,171 @@
+"""Identify virtual actuators, track the paper's two profiles with the firmware built for them, report the errors.
+
+Only the bench and the pictures are called from here; everything of rdpi goes through its commands, which are printed.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+OUT = ROOT / "build" / "demo"
+sys.path.insert(0, str(ROOT / "tests" / "bench"))
+
+import bench  # noqa: E402
+
+RATE_HZ = 10_000
+RANGE_V = "0", "100"
+DAC = "16:0:100"
+PROFILES = {"10hz": "10 Hz", "5-20-35hz": "5, 20, 35 Hz"}
+SETTLED_S = 0.3  # the profile fades in before
+# Table 1 of the paper: rms / max, % of peak-to-peak
+PAPER = {"10hz": ((8.6, 16.6), (1.0, 2.6), (0.9, 2.7)), "5-20-35hz": ((6.7, 16.6), (3.2, 10.7), (0.9, 4.4))}
+MODELS = "no model", "rate-independent", "rate-dependent"
+# The paper's law depends on the rate of the control input; for a real actuator the displacement's rate is the default.
+FIT_OPTIONS = {"paper": ["--rate-source", "control"], "preisach": [], "bouc-wen": []}
+
+Run = dict[str, np.ndarray]
+
+
+def run(*command: str | Path, quiet: bool = False) -> None:
+    """A command as the user would type it, printed; its output is shown unless quiet."""
+    words = [str(word.relative_to(OUT) if isinstance(word, Path) and word.is_relative_to(OUT) else word) for word in command]
+    print("$ " + shlex.join(words), flush=True)
+    program = ROOT / ".venv" / "bin" / words[0]
+    done = subprocess.run([str(program) if program.exists() else words[0], *words[1:]], cwd=OUT, text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    if done.returncode or not quiet:
+        print("".join(f"    {line}\n" for line in done.stdout.splitlines()), end="")
+    if done.returncode:
+        sys.exit(f"demo: this command failed with status {done.returncode}")
+
+
+def excite() -> list[str]:
+    """The identification drive: triangles over the full range up to 40 Hz, 1200 um/s, the rates of the paper."""
+    run("rdpi", "excite", "sawtooth", "--max-V", RANGE_V[1], "--rest-V", "50", "--sample-rate", str(RATE_HZ),
+        "--frequencies", "1,5,10,20,40", "--no-sweep", "-o", "sawtooth.csv", quiet=True)  # the bench does the sweep
+    return ["sawtooth.csv"]
+
+
+def build(model: str) -> Path:
+    """Header of the model, and the firmware example compiled with it for the host."""
+    folder = OUT / model.removesuffix(".json")
+    folder.mkdir(exist_ok=True)
+    run("rdpi", "header", model, "-o", folder / "rdpi_params.h", quiet=True)
+    run("cmake", "-S", ROOT, "-B", folder / "build", f"-DRDPI_PARAMS_DIR={folder}", "-DRDPI_BUILD_TESTS=OFF",
+        "-DCMAKE_BUILD_TYPE=Release", quiet=True)
+    run("cmake", "--build", folder / "build", "--target", "track", quiet=True)
+    return folder / "build" / "track"
+
+
+def play(kind: str, command_V: np.ndarray) -> np.ndarray:
+    """What the sensor of a fresh, demagnetised actuator reads while the drive is played."""
+    actuator = bench.make(kind, seed=7)
+    actuator.demagnetise(RATE_HZ)
+    return actuator.run(command_V, RATE_HZ)
+
+
+def drive_of(track: Path, reference: str, drive: str) -> np.ndarray:
+    """Run the firmware over a reference; the volts of its DAC codes."""
+    run(track, reference, "-o", drive, "--dac", DAC, quiet=True)
+    return bench.read_drive(OUT / drive)[1]["command_V"]
+
+
+def linear_drive(kind: str, reference_um: np.ndarray) -> np.ndarray:
+    """No model: the straight line through the identification recording."""
+    columns = bench.read_drive(OUT / kind / "sawtooth.csv")[1]
+    slope, offset = np.polyfit(columns["displacement_um"], columns["command_V"], 1)
+    return np.clip(slope * reference_um + offset, float(RANGE_V[0]), float(RANGE_V[1]))
+
+
+def error_percent(reading_um: np.ndarray, reference_um: np.ndarray) -> tuple[float, float]:
+    """rms and max error as % of the reference's peak-to-peak, once the profile has faded in."""
+    part = slice(round(SETTLED_S * RATE_HZ), None)
+    error = (reading_um - reference_um)[part]
+    stroke = np.ptp(reference_um[part])
+    return 100 * float(np.sqrt(np.mean(error**2)) / stroke), 100 * float(np.max(np.abs(error)) / stroke)
+
+
+def identify_and_track(kind: str, drives: list[str], references: dict[str, np.ndarray]) -> dict[str, list[Run]]:
+    """Per profile, one run for each of MODELS: drive and reading."""
+    print(f"\n=== actuator: {kind}")
+    run("python", ROOT / "tests/bench/bench.py", kind, *drives, "--out-dir", kind, quiet=True)
+    recordings = [f"{kind}/{drive}" for drive in drives]
+    limits = "--min-V", RANGE_V[0], "--max-V", RANGE_V[1], "--dac-bits", DAC.split(":")[0]
+    tracks = []
+    for name, options in (("rate-independent", ["--rate-independent"]), ("rate-dependent", FIT_OPTIONS[kind])):
+        model = f"{kind}-{name}.json"
+        run("rdpi", "fit", *recordings, *limits, *options, "-o", model)
+        tracks.append(build(model))
+    runs: dict[str, list[Run]] = {}
+    for profile, reference in references.items():
+        found = [linear_drive(kind, reference)]
+        for track, name in zip(tracks, MODELS[1:]):
+            found.append(drive_of(track, f"{profile}.csv", f"{kind}/{profile}-{name}.csv"))
+        runs[profile] = [{"drive": drive, "reading": play(kind, drive)} for drive in found]
+    return runs
+
+
+def print_table(errors: dict[str, dict[str, list[tuple[float, float]]]]) -> None:
+    print("\nTracking error, rms / max in % of the profile's peak-to-peak (12.5 um)")
+    print(f"{'':38}" + "".join(f"{name:>18}" for name in MODELS))
+    for profile, title in PROFILES.items():
+        rows = {"paper's Table 1, measured": PAPER[profile], **{f"actuator {kind}": errors[kind][profile] for kind in errors}}
+        for label, row in rows.items():
+            cells = "".join(f"{f'{rms:.2f} / {peak:5.2f}':>18}" for rms, peak in row)
+            print(f"  {f'{title}: {label}':36}{cells}")
+
+
+def draw(runs: dict[str, dict[str, list[Run]]], references: dict[str, np.ndarray], errors: dict) -> Path:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14, 3.4 * len(runs)), layout="constrained")
+    axes = figure.subplots(len(runs), 3, squeeze=False)
+    time = {profile: np.arange(len(reference)) / RATE_HZ for profile, reference in references.items()}
+    for row, kind in zip(axes, runs):
+        loop, tracking, error = row
+        recording = bench.read_drive(OUT / kind / "sawtooth.csv")[1]
+        loop.plot(recording["command_V"][::20], recording["displacement_um"][::20], lw=0.6, color="grey")
+        loop.set(title=f"{kind}: recorded loops", xlabel="command [V]", ylabel="displacement [µm]")
+        profile = "5-20-35hz"
+        shown = slice(round(0.5 * RATE_HZ), round(0.8 * RATE_HZ))
+        tracking.plot(time[profile][shown], references[profile][shown], color="black", lw=1.5, label="reference")
+        for name, colour, found in zip(MODELS, ("C3", "C1", "C0"), runs[kind][profile]):
+            rms, peak = errors[kind][profile][MODELS.index(name)]
+            if name != MODELS[1]:
+                tracking.plot(time[profile][shown], found["reading"][shown], color=colour, lw=1, label=name)
+            error.plot(time[profile][shown], (found["reading"] - references[profile])[shown], color=colour, lw=1,
+                       label=f"{name}: {rms:.2f} % rms, {peak:.1f} % max")
+        tracking.set(title=f"{PROFILES[profile]}: displacement", xlabel="time [s]", ylabel="displacement [µm]")
+        error.set(title="error", xlabel="time [s]", ylabel="error [µm]")
+        tracking.legend(fontsize="small", loc="upper right")
+        error.legend(fontsize="small", loc="upper right")
+    path = OUT / "demo.png"
+    figure.savefig(path, dpi=100)
+    return path
+
+
+def main() -> None:
+    OUT.mkdir(parents=True, exist_ok=True)
+    print(f"in {OUT}:")
+    drives = excite()
+    references = {profile: bench.paper_profile(profile, RATE_HZ, 2.0) for profile in PROFILES}
+    for profile, reference in references.items():
+        columns = np.column_stack([np.arange(len(reference)) / RATE_HZ, reference])
+        np.savetxt(OUT / f"{profile}.csv", columns, "%.9g", ",", header="time_s,reference_um", comments="")
+    runs = {kind: identify_and_track(kind, drives, references) for kind in FIT_OPTIONS}
+    errors = {kind: {profile: [error_percent(found["reading"], references[profile]) for found in runs[kind][profile]]
+                     for profile in PROFILES} for kind in runs}
+    print_table(errors)
+    (OUT / "demo.json").write_text(json.dumps(errors, indent=1) + "\n")
+    print(f"\npicture: {draw(runs, references, errors)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,225 @@
+"""The compiled library from Python: what it refuses, its state, and its blocks against the NumPy operators."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from models import MODELS, SAMPLE_TIME_S, SEEDS, random_model, random_reference
+
+from rdpi import firmware, operators
+from rdpi.errors import BadInput
+from rdpi.firmware import Firmware
+from rdpi.model import Drive, Memory, Model, Rate
+
+MODEL = random_model(3, plays=4, deadzones=1, slew=True, dac_bits=12)
+REALS = ("f32", "f64")
+
+
+def with_rate(**changes: float) -> Model:
+    return replace(MODEL, rate=replace(MODEL.rate, **changes))
+
+
+def with_drive(**changes: float) -> Model:
+    return replace(MODEL, drive=replace(MODEL.drive, **changes))
+
+
+def with_memory(*plays_um: float) -> Model:
+    return replace(MODEL, memory=Memory(plays_um[0], np.array(plays_um)))
+
+
+# ---- refusals ----
+
+REFUSED = {
+    "NaN": (replace(MODEL, offset_um=math.nan), "NaN or infinite"),
+    "infinite guard": (with_rate(max_um_per_s=math.inf), "NaN or infinite"),
+    "too many plays": (replace(MODEL, thresholds_um=np.arange(130.0), slopes=np.ones(130),
+                               slope_rate_s_per_um=np.zeros(130), memory=Memory()), "number of plays or dead zones"),
+    "no gain": (replace(MODEL, gain_um_per_V=0.0), "gain_um_per_V is 0"),
+    "thresholds": (replace(MODEL, thresholds_um=MODEL.thresholds_um[::-1]), "thresholds_um must start at 0"),
+    "slopes": (replace(MODEL, slopes=-MODEL.slopes), "slope is not positive"),
+    "guard": (with_rate(max_um_per_s=1e9), "a slope falls below"),
+    "guard ratio": (with_rate(min_slope_ratio=1.0), "min_slope_ratio"),
+    "dead zones": (replace(MODEL, deadzones_um=np.array([0.0, -1.0])), "deadzones_um must start at 0"),
+    "saturation": (replace(MODEL, deadzone_weights=np.array([1.0, -1.0])), "saturation stage"),
+    "rate window": (with_rate(window_s=-1.0), "rate window"),
+    "rate filter": (with_rate(filter_s=-1.0), "filter time"),
+    "long window": (with_rate(window_s=5000 * SAMPLE_TIME_S), "more samples than RDPI_MAX_WINDOW"),
+    "drive": (with_drive(max_V=MODEL.drive.min_V), "min_V < max_V"),
+    "slew": (with_drive(slew_V_per_s=-1.0), "slew_V_per_s >= 0"),
+    "DAC": (with_drive(dac_bits=21), "dac_bits"),
+    "memory apart": (with_memory(0.0, 0.0, 0.0, 0.0, 50.0), "memory is not a state"),
+    "memory outside the drive": (with_memory(*np.full(5, 1e3)), "memory is not a state"),
+}
+
+
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize(("model", "text"), REFUSED.values(), ids=REFUSED)
+def test_what_the_library_refuses_reaches_the_user(model: Model, text: str, real: str) -> None:
+    with pytest.raises(BadInput, match="^the firmware library refuses: ") as refused:
+        Firmware(model, SAMPLE_TIME_S, real)
+    assert text in str(refused.value)
+
+
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("sample_time_s", [0.0, -1e-4, math.nan, math.inf])
+def test_sample_time(sample_time_s: float, real: str) -> None:
+    with pytest.raises(BadInput, match="sample time must be positive"):
+        Firmware(with_rate(window_s=0.0), sample_time_s, real)
+
+
+def test_rate_says_which_window_is_too_long() -> None:
+    with pytest.raises(BadInput, match=r"RDPI_MAX_WINDOW.* \(window 0.5 s at 10000 samples/s\); choose a shorter window"):
+        firmware.rate(np.zeros(20), 1e-4, 0.5, 0.0)
+
+
+# ---- the state ----
+
+@pytest.mark.parametrize("real", REALS)
+def test_starts_from_the_models_memory(real: str) -> None:
+    library = Firmware(MODEL, SAMPLE_TIME_S, real)
+    np.testing.assert_array_equal(library.memory_um, MODEL.memory.plays_um.astype(firmware.DTYPES[real]))
+    assert library.counts == {"guard": 0, "clip": 0, "input": 0}
+    held = library.step(np.array([np.nan]))
+    start_V = MODEL.memory.x_um / MODEL.gain_um_per_V + MODEL.offset_V
+    assert held.drive_V[0] == pytest.approx(start_V, rel=1e-5) and held.rate_um_per_s[0] == 0
+    assert held.dac_code[0] == operators.quantise(MODEL.drive, start_V)[1]
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_memory_moves_from_one_instance_to_another(real: str) -> None:
+    """States and drive are all that a rate-independent model remembers, and without a DAC the states hold both."""
+    model = random_model(5, falling=False)
+    reference = random_reference(5, model)
+    first = Firmware(model, SAMPLE_TIME_S, real)
+    first.step(reference[:70])
+    second = Firmware(model, SAMPLE_TIME_S, real)
+    second.memory_um = first.memory_um
+    np.testing.assert_array_equal(second.memory_um, first.memory_um)
+    np.testing.assert_array_equal(second.step(reference[70:]).drive_V, first.step(reference[70:]).drive_V)
+
+
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize(("states", "text"), [([0.0, 0.0, 0.0, 0.0, 50.0], "memory is not a state"),
+                                              ([1e3] * 5, "memory is not a state"), ([math.nan] * 5, "NaN")])
+def test_impossible_memory_changes_nothing(states: list[float], text: str, real: str) -> None:
+    library = Firmware(MODEL, SAMPLE_TIME_S, real)
+    library.step(random_reference(1, MODEL, 20))
+    before = library.memory_um
+    with pytest.raises(BadInput, match=text):
+        library.memory_um = np.array(states)
+    np.testing.assert_array_equal(library.memory_um, before)
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_reading_the_memory_gives_a_copy(real: str) -> None:
+    library = Firmware(MODEL, SAMPLE_TIME_S, real)
+    library.memory_um[:] = 99
+    assert library.memory_um[0] != 99
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_counts(real: str) -> None:
+    library = Firmware(MODEL, SAMPLE_TIME_S, real)
+    steps = library.step(np.array([np.nan, 0.0, 1e5, np.inf, -1e5]))
+    flags = [int(flag) for flag in steps.flags]
+    assert flags[0] == flags[3] == operators.INPUT
+    assert library.counts == {"guard": sum(flag & operators.GUARD > 0 for flag in flags),
+                              "clip": sum(flag & (operators.RANGE | operators.SLEW) > 0 for flag in flags), "input": 2}
+    assert library.counts["guard"] == 2 and library.counts["clip"] >= 2
+
+
+@settings(max_examples=60)
+@given(MODELS, SEEDS, st.integers(0, 150), st.sampled_from(REALS))
+def test_a_split_run_is_the_whole_run(model: Model, seed: int, cut: int, real: str) -> None:
+    reference = random_reference(seed, model)
+    whole, parts = Firmware(model, SAMPLE_TIME_S, real), Firmware(model, SAMPLE_TIME_S, real)
+    expected = whole.step(reference)
+    for column, first, second in zip(expected, parts.step(reference[:cut]), parts.step(reference[cut:])):
+        np.testing.assert_array_equal(np.concatenate([first, second]), column)
+    np.testing.assert_array_equal(parts.memory_um, whole.memory_um)
+    assert parts.counts == whole.counts
+
+
+def test_instances_do_not_share_state() -> None:
+    reference = random_reference(2, MODEL)
+    alone = Firmware(MODEL, SAMPLE_TIME_S).step(reference)
+    one, other = Firmware(MODEL, SAMPLE_TIME_S), Firmware(MODEL, SAMPLE_TIME_S)
+    for k, z in enumerate(reference):
+        assert one.step([z]).drive_V[0] == alone.drive_V[k]
+        other.step([-z])
+
+
+def test_parameters_outlive_the_model() -> None:
+    """The C struct points into memory that must not be freed, nor change with the model's arrays."""
+    model = random_model(3)
+    reference = random_reference(3, model)
+    expected = Firmware(model, SAMPLE_TIME_S, "f64").step(reference).drive_V
+    library = Firmware(model, SAMPLE_TIME_S, "f64")
+    for array in (model.slopes, model.thresholds_um, model.deadzone_weights):
+        array *= 7
+    del model
+    np.testing.assert_array_equal(library.step(reference).drive_V, expected)
+
+
+# ---- results ----
+
+@pytest.mark.parametrize("real", REALS)
+def test_types_and_shapes(real: str) -> None:
+    steps = Firmware(MODEL, SAMPLE_TIME_S, real).step([MODEL.offset_um] * 3)
+    kind = {"f32": np.float32, "f64": np.float64}[real]
+    assert [column.dtype for column in steps] == [kind, kind, np.uint32, np.uint32]
+    assert [column.shape for column in steps] == [(3,)] * 4
+    assert Firmware(MODEL, SAMPLE_TIME_S, real).step(np.zeros(0)).drive_V.shape == (0,)
+    assert Firmware(MODEL, SAMPLE_TIME_S, real).forward(np.zeros(2), np.zeros(2)).dtype == kind
+
+
+def test_any_array_is_taken() -> None:
+    """Strided, of another type, read-only: what counts is the values."""
+    reference = np.round(random_reference(4, MODEL))
+    expected = Firmware(MODEL, SAMPLE_TIME_S).step(reference).drive_V
+    strided = np.stack([reference, reference], axis=1)[:, 0]
+    fixed = reference.copy()
+    fixed.flags.writeable = False
+    for same in (strided, reference.astype(int), fixed, list(reference)):
+        np.testing.assert_array_equal(Firmware(MODEL, SAMPLE_TIME_S).step(same).drive_V, expected)
+
+
+@pytest.mark.parametrize(("drive_V", "rate"), [(math.nan, 0.0), (math.inf, 0.0), (1.0, math.nan), (1.0, -1.0)])
+def test_forward_ignores_what_is_no_input(drive_V: float, rate: float) -> None:
+    library = Firmware(MODEL, SAMPLE_TIME_S, "f64")
+    before = library.forward(np.array([MODEL.drive.min_V]), np.zeros(1)), library.memory_um
+    after = library.forward(np.array([drive_V]), np.array([rate])), library.memory_um
+    assert after[0] == before[0] and after[1].tolist() == before[1].tolist() and library.counts["input"] == 1
+
+
+# ---- blocks against the operators ----
+
+@settings(max_examples=50)
+@given(MODELS, SEEDS)
+def test_plays(model: Model, seed: int) -> None:
+    x = np.random.default_rng(seed).uniform(-10, 10, 80)
+    start = model.memory.plays_um.copy()
+    outputs, end = firmware.plays(x, model.thresholds_um, start)
+    expected = operators.plays(x, model.thresholds_um, start)
+    np.testing.assert_array_equal(outputs, expected[0])
+    np.testing.assert_array_equal(end, expected[1])
+    np.testing.assert_array_equal(start, model.memory.plays_um)
+
+
+@settings(max_examples=50)
+@given(SEEDS, st.floats(1e-6, 10), st.floats(0, 50), st.none() | st.floats(0.01, 1000))
+def test_rate(seed: int, sample_time_s: float, window: float, filter_samples: float | None) -> None:
+    z = np.cumsum(np.random.default_rng(seed).normal(size=120))
+    window_s, filter_s = window * sample_time_s, (filter_samples or 0.0) * sample_time_s
+    np.testing.assert_allclose(firmware.rate(z, sample_time_s, window_s, filter_s),
+                               operators.rate(z, sample_time_s, window_s, filter_s), rtol=1e-9)
+
+
+def test_scalars_without_limits() -> None:
+    model = replace(MODEL, drive=Drive(-1e3, 1e3), rate=Rate(max_um_per_s=1.0))
+    fields = firmware.scalars(model)
+    assert fields["slew_V_per_s"] == 0 and fields["dac_bits"] == 0 and fields["max_V"] == 1e3

@@ -1,0 +1,250 @@
+"""The generated C header: it compiles everywhere, holds the model to the last bit of a float and names its origin."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from rdpi._f32 import lib
+from rdpi.errors import BadInput
+from rdpi.firmware import scalars
+from rdpi.header import ARRAYS, SCALARS, SCHEMA, comment, literal, render, write_header
+from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
+
+ROOT = Path(__file__).resolve().parents[2]
+STRICT_C = "cc -x c -std=c99 -Wall -Wextra -Wconversion -Wdouble-promotion -Wshadow -Wpedantic -Werror".split()
+STRICT_CXX = "c++ -x c++ -std=c++11 -Wall -Wextra -Wpedantic -Werror".split()
+DIGESTS = ["sha256:" + "ab" * 32, "sha256:" + "cd" * 32]
+HOSTILE = "evil */ #error out ??/ /* \\\n\r\t\x00\x1b µm ♥ \u2028 // \"quoted\" %s {{ name }} ??'"
+
+
+@pytest.fixture
+def model() -> Model:
+    """Numbers that no float holds exactly, four plays, two dead zones."""
+    return Model(
+        gain_um_per_V=-0.1, offset_V=100.1, offset_um=-0.7, stroke_um=12.3,
+        thresholds_um=np.array([0, 0.1, 1.3, 4.7]), slopes=np.array([0.3, 0.7, 0.9, 1.1]),
+        slope_rate_s_per_um=np.array([-1e-4, -3.3e-7, -0.0, 1e-9]), deadzones_um=np.array([0, 1 / 3]),
+        deadzone_weights=np.array([1.1, -0.2]), rate=Rate("displacement", 1.6e-3, 3e-4, 1234.5, 3000.0, 0.2),
+        drive=Drive(-20.2, 120.3, 1e5, 16), memory=Memory(0.2, np.array([0.2, 0.1, -0.3, 0.0])), actuator="P-885.91",
+        fit={"runs": [
+            {"file": "/home/someone/fit.csv", "digest": DIGESTS[0], "rms_percent": 0.1234, "max_percent": 1.5},
+            {"file": "C:\\someone\\held.csv", "digest": DIGESTS[1], "held_out": True, "rms_percent": 0.5}]})
+
+
+@pytest.fixture
+def compiled(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess]:
+    """Compile `main_c` with headers {name: text} beside it and, if that works, run it; compiler flags may be added."""
+
+    def run(main_c: str, headers: dict[str, str], *flags: str,
+            compiler: list[str] = STRICT_C) -> subprocess.CompletedProcess:
+        for name, text in headers.items():
+            (tmp_path / name).write_text(text, encoding="ascii")
+        (tmp_path / "main.c").write_text(main_c)
+        sources = sorted((ROOT / "lib/src").glob("*.c"))
+        objects = [tmp_path / f"{source.stem}.o" for source in sources]
+        flags = ("-I", str(ROOT / "lib/include"), *flags)
+        for source, target in zip(sources, objects):
+            subprocess.run(["cc", "-std=c99", *flags, "-c", source, "-o", target], check=True)
+        command = [*compiler, *flags, "main.c", "-x", "none", *objects, "-lm", "-o", "program"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        return done if done.returncode else subprocess.run([tmp_path / "program"], capture_output=True, text=True)
+
+    return run
+
+
+INIT = """
+#include "rdpi_params.h"
+int main(void)
+{
+    static rdpi_f32_t axis;
+    return -(int)rdpi_f32_init(&axis, &rdpi_params, 1e-4f);
+}
+"""
+
+
+def edited(model: Model, key: str, value: object) -> Model:
+    """A copy with one key of the model file changed."""
+    section, _, field = key.rpartition(".")
+    if section:
+        return replace(model, **{section: replace(getattr(model, section), **{field: value})})
+    return replace(model, **{key: value})
+
+
+def bits(values: np.ndarray | float) -> list[int]:
+    return np.atleast_1d(np.asarray(values, np.float32)).view(np.uint32).tolist()
+
+
+def test_the_same_model_gives_the_same_bytes(model: Model, tmp_path: Path) -> None:
+    first, second = tmp_path / "first.h", tmp_path / "second.h"
+    write_header(model, first, source="somewhere/model.json")
+    write_model(tmp_path / "model.json", model)
+    write_header(read_model(tmp_path / "model.json"), second, source=str(tmp_path / "model.json"))
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_the_banner_names_the_origin_and_neither_time_nor_place(model: Model) -> None:
+    text = render(model, source="/home/someone/model.json")
+    banner = text[:text.index("*/")]
+    for part in ("from model.json.", "Actuator: P-885.91", f"Model: {model.digest()}",
+                 "Fitted to: fit.csv, rms 0.123 %, max 1.5 % of stroke", DIGESTS[0],
+                 "Held out: held.csv, rms 0.5 % of stroke", DIGESTS[1]):
+        assert part in banner
+    assert "someone" not in text
+    assert not re.search(r"\d{4}-\d\d|\d\d:\d\d", text.replace("sha256:", ""))
+    assert "control" not in text
+    assert "control" in render(edited(model, "rate.source", "control"))
+
+
+@pytest.mark.parametrize("fit", [{"runs": 3}, {"runs": ["a.csv", None, {}]}, {"runs": [{"rms_percent": "low"}]}])
+def test_an_odd_fit_section_does_no_harm(model: Model, fit: dict) -> None:
+    assert "static const rdpi_f32_params_t rdpi_params" in render(replace(model, fit=fit))
+
+
+@pytest.mark.parametrize("compiler", [STRICT_C, STRICT_CXX], ids=["C99", "C++11"])
+def test_it_compiles_without_warnings_and_init_takes_it(model: Model, compiled: Callable, compiler: list[str]) -> None:
+    model.fit["runs"][0] |= {"file": HOSTILE, "digest": HOSTILE}
+    done = compiled(INIT, {"rdpi_params.h": render(replace(model, actuator=HOSTILE), source=HOSTILE)}, compiler=compiler)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_compiler_reads_every_value_back_to_the_bit(model: Model, compiled: Callable) -> None:
+    arrays = "".join(f"print({len(values)}, rdpi_params.{field});" for field, values in arrays_of(model).items())
+    numbers = "".join(f"print(1, &rdpi_params.{field});" for field in SCALARS)
+    done = compiled(f"""
+        #include <stdio.h>
+        #include <string.h>
+        #include "rdpi_params.h"
+        static void print(int count, const rdpi_real_t *values)
+        {{
+            for (int i = 0; i < count; i++) {{
+                uint32_t pattern;
+                memcpy(&pattern, &values[i], sizeof pattern);
+                printf("%lu ", (unsigned long)pattern);
+            }}
+        }}
+        int main(void)
+        {{
+            printf("%lu %d %d %d ", (unsigned long)rdpi_params.schema, rdpi_params.plays, rdpi_params.deadzones,
+                   rdpi_params.dac_bits);
+            {arrays} {numbers}
+            return 0;
+        }}""", {"rdpi_params.h": render(model)})
+    expected = [SCHEMA, len(model.slopes), len(model.deadzones_um), model.drive.dac_bits]
+    for values in (*arrays_of(model).values(), *(scalars(model)[field] for field in SCALARS)):
+        expected += bits(values)
+    assert [int(word) for word in done.stdout.split()] == expected, done.stderr
+
+
+def arrays_of(model: Model) -> dict[str, np.ndarray]:
+    return {field: model.memory.plays_um if field == "memory_um" else getattr(model, field) for field in ARRAYS}
+
+
+def test_the_compiler_reads_literals_of_every_magnitude_back(compiled: Callable) -> None:
+    patterns = np.random.default_rng(1).integers(0, 2**32, 3000, dtype=np.uint32).view(np.float32)
+    edges = np.array([0.0, -0.0, 3.3e-7, 1e-45, 1.17549435e-38, 3.40282347e38, -3.40282347e38, 1.0, 16777217.0, 0.1])
+    values = [*edges, *(float(value) for value in patterns[np.isfinite(patterns)])]
+    main = ("#include <stdio.h>\n#include <string.h>\nint main(void) { static const float v[] = {"
+            + ", ".join(map(literal, values)) + "}; for (size_t i = 0; i < sizeof v / sizeof v[0]; i++) {"
+            "unsigned p; memcpy(&p, &v[i], sizeof p); printf(\"%u \", p); } return 0; }")
+    assert [int(word) for word in compiled(main, {}).stdout.split()] == bits(np.array(values))
+
+
+@given(st.floats(-3.4e38, 3.4e38))
+def test_literals_are_floats_that_read_back_to_the_bit(value: float) -> None:
+    text = literal(value)
+    assert re.fullmatch(r"-?\d+\.\d*(e[+-]\d+)?f", text)
+    strtof = ctypes.CDLL(None).strtof
+    strtof.restype, strtof.argtypes = ctypes.c_float, [ctypes.c_char_p, ctypes.c_void_p]
+    assert bits(strtof(text.removesuffix("f").encode(), None)) == bits(value)
+
+
+@given(st.text() | st.text("*/\\?%\n\" µ"))
+def test_no_text_gets_out_of_a_comment(text: str) -> None:
+    safe = comment(text)
+    assert safe.isascii() and safe.isprintable() and len(safe) <= 100
+    assert not set(safe) & set("*?\\\"")
+
+
+def test_comments_stay_readable() -> None:
+    assert comment("  piézo,\n12.5 µm/s ") == "piezo, 12.5 um/s"
+
+
+def test_a_library_of_another_schema_is_an_error(model: Model, compiled: Callable) -> None:
+    assert SCHEMA == lib.RDPI_PARAMS_SCHEMA
+    other = '#include "rdpi/rdpi.h"\n#undef RDPI_PARAMS_SCHEMA\n#define RDPI_PARAMS_SCHEMA 99u\n'
+    done = compiled(other + INIT, {"rdpi_params.h": render(model)})
+    assert done.returncode == 1 and "these parameters have schema 1" in done.stderr
+
+
+@pytest.mark.parametrize("flag", ["RDPI_MAX_PLAYS=3", "RDPI_MAX_DEADZONES=1"])
+def test_a_library_that_is_too_small_is_an_error(model: Model, compiled: Callable, flag: str) -> None:
+    done = compiled(INIT, {"rdpi_params.h": render(model)}, f"-D{flag}")
+    name, size = flag.split("=")
+    assert done.returncode == 1 and f"define {name} as {int(size) + 1} or more" in done.stderr
+    assert compiled(INIT, {"rdpi_params.h": render(model)}, f"-D{name}={int(size) + 1}").returncode == 0
+
+
+def test_an_array_that_lost_a_value_is_an_error(model: Model, compiled: Callable) -> None:
+    text = render(model)
+    shorter = text.replace(f"{literal(model.slopes[1])}, ", "", 1)
+    assert shorter != text
+    done = compiled(INIT, {"rdpi_params.h": shorter})
+    assert done.returncode == 1 and "rdpi_params_slopes_check" in done.stderr
+
+
+def test_two_actuators_in_one_firmware(model: Model, compiled: Callable) -> None:
+    other = edited(model, "gain_um_per_V", -0.2)
+    done = compiled("""
+        #include "x.h"
+        #include "y.h"
+        int main(void) { return x_axis.gain_um_per_V > y_axis.gain_um_per_V && X_AXIS_PLAYS == Y_AXIS_PLAYS ? 0 : 1; }
+        """, {"x.h": render(model, name="x_axis"), "y.h": render(other, name="y_axis")})
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "rdpi_params" not in render(model, name="x_axis").replace("rdpi_f32_params_t", "").lower().replace(
+        "rdpi_params_schema", "")
+
+
+@pytest.mark.parametrize("name", ["", "1x", "a-b", "a b", "_x", "naïve", "x;", "float", "class", "rdpi", "rdpi_max",
+                                  "RDPI_MAX", "rdpi_f32_init", "x" * 41, "x\n"])
+def test_names_that_c_cannot_use_are_refused(model: Model, name: str) -> None:
+    with pytest.raises(BadInput, match="^name "):
+        render(model, name=name)
+
+
+@pytest.mark.parametrize("key, value, message", [
+    ("gain_um_per_V", 1e-40, r"gain_um_per_V: is 1e-40; too small"),
+    ("slopes", np.array([1e-50, 0.7, 0.9, 1.1]), r"slopes\[0\]: is 1e-50; too small"),
+    ("drive.slew_V_per_s", 1e-46, r"drive.slew_V_per_s: is 1e-46; too small"),
+    ("rate.max_um_per_s", 1e-39, r"rate.max_um_per_s: is 1e-39; too small"),
+    ("offset_um", 1e39, r"offset_um: is 1e\+39; not finite"),
+    ("slope_rate_s_per_um", np.array([0, 1e300, 0, 0]), r"slope_rate_s_per_um\[1\]: is 1e\+300; not finite"),
+    ("thresholds_um", np.array([0, 0.1, 4.7, 4.7 + 1e-9]), r"thresholds_um\[3\]: is 4.7; the same as the one before"),
+    ("thresholds_um", np.array([0, 1e-46, 4.7, 5]), r"thresholds_um\[1\]: is 1e-46; the same as the one before, 0"),
+    ("deadzones_um", np.array([0, 1e-60]), r"deadzones_um\[1\]: is 1e-60; the same as the one before"),
+    ("drive", Drive(100.0, 100.0 + 1e-6, None, 16), r"drive: min_V and max_V are the same"),
+    ("rate.min_slope_ratio", 1 - 1e-9, r"rounded to 32-bit float, .* min_slope_ratio"),
+    ("deadzone_weights", np.array([1, -1 + 1e-12]), r"rounded to 32-bit float, .* no positive slope"),
+])
+def test_what_a_float_cannot_hold_is_refused(model: Model, tmp_path: Path, key: str, value: object,
+                                             message: str) -> None:
+    model = replace(model, slope_rate_s_per_um=np.zeros(4))
+    model.memory = Memory(0.0, np.zeros(4))
+    if key == "drive":
+        model.offset_V = 100.0
+    with pytest.raises(BadInput, match="^model.json: " + message):
+        write_header(edited(model, key, value), tmp_path / "params.h", source="model.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_model_that_is_wrong_in_itself_is_refused(model: Model) -> None:
+    with pytest.raises(BadInput, match=r"^model: slopes\[3\]"):
+        render(edited(model, "slopes", -model.slopes))

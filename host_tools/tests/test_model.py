@@ -1,0 +1,394 @@
+"""The model file: every way it can be bad is refused by name, and what is accepted the firmware accepts too."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings, strategies as st
+from models import MODELS, SAMPLE_TIME_S, SEEDS, random_model
+
+from rdpi.errors import BadInput
+from rdpi.firmware import Firmware
+from rdpi.model import Memory, Model, guard_rates, read_model, write_model
+
+GOOD: dict[str, Any] = {
+    "schema": "rdpi-model/1", "tool": "rdpi 0.0.1", "actuator": "P-885.91",
+    "gain_um_per_V": 0.12, "offset_V": -1.5, "offset_um": 0.25, "stroke_um": 12.5,
+    "thresholds_um": [0.0, 2.0, 4.5], "slopes": [0.5, 0.8, 1.0], "slope_rate_s_per_um": [-2e-4, 0.0, 1e-5],
+    "deadzones_um": [0.0, 3.0], "deadzone_weights": [1.0, -0.25],
+    "rate": {"source": "displacement", "window_s": 0.001, "filter_s": 0.002, "max_um_per_s": 1500.0,
+             "singular_um_per_s": 2500.0, "min_slope_ratio": 0.3},
+    "drive": {"min_V": -20.0, "max_V": 120.0, "slew_V_per_s": 5e4, "dac_bits": 16},
+    "memory": {"x_um": 2.0, "plays_um": [2.0, 1.0, 0.5]},
+    "fit": {"runs": [{"file": "a.csv", "rms_percent": 0.5}]}, "effects": [{"name": "delay"}], "passport": {"owner": "lab"},
+}
+ABSENT = object()
+
+
+def changed(path: str, value: object) -> dict[str, Any]:
+    """GOOD with the value at a path such as "memory.plays_um.1" replaced, added or, if ABSENT, taken away."""
+    document = copy.deepcopy(GOOD)
+    *parents, last = path.split(".")
+    holder: Any = document
+    for key in parents:
+        holder = holder[key]
+    if value is ABSENT:
+        del holder[last]
+    else:
+        holder[int(last) if isinstance(holder, list) else last] = value
+    return document
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Callable[[object], Path]:
+    def write(document: object) -> Path:
+        path = tmp_path / "model.json"
+        path.write_text(document if isinstance(document, str) else json.dumps(document))
+        return path
+
+    return write
+
+
+@pytest.fixture
+def complaint(written: Callable[[object], Path]) -> Callable[[object], str]:
+    """What read_model says about a bad document, after the file's name."""
+    def read(document: object) -> str:
+        path = written(document)
+        with pytest.raises(BadInput) as refused:
+            read_model(path)
+        message = str(refused.value)
+        assert message.startswith(f"{path}: ") and "\n" not in message
+        return message.removeprefix(f"{path}: ")
+
+    return read
+
+
+def test_good(written: Callable[[object], Path]) -> None:
+    model = read_model(written(GOOD))
+    assert model.gain_um_per_V == 0.12 and model.thresholds_um.tolist() == [0, 2, 4.5] and model.drive.dac_bits == 16
+    assert model.rate.min_slope_ratio == 0.3 and model.memory.plays_um.tolist() == [2, 1, 0.5]
+
+
+# ---- bad documents ----
+
+REQUIRED = ["gain_um_per_V", "offset_V", "offset_um", "stroke_um", "thresholds_um", "slopes", "slope_rate_s_per_um",
+            "deadzones_um", "deadzone_weights", "rate.max_um_per_s", "drive.min_V", "drive.max_V"]
+NUMBERS = ["gain_um_per_V", "offset_V", "offset_um", "stroke_um", "rate.window_s", "rate.filter_s", "rate.max_um_per_s",
+           "rate.singular_um_per_s", "rate.min_slope_ratio", "drive.min_V", "drive.max_V", "drive.slew_V_per_s",
+           "drive.dac_bits", "memory.x_um"]
+LISTS = ["thresholds_um", "slopes", "slope_rate_s_per_um", "deadzones_um", "deadzone_weights", "memory.plays_um"]
+
+
+@pytest.mark.parametrize("key", REQUIRED)
+def test_missing_key(key: str, complaint: Callable) -> None:
+    message = complaint(changed(key, ABSENT))
+    assert message.startswith(f"{key}: missing") and "fit again, or add it" in message
+
+
+@pytest.mark.parametrize("key", ["rate", "drive"])
+def test_missing_section(key: str, complaint: Callable) -> None:
+    assert complaint(changed(key, ABSENT)) == f"{key}: must be an object"
+
+
+@pytest.mark.parametrize("key", NUMBERS)
+@pytest.mark.parametrize("value", ["0.5", True, [1.0], {}])
+def test_no_number_where_one_is_due(key: str, value: object, complaint: Callable) -> None:
+    assert complaint(changed(key, value)) == f"{key}: must be a finite number, got {json.dumps(value)}"
+
+
+@pytest.mark.parametrize("key", set(NUMBERS) - {"rate.singular_um_per_s", "drive.slew_V_per_s", "drive.dac_bits"})
+def test_null_where_a_number_is_due(key: str, complaint: Callable) -> None:
+    assert complaint(changed(key, None)) == f"{key}: must be a finite number, got null"
+
+
+@pytest.mark.parametrize("key", LISTS)
+@pytest.mark.parametrize("value", ["0, 1, 2", 1.0, None, {}, [0, "1", 2], [0, True, 2], [0, None, 2], [[0, 1, 2]]])
+def test_no_list_of_numbers_where_one_is_due(key: str, value: object, complaint: Callable) -> None:
+    assert complaint(changed(key, value)) == f"{key}: must be a list of finite numbers"
+
+
+@pytest.mark.parametrize("key", ["gain_um_per_V", "rate.window_s", "slopes.1"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_nan_and_infinity(key: str, value: float, complaint: Callable) -> None:
+    """json.dumps writes the words NaN and Infinity, which JSON does not have."""
+    message = complaint(changed(key, value))
+    assert json.dumps(value) in message and "fit again or restore it" in message
+
+
+@pytest.mark.parametrize("number", ["1e999", "-1e999", "1" + 400 * "0", "1" + 5000 * "0"],
+                         ids=["1e999", "-1e999", "400 digits", "5000 digits"])
+@pytest.mark.parametrize("key", ["gain_um_per_V", "drive.dac_bits", "slopes.1"])
+def test_numbers_beyond_double(key: str, number: str, complaint: Callable) -> None:
+    complaint(json.dumps(changed(key, "HERE")).replace('"HERE"', number))
+
+
+@pytest.mark.parametrize("key", LISTS[:-1])
+def test_empty_list(key: str, complaint: Callable) -> None:
+    assert complaint(changed(key, [])).startswith(f"{key}: is empty")
+
+
+@pytest.mark.parametrize("schema", [ABSENT, "rdpi-model/2", "RDPI-MODEL/1", 1, None])
+def test_wrong_schema(schema: object, complaint: Callable) -> None:
+    message = complaint(changed("schema", schema))
+    assert message.startswith("schema: is ") and 'expected "rdpi-model/1"' in message and "fit again" in message
+
+
+@pytest.mark.parametrize("text", ["[1, 2]", "3", "null", '"rdpi-model/1"'])
+def test_no_object(text: str, complaint: Callable) -> None:
+    assert complaint(text).startswith("not a model")
+
+
+@settings(max_examples=60)
+@given(share=st.floats(0, 1, exclude_max=True))
+def test_cut_short(share: float, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.getbasetemp() / "cut.json"
+    write_model(path, random_model(1))
+    text = path.read_text().rstrip()
+    path.write_text(text[:int(share * len(text))])
+    with pytest.raises(BadInput, match=r"cut\.json: not a complete JSON document .* fit again or restore it"):
+        read_model(path)
+
+
+@pytest.mark.parametrize("data", [b"", b"\xff\xfe{\x00", b"\x80\x02}q\x00.", b"time_s,command_V\n0,1\n", b"[" * 100_000],
+                         ids=["empty", "UTF-16", "pickle", "CSV", "brackets"])
+def test_no_json(data: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    path.write_bytes(data)
+    with pytest.raises(BadInput, match=r"model\.json: not a complete JSON document"):
+        read_model(path)
+
+
+def test_no_file(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.json", tmp_path):
+        with pytest.raises(BadInput, match=rf"{path.name}: .*; check the path"):
+            read_model(path)
+
+
+# ---- bad values: file, key, what, remedy ----
+
+BAD_VALUES = {
+    "gain zero": ("gain_um_per_V", 0, "gain_um_per_V: is 0"),
+    "stroke zero": ("stroke_um", 0, "stroke_um: is 0; must be positive"),
+    "stroke negative": ("stroke_um", -12.5, "stroke_um: is -12.5; must be positive"),
+    "thresholds unsorted": ("thresholds_um", [0, 4.5, 2], "thresholds_um: must start at 0 and increase, got [0, 4.5, 2]; sort"),
+    "threshold twice": ("thresholds_um", [0, 2, 2], "thresholds_um: must start at 0 and increase, got [0, 2, 2]; sort"),
+    "thresholds not from 0": ("thresholds_um", [1, 2, 4.5], "thresholds_um: must start at 0 and increase"),
+    "slope negative": ("slopes.1", -0.8, "slopes[1]: is -0.8; every slope must be positive"),
+    "slope zero": ("slopes.0", 0, "slopes[0]: is 0; every slope must be positive"),
+    "slopes too few": ("slopes", [0.5, 0.8], "slopes: has 2 values, expected 3, one per threshold"),
+    "slope rates too many": ("slope_rate_s_per_um", [0, 0, 0, 0], "slope_rate_s_per_um: has 4 values, expected 3"),
+    "slope falls": ("slope_rate_s_per_um.0", -3e-4, "rate.max_um_per_s: at 1500 um/s slope 0 has fallen to 0.05, below "
+                                                    "0.3 of its 0.5 at rest; use 1167 or less"),
+    "dead zones unsorted": ("deadzones_um", [0, -3], "deadzones_um: must start at 0 and increase, got [0, -3]; sort"),
+    "dead zones not from 0": ("deadzones_um", [0.1, 3], "deadzones_um: must start at 0 and increase"),
+    "dead zone weights too few": ("deadzone_weights", [1], "deadzone_weights: has 1 values, expected 2, one per dead zone"),
+    "partial sum zero": ("deadzone_weights", [1, -1], "deadzone_weights: the weights up to [1] sum to 0; every partial sum"),
+    "first weight negative": ("deadzone_weights", [-1, 2], "deadzone_weights: the weights up to [0] sum to -1"),
+    "rate source": ("rate.source", "drive", 'rate.source: is "drive"; must be one of displacement, control'),
+    "rate source no text": ("rate.source", ["control"], "rate.source: is "),
+    "window negative": ("rate.window_s", -1e-3, "rate.window_s: is -0.001 s; must not be negative"),
+    "filter negative": ("rate.filter_s", -1, "rate.filter_s: is -1 s; must not be negative"),
+    "guard zero": ("rate.max_um_per_s", 0, "rate.max_um_per_s: is 0; must be positive"),
+    "guard ratio zero": ("rate.min_slope_ratio", 0, "rate.min_slope_ratio: is 0; must lie between 0 and 1"),
+    "guard ratio one": ("rate.min_slope_ratio", 1, "rate.min_slope_ratio: is 1; must lie between 0 and 1"),
+    "drive limits equal": ("drive.min_V", 120, "drive: min_V 120 must be below max_V 120"),
+    "drive limits swapped": ("drive.max_V", -30, "drive: min_V -20 must be below max_V -30"),
+    "slew zero": ("drive.slew_V_per_s", 0, "drive.slew_V_per_s: is 0; must be positive, or null for no limit"),
+    "slew negative": ("drive.slew_V_per_s", -5, "drive.slew_V_per_s: is -5; must be positive, or null"),
+    "no DAC bits": ("drive.dac_bits", 0, "drive.dac_bits: is 0; must be 1 to 20, or null"),
+    "DAC bits too many": ("drive.dac_bits", 21, "drive.dac_bits: is 21; must be 1 to 20, or null"),
+    "DAC bits broken": ("drive.dac_bits", 12.5, "drive.dac_bits: must be a whole number, got 12.5"),
+    "plays too few": ("memory.plays_um", [2, 1], "memory.plays_um: has 2 values, expected 3, one per threshold"),
+    "play apart from its neighbour": ("memory.plays_um", [2, 1, -2], "memory.plays_um: no history leaves these states"),
+    "play not at x": ("memory.plays_um.0", 1.5, "memory.plays_um[0]: is 1.5, but must be x_um = 2"),
+    "memory outside the drive": ("memory", {"x_um": 20.0, "plays_um": [20, 19, 17]}, "memory.x_um: is held by 165.167 V"),
+    "memory no object": ("memory", [2.0], "memory: must be an object"),
+    "fit no object": ("fit", "good", "fit: must be an object"),
+    "effects no list": ("effects", {}, "effects: must be a list"),
+}
+
+
+@pytest.mark.parametrize(("key", "value", "message"), BAD_VALUES.values(), ids=BAD_VALUES)
+def test_bad_value(key: str, value: object, message: str, complaint: Callable) -> None:
+    assert complaint(changed(key, value)).startswith(message)
+
+
+@pytest.mark.parametrize("excess", [1.01, 1 / 1.01])
+def test_guard_rate_named_as_remedy_is_accepted(excess: float, written: Callable, complaint: Callable) -> None:
+    document = changed("rate.max_um_per_s", excess * 0.7 * 0.5 / 2e-4)
+    if excess < 1:
+        read_model(written(document))
+    else:
+        document["rate"]["max_um_per_s"] = float(complaint(document).split("use ")[1].split()[0])
+        read_model(written(document))
+
+
+# ---- round trip ----
+
+@settings(max_examples=50)
+@given(model=MODELS)
+def test_round_trip(model: Model, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.getbasetemp() / "round-trip.json"
+    model.actuator = "Stapel µ"
+    write_model(path, model)
+    first = path.read_bytes()
+    again = read_model(path)
+    assert again.to_json() == model.to_json() and again.digest() == model.digest()
+    for key in ("thresholds_um", "slopes", "slope_rate_s_per_um", "deadzones_um", "deadzone_weights"):
+        np.testing.assert_array_equal(getattr(again, key), getattr(model, key))
+    np.testing.assert_array_equal(again.memory.plays_um, model.memory.plays_um)
+    assert (again.rate, again.drive, again.actuator) == (model.rate, model.drive, model.actuator)
+    write_model(path, again)
+    assert path.read_bytes() == first
+
+
+def test_unknown_keys_are_kept(written: Callable, tmp_path: Path) -> None:
+    document = copy.deepcopy(GOOD)
+    document["colour"] = {"hue": [1, None, "x"]}
+    for section in ("rate", "drive", "memory"):
+        document[section]["remark"] = f"of {section}"
+    write_model(tmp_path / "again.json", read_model(written(document)))
+    again = json.loads((tmp_path / "again.json").read_text())
+    document["tool"] = again["tool"]
+    assert again == document
+
+
+def test_defaults(written: Callable) -> None:
+    document = {key: GOOD[key] for key in GOOD if key not in ("tool", "actuator", "memory", "fit", "effects", "passport")}
+    document.update(rate={"max_um_per_s": 1500.0, "colour": 1}, drive={"min_V": -20.0, "max_V": 120.0})
+    model = read_model(written(document))
+    assert (model.rate.source, model.rate.window_s, model.rate.filter_s, model.rate.min_slope_ratio) == \
+        ("displacement", 0, 0, 0.2)
+    assert model.drive.slew_V_per_s is None and model.drive.dac_bits is None and model.effects == []
+    assert model.memory.x_um == 0 and model.memory.plays_um.tolist() == [0, 0, 0]
+
+
+def test_plays_follow_x_when_only_x_is_given(written: Callable) -> None:
+    """Straight from 0 to 3.5: the play of threshold 2 has moved to 1.5, that of 4.5 not at all."""
+    assert read_model(written(changed("memory", {"x_um": 3.5}))).memory.plays_um.tolist() == [3.5, 1.5, 0]
+
+
+def test_writing_a_bad_model_leaves_the_old_file(written: Callable) -> None:
+    path = written(GOOD)
+    before = path.read_bytes()
+    model = read_model(path)
+    model.slopes = -model.slopes
+    with pytest.raises(BadInput, match=r"model\.json: slopes\[2\]: is -1"):
+        write_model(path, model)
+    assert path.read_bytes() == before and [entry.name for entry in path.parent.iterdir()] == ["model.json"]
+
+
+def test_digest_is_that_of_the_behaviour(written: Callable) -> None:
+    def digest(key: str, value: object) -> str:
+        return read_model(written(changed(key, value))).digest()
+
+    same = digest("actuator", "another")
+    for key, value in (("tool", "rdpi 9"), ("fit", {}), ("effects", []), ("passport", None), ("colour", 1)):
+        assert digest(key, value) == same
+    for key, value in (("offset_V", -1.4), ("slopes.1", 0.81), ("drive.dac_bits", None), ("memory.plays_um.2", 0.6)):
+        assert digest(key, value) != same
+
+
+# ---- slopes ----
+
+def test_slopes_at(written: Callable) -> None:
+    model = read_model(written(GOOD))
+    assert model.slopes_at(1000.0).tolist() == [0.3, 0.8, 1.01]
+    assert model.slopes_at(np.array([0.0, 1000.0])).tolist() == [[0.5, 0.8, 1.0], [0.3, 0.8, 1.01]]
+    assert model.x_of(8.5) == pytest.approx(1.2)
+
+
+def test_guard_rates() -> None:
+    assert guard_rates(np.array([0.5, 0.8, 1.0]), np.array([-2e-4, 0.0, 1e-5])).tolist() == [2500, math.inf, math.inf]
+
+
+# ---- what is accepted can be flashed ----
+
+ARRAYS = ("thresholds_um", "slopes", "slope_rate_s_per_um", "deadzones_um", "deadzone_weights")
+PLACES = st.one_of(
+    st.tuples(st.just("model"), st.sampled_from(["gain_um_per_V", "offset_V", "offset_um", "stroke_um"])),
+    st.tuples(st.just("rate"), st.sampled_from(["window_s", "filter_s", "max_um_per_s", "min_slope_ratio"])),
+    st.tuples(st.just("drive"), st.sampled_from(["min_V", "max_V", "slew_V_per_s", "dac_bits"])),
+    st.tuples(st.just("memory"), st.just("x_um")),
+    st.tuples(st.sampled_from([*ARRAYS, "plays_um"]), st.integers(0, 12)))
+VALUES = st.one_of(
+    st.sampled_from([0.0, -0.0, -1.0, 1.0, 1e-3, 1e3, 1e-30, 1e30]).map(lambda value: lambda old: value),
+    st.sampled_from([-1.0, 0.5, 0.9, 0.999, 1.001, 1.5, 10.0]).map(lambda factor: lambda old: factor * old))
+WILD = st.sampled_from([math.nan, math.inf, -math.inf, 1e-320, 1e-46, 1e39, -1e39, 1e300]).map(
+    lambda value: lambda old: value)
+
+
+def corrupt(model: Model, place: tuple[str, Any], change: Callable[[float], float]) -> None:
+    """Change one number of the model, as an edited file or a faulty program would."""
+    holder, key = place
+    if holder in (*ARRAYS, "plays_um"):
+        array = model.memory.plays_um if holder == "plays_um" else getattr(model, holder)
+        array[key % len(array)] = change(array[key % len(array)])
+        return
+    target = model if holder == "model" else getattr(model, holder)
+    value = change(1.0 if getattr(target, key) is None else getattr(target, key))
+    if key == "dac_bits":
+        assume(math.isfinite(value))
+        value = int(min(value, 1e6))
+    setattr(target, key, value)
+    if key == "x_um":
+        model.memory.plays_um[0] = value
+
+
+def assert_refused_or_flashed(model: Model) -> None:
+    """Only a rate window that is too long for the sample time is left for the library to refuse."""
+    try:
+        model.validate()
+    except BadInput:
+        return
+    for real in ("f64", "f32"):
+        try:
+            Firmware(model, SAMPLE_TIME_S, real)
+        except BadInput as error:
+            assert "rate window spans" in str(error), f"{real}: {error}"
+
+
+@settings(max_examples=500)
+@given(MODELS, st.lists(st.tuples(PLACES, VALUES), min_size=1, max_size=3))
+def test_what_is_valid_can_be_flashed(model: Model, changes: list) -> None:
+    for place, change in changes:
+        corrupt(model, place, change)
+    assert_refused_or_flashed(model)
+
+
+@settings(max_examples=300)
+@given(MODELS, PLACES, WILD)
+def test_what_is_valid_can_be_flashed_though_not_representable(model: Model, place: tuple, change: Callable) -> None:
+    """NaN, infinity, and numbers that double holds but single precision does not."""
+    corrupt(model, place, change)
+    assert_refused_or_flashed(model)
+
+
+@pytest.mark.parametrize("key", ["thresholds_um", "deadzones_um"])
+def test_values_that_single_precision_cannot_tell_apart_are_refused(key: str) -> None:
+    model = random_model(1)
+    values = getattr(model, key)
+    values[2] = values[1] * (1 + 1e-12)
+    model.memory = Memory(0.0, np.zeros(len(model.thresholds_um)))
+    assert_refused_or_flashed(model)
+
+
+@settings(max_examples=100)
+@given(SEEDS, st.integers(1, 12), st.floats(-200, 200))
+def test_states_far_from_zero_can_be_flashed(seed: int, plays: int, x_um: float) -> None:
+    """Reachable states, whatever the offset of x: rounding to single precision must not make them unreachable."""
+    model = random_model(seed, plays)
+    shift_um = x_um - model.memory.x_um
+    drive = replace(model.drive, min_V=model.drive.min_V + shift_um / model.gain_um_per_V,
+                    max_V=model.drive.max_V + shift_um / model.gain_um_per_V)
+    model = replace(model, drive=drive, memory=Memory(x_um, model.memory.plays_um + shift_um))
+    model.validate()
+    assert_refused_or_flashed(model)

@@ -1,0 +1,176 @@
+"""examples/track on the port `sim`: the firmware application built with CMake gives what the host tools compute."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rdpi.firmware import Firmware
+from rdpi.header import render, write_header
+from rdpi.model import Drive, Memory, Model, Rate, read_model
+from rdpi.recording import read_recording, write_recording
+
+ROOT = Path(__file__).resolve().parents[2]
+PARAMS = ROOT / "examples/track/params"
+RATE_HZ = 8000
+
+Run = Callable[..., subprocess.CompletedProcess]
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    """Not the shipped one: a rate without exact period, memory, offsets, guard and clips that the reference meets."""
+    return replace(read_model(PARAMS / "model.json"), offset_V=0.3, offset_um=-0.2,
+                   memory=Memory(0.5, np.array([0.5, 0.3, 0.1, *[0.0] * 7])),
+                   rate=Rate("displacement", 9e-4, 2e-4, 500.0), drive=Drive(-1.7, 80.1, 30000.0, 15))
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Configure and build track with CMake, under the sanitizers; returns the program."""
+
+    def run(*options: object) -> Path:
+        folder = tmp_path_factory.mktemp("build")
+        configure = ["cmake", "-S", ROOT, "-B", folder, "--preset", "sanitize", "-DRDPI_BUILD_TESTS=OFF", *options]
+        for command in (configure, ["cmake", "--build", folder, "--target", "track"]):
+            done = subprocess.run(command, capture_output=True, text=True)
+            assert done.returncode == 0, done.stdout + done.stderr
+        return folder / "track"
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def track(build: Callable[..., Path], model: Model, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Run the application, built for `model`, with arguments and standard input."""
+    params = tmp_path_factory.mktemp("params")
+    write_header(model, params / "rdpi_params.h")
+    program = build(f"-DRDPI_PARAMS_DIR={params}", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}")
+    return lambda *words, stdin="": subprocess.run([program, *words], input=stdin, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def reference() -> dict[str, np.ndarray]:
+    """Half a second of 5, 20 and 35 Hz with a jump, beyond the drive's range at times."""
+    time_s = np.arange(4000) / RATE_HZ
+    amplitudes = ((5, 4.0), (20, 1.5), (35, 0.6))
+    reference_um = 3 + sum(um * np.sin(2 * np.pi * hz * time_s) for hz, um in amplitudes)
+    reference_um[2500] += 1.0
+    return {"time_s": np.round(time_s, 9), "reference_um": reference_um}
+
+
+def rows(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(line for line in io.StringIO(text) if not line.startswith("#")))
+
+
+def nine_digits(values: np.ndarray) -> list[str]:
+    return [f"{value:.9g}" for value in values.tolist()]
+
+
+def test_codes_and_volts_are_those_of_the_host_tools_to_the_bit(track: Run, model: Model, reference: dict,
+                                                                tmp_path: Path) -> None:
+    write_recording(tmp_path / "reference.csv", reference, {"note": "commas, and : colons"})
+    done = track(tmp_path / "reference.csv", "--dac", "15:-1.7:80.1", "-o", tmp_path / "drive.csv")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+    got = rows((tmp_path / "drive.csv").read_text())
+
+    firmware = Firmware(model, 1 / RATE_HZ, "f32")
+    expected = firmware.step(reference["reference_um"])
+    assert [int(row["dac_code"]) for row in got] == expected.dac_code.tolist()
+    assert [row["command_V"] for row in got] == nine_digits(expected.drive_V)
+    assert [row["reference_um"] for row in got] == nine_digits(reference["reference_um"].astype(np.float32))
+    assert [float(row["time_s"]) for row in got] == reference["time_s"].tolist()
+
+    counts = [int(number) for number in re.findall(r"\d+", done.stderr)]
+    assert counts == [firmware.counts["guard"], firmware.counts["clip"], 0, 0]
+    assert min(counts[:2]) > 0, "the reference was meant to meet guard and limits"
+
+
+def test_what_it_writes_is_a_recording_of_a_drive(track: Run, reference: dict, tmp_path: Path) -> None:
+    write_recording(tmp_path / "reference.csv", reference, {})
+    assert track(tmp_path / "reference.csv", "--dac", "15:0:1", "-o", tmp_path / "drive.csv").returncode == 0
+    drive = read_recording(tmp_path / "drive.csv", required=("time_s", "command_V", "reference_um", "dac_code"))
+    assert (len(drive), drive.sample_rate_hz) == (4000, RATE_HZ)
+
+
+def test_as_a_filter(track: Run, tmp_path: Path) -> None:
+    done = track(stdin="\ufeff# a comment\n\nspare, reference_um\r\n-, 1.5\r\nnan,2\r\n")
+    assert done.returncode == 0
+    lines = done.stdout.splitlines()
+    assert lines[:2] == [f"# sample_rate_hz: {RATE_HZ}", "time_s,reference_um,dac_code"]
+    assert [line.rpartition(",")[0] for line in lines[2:]] == ["0.000000000,1.5", "0.000125000,2"]
+
+
+@pytest.mark.parametrize("text, message", [
+    ("", "stdin: no samples"),
+    ("# only\ntime_s,reference_um\n", "stdin: no samples"),
+    ("time_s,command_V\n0,1\n", "stdin:1: no column reference_um"),
+    ("# rate\n0,1\n", "stdin:2: no column reference_um"),
+    ("time_s,reference_um\n0,1\n0.000125,abc\n", "stdin:3: reference_um is 'abc', not a number"),
+    ("reference_um\n1\n\nnan\n", "stdin:4: reference_um is 'nan', not a number"),
+    ("reference_um\n1e39\n", "stdin:2: reference_um is '1e39', not a number"),
+    ("reference_um\n0x10\n", "stdin:2: reference_um is '0x10', not a number"),
+    ("time_s,reference_um\n,1\n", "stdin:2: time_s is '', not a number"),
+    ("time_s,reference_um\n0,1\n0.000125\n", "stdin:3: 1 values where there should be 2"),
+    ("time_s,reference_um\n0,1,2\n", "stdin:2: 3 values where there should be 2"),
+    ("time_s,reference_um\n0,1\n0.001,1\n", "stdin:3: time_s is 0.001 where 0.000125 is due: the application"),
+    ("time_s,reference_um\n0,1\n-0.000125,1\n", "stdin:3: time_s is -0.000125 where"),
+])
+def test_bad_references_are_refused_with_their_place(track: Run, tmp_path: Path, text: str, message: str) -> None:
+    done = track("-o", tmp_path / "drive.csv", stdin=text)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(message) and done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("words, message", [
+    (["nowhere.csv"], "nowhere.csv: cannot be opened"),
+    (["/"], "/: cannot be read"),
+    (["a.csv", "b.csv"], "b.csv: not understood"),
+    (["--fast"], "--fast: not understood"),
+    (["-o"], "-o needs a value"),
+    (["--dac", "16:0"], "--dac 16:0: give BITS:MIN_V:MAX_V"),
+    (["--dac", "0:0:1"], "--dac 0:0:1: give"),
+    (["--dac", "25:0:1"], "--dac 25:0:1: give"),
+    (["--dac", "16:1:1"], "--dac 16:1:1: give"),
+    (["--dac", "16:nan:1"], "--dac 16:nan:1: give"),
+    (["--dac", "16:0:1V"], "--dac 16:0:1V: give"),
+    (["-o", "/nowhere/drive.csv"], "/nowhere/drive.csv: cannot be written"),
+    (["-o", "/dev/full"], "/dev/full: cannot be written to its end"),
+])
+def test_bad_command_lines_are_refused(track: Run, words: list[str], message: str) -> None:
+    done = track(*words, stdin="reference_um\n1\n")
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith(message)
+
+
+def test_help_names_units(track: Run) -> None:
+    done = track("--help")
+    assert done.returncode == 0 and "reference_um (um)" in done.stdout and "time_s (s)" in done.stdout
+
+
+def test_the_shipped_header_is_that_of_the_shipped_model_and_runs(build: Callable[..., Path]) -> None:
+    def without_version(text: str) -> str:
+        return re.sub(r"Generated by rdpi \S+", "Generated by rdpi", text)
+
+    shipped = (PARAMS / "rdpi_params.h").read_text()
+    model = read_model(PARAMS / "model.json")
+    assert without_version(shipped) == without_version(render(model, source="model.json"))
+    done = subprocess.run([build()], input="reference_um\n0\n", capture_output=True, text=True)
+    first = Firmware(model, 1e-4, "f32").step(np.zeros(1)).dac_code[0]
+    assert done.stdout.splitlines()[2:] == [f"0.000000000,0,{first}"]
+
+
+def test_a_folder_without_header_stops_the_configuration(tmp_path: Path) -> None:
+    done = subprocess.run(["cmake", "-S", ROOT, "-B", tmp_path / "build", "-DRDPI_BUILD_TESTS=OFF",
+                           f"-DRDPI_PARAMS_DIR={tmp_path}"], capture_output=True, text=True)
+    assert done.returncode != 0 and "No rdpi_params.h" in done.stderr

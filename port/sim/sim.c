@@ -1,0 +1,292 @@
+/* The port contract on the host: every row of a CSV file is a tick, every tick a row of another. */
+#define _POSIX_C_SOURCE 200809L
+
+#include <float.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/types.h>
+
+#include "rdpi_port.h"
+
+#define BLANKS " \t\r\n"
+#define EXIT_BAD_INPUT 2
+
+typedef struct {
+    double time_s;
+    float reference_um;
+    unsigned long line;
+} row_t;
+
+static struct {
+    const char *name;
+    row_t *rows;
+    size_t count, capacity, next;
+    bool timed;
+} in;
+
+static struct {
+    const char *name;
+    FILE *file;
+} out;
+
+/* The converter and all behind it. */
+static struct {
+    uint32_t code;
+    float last_code; /* 0: volts not asked for */
+    float min_V, max_V;
+} dac;
+
+static uint32_t rate_Hz;
+static rdpi_port_tick_t on_tick;
+
+int rdpi_port_sim_application(void); /* the application's main, see CMakeLists.txt */
+
+static void fail(const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    vfprintf(stderr, format, arguments);
+    va_end(arguments);
+    fputc('\n', stderr);
+    exit(EXIT_BAD_INPUT);
+}
+
+/* A decimal number that a float can hold, and nothing else. By way of double, as in the host tools: the last bit must
+ * not depend on who reads the file. */
+static bool parse_number(const char *text, double *value)
+{
+    char *end;
+    *value = strtod(text, &end);
+    return end != text && *end == '\0' && fabs(*value) <= (double)FLT_MAX && strpbrk(text, "xX") == NULL;
+}
+
+/* Cuts the next field off the line, without blanks around it; NULL at the line's end. */
+static char *next_field(char **line)
+{
+    char *field = *line;
+    if (field == NULL) {
+        return NULL;
+    }
+    char *comma = strchr(field, ',');
+    *line = comma == NULL ? NULL : comma + 1;
+    char *end = comma == NULL ? field + strlen(field) : comma;
+    field += strspn(field, BLANKS);
+    while (end > field && strchr(BLANKS, end[-1]) != NULL) {
+        end--;
+    }
+    *end = '\0';
+    return field;
+}
+
+/* Places of the columns in the line of names, -1 where there is none; returns how many columns there are. */
+static int read_names(char *line, unsigned long number, int *time, int *reference)
+{
+    int count = 0;
+    *time = *reference = -1;
+    for (char *field = next_field(&line); field != NULL; field = next_field(&line), count++) {
+        if (strcmp(field, "time_s") == 0) {
+            *time = count;
+        } else if (strcmp(field, "reference_um") == 0) {
+            *reference = count;
+        }
+    }
+    if (*reference < 0) {
+        fail("%s:%lu: no column reference_um; name the columns in this line, the reference so", in.name, number);
+    }
+    return count;
+}
+
+static void read_row(char *line, unsigned long number, int columns, int time, int reference)
+{
+    row_t row = {0, 0, number};
+    int count = 0;
+    for (char *field = next_field(&line); field != NULL; field = next_field(&line), count++) {
+        double value;
+        if (count != time && count != reference) {
+            continue;
+        }
+        if (!parse_number(field, &value)) {
+            fail("%s:%lu: %s is '%.40s', not a number; correct it or take the line out", in.name, number,
+                 count == time ? "time_s" : "reference_um", field);
+        }
+        if (count == time) {
+            row.time_s = value;
+        } else {
+            row.reference_um = (float)value;
+        }
+    }
+    if (count != columns) {
+        fail("%s:%lu: %d values where there should be %d; complete the line or take it out", in.name, number, count,
+             columns);
+    }
+    if (in.count == in.capacity) {
+        in.capacity = 2 * in.capacity + 1024;
+        in.rows = realloc(in.rows, in.capacity * sizeof *in.rows);
+        if (in.rows == NULL) {
+            fail("%s:%lu: no memory for so many samples; cut the reference", in.name, number);
+        }
+    }
+    in.rows[in.count++] = row;
+}
+
+/* Everything is read and checked before the application starts, so that bad input leaves no output behind. */
+static void read_reference(FILE *file)
+{
+    char *line = NULL;
+    size_t size = 0;
+    int columns = 0, time = -1, reference = -1;
+    for (unsigned long number = 1; getline(&line, &size, file) >= 0; number++) {
+        char *text = number == 1 && strncmp(line, "\xef\xbb\xbf", 3) == 0 ? line + 3 : line; /* byte-order mark */
+        text += strspn(text, BLANKS);
+        if (*text == '\0' || (columns == 0 && *text == '#')) {
+            continue;
+        }
+        if (columns == 0) {
+            columns = read_names(text, number, &time, &reference);
+        } else {
+            read_row(text, number, columns, time, reference);
+        }
+    }
+    free(line);
+    if (ferror(file)) {
+        fail("%s: cannot be read; check the file", in.name);
+    }
+    if (in.count == 0) {
+        fail("%s: no samples; a reference has a line time_s,reference_um and then one line per sample", in.name);
+    }
+    in.timed = time >= 0;
+}
+
+bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
+{
+    for (size_t k = 0; in.timed && k < in.count; k++) {
+        double due_s = in.rows[0].time_s + (double)k / rate_hz;
+        if (fabs(in.rows[k].time_s - due_s) > 0.25 / rate_hz) {
+            fail("%s:%lu: time_s is %.9g where %.9g is due: the application runs at %lu samples per second; resample "
+                 "the reference, or build the application for its rate",
+                 in.name, in.rows[k].line, in.rows[k].time_s, due_s, (unsigned long)rate_hz);
+        }
+    }
+    rate_Hz = rate_hz;
+    on_tick = tick;
+    out.file = strcmp(out.name, "-") == 0 ? stdout : fopen(out.name, "w");
+    if (out.file == NULL) {
+        fail("%s: cannot be written; check the path and permissions", out.name);
+    }
+    fprintf(out.file, "# sample_rate_hz: %lu\ntime_s,reference_um,dac_code%s\n", (unsigned long)rate_hz,
+            dac.last_code > 0 ? ",command_V" : "");
+    return true;
+}
+
+float rdpi_port_reference_um(void)
+{
+    return in.next < in.count ? in.rows[in.next].reference_um : NAN;
+}
+
+void rdpi_port_write_dac(uint32_t code)
+{
+    dac.code = code;
+}
+
+uint32_t rdpi_port_overruns(void)
+{
+    return 0; /* the loop waits for the tick */
+}
+
+/* Computed as in lib/src/rdpi.c: the same volts to the bit. */
+static float dac_V(void)
+{
+    float drive_V = dac.min_V + (float)dac.code * ((dac.max_V - dac.min_V) / dac.last_code);
+    return drive_V < dac.min_V ? dac.min_V : (drive_V > dac.max_V ? dac.max_V : drive_V);
+}
+
+bool rdpi_port_idle(void)
+{
+    if (in.next == in.count) {
+        return false;
+    }
+    on_tick();
+    const row_t *row = &in.rows[in.next];
+    double time_s = in.timed ? row->time_s : (double)in.next / rate_Hz;
+    fprintf(out.file, "%.9f,%.9g,%lu", time_s, (double)row->reference_um, (unsigned long)dac.code);
+    if (dac.last_code > 0) {
+        fprintf(out.file, ",%.9g", (double)dac_V());
+    }
+    fputc('\n', out.file);
+    in.next++;
+    return true;
+}
+
+static void usage(FILE *file)
+{
+    fputs("Runs the application on the host, one tick per sample of the reference.\n\n"
+          "usage: APPLICATION [REFERENCE.csv] [-o DRIVE.csv] [--dac BITS:MIN_V:MAX_V]\n\n"
+          "  REFERENCE.csv   column reference_um (um), optionally time_s (s), which must agree with the\n"
+          "                  application's rate; without the name, or for -, standard input\n"
+          "  -o DRIVE.csv    time_s, reference_um, dac_code; without it, standard output\n"
+          "  --dac B:MIN:MAX also write command_V: the volts of a DAC of B bits (1 to 24) over MIN to MAX\n",
+          file);
+}
+
+static void read_dac(const char *text)
+{
+    unsigned bits;
+    double min_V, max_V;
+    int length = 0;
+    if (sscanf(text, "%2u:%lf:%lf%n", &bits, &min_V, &max_V, &length) != 3 || text[length] != '\0' || bits < 1 ||
+        bits > 24 || !(fabs(min_V) < 1e6) || !(fabs(max_V) < 1e6) || !((float)min_V < (float)max_V)) {
+        fail("--dac %s: give BITS:MIN_V:MAX_V, 1 to 24 bits, MIN_V below MAX_V, e.g. 16:0:100", text);
+    }
+    dac.last_code = (float)((1uL << bits) - 1);
+    dac.min_V = (float)min_V;
+    dac.max_V = (float)max_V;
+}
+
+/* The operand of the option at `*k`. */
+static const char *operand(int count, char **words, int *k)
+{
+    if (*k + 1 == count) {
+        fail("%s needs a value; see --help", words[*k]);
+    }
+    return words[++*k];
+}
+
+int main(int argc, char **argv)
+{
+    in.name = out.name = "-";
+    for (int k = 1; k < argc; k++) {
+        const char *word = argv[k];
+        if (strcmp(word, "-h") == 0 || strcmp(word, "--help") == 0) {
+            usage(stdout);
+            return EXIT_SUCCESS;
+        } else if (strcmp(word, "-o") == 0) {
+            out.name = operand(argc, argv, &k);
+        } else if (strcmp(word, "--dac") == 0) {
+            read_dac(operand(argc, argv, &k));
+        } else if ((word[0] == '-' && word[1] != '\0') || strcmp(in.name, "-") != 0) {
+            fail("%s: not understood; see --help", word);
+        } else {
+            in.name = word;
+        }
+    }
+
+    bool piped = strcmp(in.name, "-") == 0;
+    FILE *file = piped ? stdin : fopen(in.name, "r");
+    if (file == NULL) {
+        fail("%s: cannot be opened; check the path", in.name);
+    }
+    in.name = piped ? "stdin" : in.name;
+    read_reference(file);
+    if (!piped) {
+        fclose(file);
+    }
+
+    int status = rdpi_port_sim_application();
+    if (out.file != NULL && (fflush(out.file) != 0 || ferror(out.file))) {
+        fail("%s: cannot be written to its end; is the disk full?", out.name);
+    }
+    return status;
+}
