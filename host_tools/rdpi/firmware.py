@@ -31,12 +31,12 @@ class Firmware:
     def __init__(self, model: Model, sample_time_s: float, real: str = "f32") -> None:
         self._module, self._dtype = _load(real)
         ffi, lib = self._module.ffi, self._module.lib
-        self._arrays = {  # keeps the memory alive that the C struct points to
+        self._arrays = {  # copies, kept alive because the C struct points to them
             "thresholds_um": model.thresholds_um, "slopes": model.slopes,
             "slope_rate_s_per_um": model.slope_rate_s_per_um, "deadzones_um": model.deadzones_um,
             "deadzone_weights": model.deadzone_weights, "memory_um": model.memory.plays_um,
         }
-        self._arrays = {key: _array(value, self._dtype) for key, value in self._arrays.items()}
+        self._arrays = {key: np.array(value, self._dtype) for key, value in self._arrays.items()}
         self._params = ffi.new("rdpi_f32_params_t *", {
             "schema": lib.RDPI_PARAMS_SCHEMA, "plays": len(model.thresholds_um), "deadzones": len(model.deadzones_um),
             **{key: _pointer(ffi, value) for key, value in self._arrays.items()}, **scalars(model)})

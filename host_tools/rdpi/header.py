@@ -20,7 +20,7 @@ from .recording import atomic_write
 SCHEMA = 1  # of rdpi_f32_params_t as the template fills it in; the header compares it with the library's
 NAME = "rdpi_params"
 
-# Fields of rdpi_f32_params_t in its order: key in the model file, for arrays their length, what the header says.
+# Fields of rdpi_f32_params_t in its order, and what the header says of each; for arrays also key in the model and length.
 ARRAYS = {
     "thresholds_um": ("thresholds_um", "PLAYS", "r_0 = 0 < r_1 < ... < r_n, um: play thresholds (eq. 1)"),
     "slopes": ("slopes", "PLAYS", "W_0 ... W_n at rate 0: slopes of the loading curve, not play weights (eq. 15)"),
@@ -30,19 +30,17 @@ ARRAYS = {
     "memory_um": ("memory.plays_um", "PLAYS", "y_0 ... y_n, um: the plays at power up; y_0 is x"),
 }
 SCALARS = {
-    "gain_um_per_V": ("gain_um_per_V", "um/V: x = gain (V - offset_V)"),
-    "offset_V": ("offset_V", "V"),
-    "offset_um": ("offset_um", "um: displacement = z + offset_um"),
-    "rate_window_s": ("rate.window_s", "s: the rate is a difference over this time ..."),
-    "rate_filter_s": ("rate.filter_s", "s: ... through a low-pass of this time constant"),
-    "max_um_per_s": ("rate.max_um_per_s", "um/s: the guard clamps the rate to this"),
-    "min_slope_ratio": ("rate.min_slope_ratio", "what is left of every slope at that rate, at least"),
-    "min_V": ("drive.min_V", "V: output range"),
-    "max_V": ("drive.max_V", "V"),
-    "slew_V_per_s": ("drive.slew_V_per_s", "V/s: largest change of the output; 0: unlimited"),
+    "gain_um_per_V": "um/V: x = gain (V - offset_V)",
+    "offset_V": "V",
+    "offset_um": "um: displacement = z + offset_um",
+    "rate_window_s": "s: the rate is a difference over this time ...",
+    "rate_filter_s": "s: ... through a low-pass of this time constant",
+    "max_um_per_s": "um/s: the guard clamps the rate to this",
+    "min_slope_ratio": "what is left of every slope at that rate, at least",
+    "min_V": "V: output range",
+    "max_V": "V",
+    "slew_V_per_s": "V/s: largest change of the output; 0: unlimited",
 }
-ASCENDING = ("thresholds_um", "deadzones_um")
-NOT_ZERO = ("slopes", "gain_um_per_V", "max_um_per_s", "min_slope_ratio", "slew_V_per_s")  # slew: 0 means unlimited
 
 KEYWORDS = frozenset("""
     alignas alignof and and_eq asm auto bitand bitor bool break case catch char char16_t char32_t class compl const
@@ -67,16 +65,18 @@ def render(model: Model, name: str = NAME, source: str = "") -> str:
     _check_name(name)
     where = source or "model"
     model.validate(where)
+    try:
+        Firmware(model, max(model.rate.window_s, 1e-3), "f32")  # at a sample time for which the window is short
+    except BadInput as error:
+        raise BadInput(f"{where}: rounded to single precision, {error}; move the model away from this limit") from None
     fields = scalars(model)
-    arrays = {field: _float32(where, field, key, attrgetter(key)(model)) for field, (key, *_) in ARRAYS.items()}
-    numbers = {field: _float32(where, field, key, [fields[field]])[0] for field, (key, _) in SCALARS.items()}
-    _check_rounded(where, model, numbers)
     return _TEMPLATES.get_template("rdpi_params.h.j2").render(
         name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(_file_name(source)),
         actuator=comment(model.actuator), digest=model.digest(), rate_source=model.rate.source, runs=_runs(model.fit),
         plays=len(model.thresholds_um), deadzones=len(model.deadzones_um), dac_bits=int(fields["dac_bits"]),
-        arrays=[(field, *ARRAYS[field][1:], [literal(value) for value in values]) for field, values in arrays.items()],
-        scalars=[(field, SCALARS[field][1], literal(value)) for field, value in numbers.items()])
+        arrays=[(field, length, text, [literal(value) for value in attrgetter(key)(model)])
+                for field, (key, length, text) in ARRAYS.items()],
+        scalars=[(field, text, literal(fields[field])) for field, text in SCALARS.items()])
 
 
 def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "") -> None:
@@ -102,38 +102,6 @@ def _check_name(name: str) -> None:
                        "a letter, and no keyword of C or C++")
     if re.match(r"rdpi_(?!params_)", name + "_", re.IGNORECASE):
         raise BadInput(f"name {name!r}: names that start with rdpi_ belong to the library; use another, or {NAME}_…")
-
-
-def _float32(where: str, field: str, key: str, values: Any) -> np.ndarray:
-    """Values as the firmware holds them. Raises BadInput where rounding changes what they mean."""
-    values = np.asarray(values, float)
-
-    def refuse(index: int, what: str) -> None:
-        place = f"{key}[{index}]" if field in ARRAYS else key
-        raise BadInput(f"{where}: {place}: is {values[index]:.9g}; {what}")
-
-    with np.errstate(over="ignore"):
-        rounded = values.astype(np.float32)
-    if not np.all(np.isfinite(rounded)):
-        refuse(int(np.argmin(np.isfinite(rounded))), "not finite in the firmware's 32-bit float, which ends at 3.4e38")
-    # Below the smallest normal number digits are lost, and some FPUs flush to zero.
-    vanished = (values != 0) & (np.abs(rounded) < np.finfo(np.float32).tiny)
-    if field in NOT_ZERO and np.any(vanished):
-        refuse(int(np.argmax(vanished)), "too small for the firmware's 32-bit float, which begins at 1.2e-38")
-    if field in ASCENDING and np.any(np.diff(rounded) <= 0):
-        index = int(np.argmax(np.diff(rounded) <= 0)) + 1
-        refuse(index, f"the same as the one before, {values[index - 1]:.9g}, in the firmware's 32-bit float; "
-                      "leave one of them out")
-    return rounded
-
-
-def _check_rounded(where: str, model: Model, numbers: dict[str, np.float32]) -> None:
-    if not numbers["min_V"] < numbers["max_V"]:
-        raise BadInput(f"{where}: drive: min_V and max_V are the same in the firmware's 32-bit float; widen the range")
-    try:
-        Firmware(model, max(model.rate.window_s, 1e-3), "f32")  # at a sample time for which the window is short
-    except BadInput as error:
-        raise BadInput(f"{where}: rounded to 32-bit float, {error}; move the model away from this limit") from None
 
 
 def _file_name(path: str) -> str:

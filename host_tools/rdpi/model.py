@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 import os
+import sys
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,10 @@ from .recording import atomic_write
 SCHEMA = "rdpi-model/1"
 SOURCES = ("displacement", "control")
 MIN_SLOPE_RATIO = 0.2  # default of rate.min_slope_ratio
-TOLERANCE = 1e-5  # relative; what rounding to the firmware's float may cost (MEMORY_TOLERANCE in lib/src/rdpi.c)
+TOLERANCE = 1e-5  # relative; what rounding to the firmware's float may cost (ROUNDING in lib/src/rdpi.c)
+LARGEST, TINY = float(np.finfo(np.float32).max), float(np.finfo(np.float32).tiny)
+SECTIONS = "rate", "drive", "memory"
+NOT_NUMBERS = {*SECTIONS, "source", "extra", "actuator", "fit", "effects", "passport", "dac_bits", "singular_um_per_s"}
 MAX_DAC_BITS = 20  # RDPI_MAX_DAC_BITS
 
 
@@ -96,7 +100,46 @@ class Model:
 
     def validate(self, where: str = "model") -> None:
         """Raise BadInput, naming the key and a remedy, unless the firmware would take these parameters."""
+        self._validate_lengths(where)
+        self._validate_finite(where)
+        self._validate_values(where)
+        self._single_precision()._validate_values(f"{where}, in the firmware's single precision")
 
+    def _numbers(self) -> dict[str, Any]:
+        """Every number and array of numbers the firmware takes, by key."""
+        numbers = {item.name: getattr(self, item.name) for item in fields(self) if item.name not in NOT_NUMBERS}
+        for key in SECTIONS:
+            section = getattr(self, key)
+            numbers.update({f"{key}.{item.name}": getattr(section, item.name) for item in fields(section)
+                            if item.name not in NOT_NUMBERS and getattr(section, item.name) is not None})
+        return numbers
+
+    def _single_precision(self) -> Model:
+        """The model with every number as the firmware rounds it."""
+        rounded: dict[str, dict[str, Any]] = {key: {} for key in ("", *SECTIONS)}
+        with np.errstate(over="ignore"):
+            for key, value in self._numbers().items():
+                section, _, name = key.rpartition(".")
+                single = np.asarray(value, np.float32).astype(float)
+                single = np.where(np.abs(single) < TINY, 0.0, single)  # some FPUs flush what is not normal
+                rounded[section][name] = single if single.ndim else float(single)
+        return replace(self, **rounded[""], **{key: replace(getattr(self, key), **rounded[key]) for key in SECTIONS})
+
+    def _validate_lengths(self, where: str) -> None:
+        n, m = len(self.thresholds_um), len(self.deadzones_um)
+        for key, values, length, of in (
+                ("slopes", self.slopes, n, "threshold"), ("slope_rate_s_per_um", self.slope_rate_s_per_um, n, "threshold"),
+                ("deadzone_weights", self.deadzone_weights, m, "dead zone"),
+                ("memory.plays_um", self.memory.plays_um, n, "threshold")):
+            if len(values) != length:
+                raise BadInput(f"{where}: {key}: has {len(values)} values, expected {length}, one per {of}")
+
+    def _validate_finite(self, where: str) -> None:
+        for key, value in self._numbers().items():
+            if not np.all(np.abs(value) <= LARGEST):  # refuses NaN too
+                raise BadInput(f"{where}: {key}: must be finite, within ±{LARGEST:.3g}, the range of single precision")
+
+    def _validate_values(self, where: str) -> None:
         def refuse(key: str, what: str) -> None:
             raise BadInput(f"{where}: {key}: {what}")
 
@@ -104,13 +147,6 @@ class Model:
             if values[0] != 0 or np.any(np.diff(values) <= 0):
                 refuse(key, f"must start at 0 and increase, got {_short(values)}; sort the values, none twice")
 
-        n, m = len(self.thresholds_um), len(self.deadzones_um)
-        for key, length in (("slopes", n), ("slope_rate_s_per_um", n), ("deadzone_weights", m)):
-            if len(getattr(self, key)) != length:
-                refuse(key, f"has {len(getattr(self, key))} values, expected {length}, one per "
-                            f"{'threshold' if length == n else 'dead zone'}")
-        if len(self.memory.plays_um) != n:
-            refuse("memory.plays_um", f"has {len(self.memory.plays_um)} values, expected {n}, one per threshold")
         if self.gain_um_per_V == 0:
             refuse("gain_um_per_V", "is 0; x = gain (V - offset_V) needs a gain")
         if not self.stroke_um > 0:
@@ -149,18 +185,19 @@ class Model:
 
     def _validate_drive(self, refuse: Any) -> None:
         drive, memory = self.drive, self.memory
-        if not drive.min_V < drive.max_V:
-            refuse("drive", f"min_V {drive.min_V:g} must be below max_V {drive.max_V:g}")
+        if not drive.min_V < drive.max_V or drive.max_V - drive.min_V > LARGEST:
+            refuse("drive", f"min_V {drive.min_V:g} must be below max_V {drive.max_V:g}, a finite span apart")
         if drive.slew_V_per_s is not None and not drive.slew_V_per_s > 0:
             refuse("drive.slew_V_per_s", f"is {drive.slew_V_per_s:g}; must be positive, or null for no limit")
         if drive.dac_bits is not None and not 1 <= drive.dac_bits <= MAX_DAC_BITS:
             refuse("drive.dac_bits", f"is {drive.dac_bits}; must be 1 to {MAX_DAC_BITS}, or null")
         if not math.isclose(memory.plays_um[0], memory.x_um, rel_tol=TOLERANCE, abs_tol=TOLERANCE * self.stroke_um):
             refuse("memory.plays_um[0]", f"is {memory.plays_um[0]:g}, but must be x_um = {memory.x_um:g} (its threshold is 0)")
-        slack = TOLERANCE * self.thresholds_um[-1]
+        slack = TOLERANCE * (self.thresholds_um[-1] + np.abs(memory.plays_um[1:]))
         if np.any(np.abs(np.diff(memory.plays_um)) > np.diff(self.thresholds_um) + slack):
             refuse("memory.plays_um", "no history leaves these states: neighbours may differ by no more than their thresholds do")
-        start_V = memory.x_um / self.gain_um_per_V + self.offset_V
+        with np.errstate(over="ignore"):
+            start_V = np.float64(memory.x_um) / self.gain_um_per_V + self.offset_V
         slack = TOLERANCE * (drive.max_V - drive.min_V)
         if not drive.min_V - slack <= start_V <= drive.max_V + slack:
             refuse("memory.x_um", f"is held by {start_V:g} V, outside drive {drive.min_V:g} to {drive.max_V:g} V")
@@ -173,14 +210,14 @@ class Model:
             document[key] = float(getattr(self, key))
         for key in arrays:
             document[key] = [float(value) for value in getattr(self, key)]
-        for key in ("rate", "drive", "memory"):
+        for key in SECTIONS:
             document[key] = _section_to_json(getattr(self, key))
         document.update(fit=self.fit, effects=self.effects, passport=self.passport)
         return {**self.extra, **document}
 
     def digest(self) -> str:
         """SHA-256 of what the firmware takes from the model: same behaviour, same digest."""
-        bare = replace(self, extra={}, **{key: replace(getattr(self, key), extra={}) for key in ("rate", "drive", "memory")})
+        bare = replace(self, extra={}, **{key: replace(getattr(self, key), extra={}) for key in SECTIONS})
         document = bare.to_json()
         for key in ("tool", "actuator", "fit", "effects", "passport"):
             del document[key]
@@ -200,7 +237,7 @@ def read_model(path: str | os.PathLike[str]) -> Model:
         document = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; check the path") from None
-    except (json.JSONDecodeError, UnicodeDecodeError, _NotFinite) as error:
+    except (ValueError, RecursionError) as error:
         raise BadInput(f"{path}: not a complete JSON document ({error}); "
                        "the file may be cut short or edited: fit again or restore it") from None
     model = _Reader(path).model(document)
@@ -214,12 +251,8 @@ def write_model(path: str | os.PathLike[str], model: Model) -> None:
     atomic_write(path, json.dumps(model.to_json(), indent=1, allow_nan=False) + "\n")
 
 
-class _NotFinite(ValueError):
-    pass
-
-
 def _refuse_constant(name: str) -> None:
-    raise _NotFinite(f"{name} is not a JSON number")
+    raise ValueError(f"{name} is not a JSON number")
 
 
 def _section_to_json(section: Rate | Drive | Memory) -> dict[str, Any]:
@@ -234,6 +267,10 @@ def _section_to_json(section: Rate | Drive | Memory) -> dict[str, Any]:
             value = float(value)
         document[item.name] = value
     return document
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def _short(values: np.ndarray) -> str:
@@ -256,16 +293,15 @@ class _Reader:
             self.refuse(where + key, "missing; fit again, or add it (see the README, model file)")
         if value is None and "default" in default and default["default"] is None:
             return None
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            self.refuse(where + key, f"must be a finite number, got {json.dumps(value)}")
+        if not _is_number(value):
+            self.refuse(where + key, f"must be a finite number, got {json.dumps(value)[:40]}")
         return float(value)
 
     def numbers(self, document: dict[str, Any], key: str, where: str = "", **default: Any) -> np.ndarray:
         value = document.pop(key, default.get("default", ...))
         if value is ...:
             self.refuse(where + key, "missing; fit again, or add it (see the README, model file)")
-        good = isinstance(value, list) and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value)
-        if not good or not np.all(np.isfinite(value)):
+        if not isinstance(value, list) or not all(map(_is_number, value)):
             self.refuse(where + key, "must be a list of finite numbers")
         if not value and "default" not in default:
             self.refuse(where + key, "is empty")

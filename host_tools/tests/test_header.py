@@ -221,18 +221,18 @@ def test_names_that_c_cannot_use_are_refused(model: Model, name: str) -> None:
 
 
 @pytest.mark.parametrize("key, value, message", [
-    ("gain_um_per_V", 1e-40, r"gain_um_per_V: is 1e-40; too small"),
-    ("slopes", np.array([1e-50, 0.7, 0.9, 1.1]), r"slopes\[0\]: is 1e-50; too small"),
-    ("drive.slew_V_per_s", 1e-46, r"drive.slew_V_per_s: is 1e-46; too small"),
-    ("rate.max_um_per_s", 1e-39, r"rate.max_um_per_s: is 1e-39; too small"),
-    ("offset_um", 1e39, r"offset_um: is 1e\+39; not finite"),
-    ("slope_rate_s_per_um", np.array([0, 1e300, 0, 0]), r"slope_rate_s_per_um\[1\]: is 1e\+300; not finite"),
-    ("thresholds_um", np.array([0, 0.1, 4.7, 4.7 + 1e-9]), r"thresholds_um\[3\]: is 4.7; the same as the one before"),
-    ("thresholds_um", np.array([0, 1e-46, 4.7, 5]), r"thresholds_um\[1\]: is 1e-46; the same as the one before, 0"),
-    ("deadzones_um", np.array([0, 1e-60]), r"deadzones_um\[1\]: is 1e-60; the same as the one before"),
-    ("drive", Drive(100.0, 100.0 + 1e-6, None, 16), r"drive: min_V and max_V are the same"),
-    ("rate.min_slope_ratio", 1 - 1e-9, r"rounded to 32-bit float, .* min_slope_ratio"),
-    ("deadzone_weights", np.array([1, -1 + 1e-12]), r"rounded to 32-bit float, .* no positive slope"),
+    ("gain_um_per_V", 1e-40, r", in the firmware's single precision: gain_um_per_V: is 0"),
+    ("slopes", np.array([1e-50, 0.7, 0.9, 1.1]), r", in the firmware's single precision: slopes\[0\]: is 0"),
+    ("drive.slew_V_per_s", 1e-46, r", in the firmware's single precision: drive.slew_V_per_s: is 0"),
+    ("rate.max_um_per_s", 1e-39, r", in the firmware's single precision: rate.max_um_per_s: is 0"),
+    ("offset_um", 1e39, r": offset_um: must be finite, within .*single precision"),
+    ("slope_rate_s_per_um", np.array([0, 1e300, 0, 0]), r": slope_rate_s_per_um: must be finite, within"),
+    ("thresholds_um", np.array([0, 0.1, 4.7, 4.7 + 1e-9]), r", in the firmware's single precision: thresholds_um: must start"),
+    ("thresholds_um", np.array([0, 1e-46, 4.7, 5]), r", in the firmware's single precision: thresholds_um: must start"),
+    ("deadzones_um", np.array([0, 1e-60]), r", in the firmware's single precision: deadzones_um: must start"),
+    ("drive", Drive(100.0, 100.0 + 1e-6, None, 16), r", in the firmware's single precision: drive: min_V 100 must be below"),
+    ("rate.min_slope_ratio", 1 - 1e-9, r", in the firmware's single precision: rate.min_slope_ratio: is 1"),
+    ("deadzone_weights", np.array([1, -1 + 1e-12]), r", in the firmware's single precision: deadzone_weights:"),
 ])
 def test_what_a_float_cannot_hold_is_refused(model: Model, tmp_path: Path, key: str, value: object,
                                              message: str) -> None:
@@ -240,7 +240,7 @@ def test_what_a_float_cannot_hold_is_refused(model: Model, tmp_path: Path, key: 
     model.memory = Memory(0.0, np.zeros(4))
     if key == "drive":
         model.offset_V = 100.0
-    with pytest.raises(BadInput, match="^model.json: " + message):
+    with pytest.raises(BadInput, match="^model.json" + message):
         write_header(edited(model, key, value), tmp_path / "params.h", source="model.json")
     assert list(tmp_path.iterdir()) == []
 

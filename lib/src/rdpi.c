@@ -169,7 +169,8 @@ static rdpi_status_t check_memory(const rdpi_f32_params_t *params, const rdpi_re
         x_um = y_um[0];
         for (size_t i = 1; i < params->plays; i++) {
             rdpi_real_t gap_um = params->thresholds_um[i] - params->thresholds_um[i - 1];
-            rdpi_real_t slack_um = ROUNDING * params->thresholds_um[params->plays - 1];
+            rdpi_real_t size_um = y_um[i] < 0 ? -y_um[i] : y_um[i];
+            rdpi_real_t slack_um = ROUNDING * (params->thresholds_um[params->plays - 1] + size_um);
             if (rdpi_f32_play(y_um[i - 1], gap_um + slack_um, y_um[i]) != y_um[i]) {
                 return RDPI_ERR_MEMORY;
             }

@@ -1,0 +1,331 @@
+"""Simulation and compensation along the chain, on recordings made by the model itself so that the truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings, strategies as st
+from models import SAMPLE_TIME_S, SEEDS, random_model
+
+from rdpi import chain, firmware, operators
+from rdpi.errors import BadInput
+from rdpi.model import Drive, Memory, Model, Rate
+from rdpi.recording import Recording
+
+TIME_S = np.arange(3000) * SAMPLE_TIME_S
+
+
+def paper_model(source: str = "displacement", window_s: float = 0.004, strength: float = 1.0, offset_um: float = 0.7
+                ) -> Model:
+    """Ten plays over 12.5 um; at strength 1 the slope W_0 reaches zero at 1450 um/s as in the paper."""
+    i = np.arange(10)
+    model = Model(
+        gain_um_per_V=0.125, offset_V=50.0, offset_um=offset_um, stroke_um=12.5, thresholds_um=6.25 * i / 9,
+        slopes=0.6 + 0.06 * i, slope_rate_s_per_um=-strength * 0.6 * (1 - i / 18) / 1450,
+        deadzones_um=np.array([0.0, 2.0]), deadzone_weights=np.array([1.0, -0.1]),
+        rate=Rate(source, window_s, 0.0, 1160.0), drive=Drive(-100.0, 200.0), memory=Memory())
+    model.validate()
+    return model
+
+
+def recording(command_V: np.ndarray, displacement_um: np.ndarray | None = None, memory: str = "unknown") -> Recording:
+    columns = {"time_s": np.arange(len(command_V)) * SAMPLE_TIME_S, "command_V": command_V}
+    if displacement_um is not None:
+        columns["displacement_um"] = displacement_um
+    return Recording("run.csv", {"sample_rate_hz": "10000", "memory": memory}, columns)
+
+
+def made_run(model: Model, states_um: np.ndarray, memory: str = "unknown", samples: int = len(TIME_S)) -> Recording:
+    """A run of the plant that is the model: it starts at rest with these states and follows three sines exactly."""
+    start_V = states_um[:1] / model.gain_um_per_V + model.offset_V
+    start_um = operators.forward(model, start_V, np.zeros(1), states_um)[0]
+    z = start_um + sum(a * (np.cos(2 * np.pi * f * TIME_S[:samples]) - 1) for a, f in ((2.6, 5), (2.0, 20), (1.4, 35)))
+    free = replace(model, drive=Drive(-1e4, 1e4))
+    return recording(operators.step(free, z, SAMPLE_TIME_S, states_um)[0].drive_V, z, memory)
+
+
+def share_of_stroke(model: Model, error_um: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(error_um**2))) / model.stroke_um
+
+
+# ---- score ----
+
+def test_score() -> None:
+    score = chain.score(np.array([0.0, 1.0, 2.0, 3.0]), np.array([1.0, 1.0, 2.0, 5.0]))
+    assert score.rms_um == pytest.approx(np.sqrt(5 / 4)) and score.max_um == 2 and score.offset_um == 0.75
+    assert score.rms_percent == pytest.approx(100 * np.sqrt(5 / 4) / 4) and score.max_percent == 50
+
+
+def test_score_without_offset() -> None:
+    score = chain.score(np.array([0.0, 1.0, 2.0, 3.0]), np.array([1.0, 1.0, 2.0, 5.0]), remove_offset=True)
+    assert score.offset_um == 0.75 and score.max_um == 1.25
+    assert score.rms_um == pytest.approx(np.sqrt((0.25**2 + 0.75**2 + 0.75**2 + 1.25**2) / 4))
+
+
+def test_score_of_a_displacement_that_stands_still() -> None:
+    score = chain.score(np.zeros(3), np.full(3, 2.0))
+    assert score.rms_um == 2 and np.isnan(score.rms_percent)
+
+
+# ---- memory at the start ----
+
+def test_states_after() -> None:
+    r = np.array([0.0, 1.0, 3.0])
+    assert chain.states_after(0.0, 2.0, r).tolist() == [2, 1, 0]
+    assert chain.states_after(5.0, 2.0, r).tolist() == [2, 3, 5]
+    np.testing.assert_array_equal(chain.states_after(-0.5, 2.0, r),
+                                  operators.plays(np.linspace(-0.5, 2.0, 9), r, np.full(3, -0.5))[1])
+
+
+@settings(max_examples=60)
+@given(SEEDS, st.integers(1, 9))
+def test_warm_up(seed: int, plays: int) -> None:
+    """From there on all plays that move at all are the same whatever the memory; a sample earlier some are not."""
+    random = np.random.default_rng(seed)
+    x = np.cumsum(random.normal(size=200))
+    r = np.linspace(0, random.uniform(0.1, 1.5) * np.ptp(x) / 2, plays + 1)
+    first = chain.warm_up(x, r[-1])
+    runs = [firmware.plays(x, r, chain.states_after(position, x[0], r))[0] for position in (x[0] - 99, x[0] + 99)]
+    unlike = np.any(runs[0] != runs[1], axis=1)
+    if 2 * r[-1] <= 0.999 * np.ptp(x):
+        assert not np.any(np.abs(runs[0] - runs[1])[first:] > 1e-9) and np.all(unlike[:first])
+    else:
+        moving = np.any(np.diff(runs[0][first:], axis=0), axis=0)
+        assert first < len(x) and not np.all(moving)
+
+
+def test_reset_puts_every_play_at_the_first_input() -> None:
+    model = paper_model()
+    x0 = -3.0
+    run = made_run(model, np.full(10, x0), "reset")
+    found = chain.simulate(model, [run])[0]
+    assert found.memory == "reset" and found.settled
+    assert share_of_stroke(model, found.predicted_um - run.displacement_um) < 1e-4
+
+
+def test_carried_goes_on_where_the_run_before_ended() -> None:
+    model = paper_model()
+    whole = made_run(model, np.full(10, 1.0), "reset")
+    # cut where nothing moves fast, so that the new run's rate, which starts at zero, is soon the old one's
+    parts = [recording(whole.command_V[part], whole.displacement_um[part], memory)
+             for part, memory in ((slice(0, 2000), "reset"), (slice(2000, None), "carried"))]
+    first, second = chain.simulate(model, parts)
+    assert (first.memory, second.memory) == ("reset", "carried")
+    end = firmware.plays(model.x_of(parts[0].command_V), model.thresholds_um, np.full(10, 1.0))[1]
+    np.testing.assert_allclose(first.states_um, end, atol=1e-9)
+    after = 100
+    assert share_of_stroke(model, (second.predicted_um - parts[1].displacement_um)[after:]) < 1e-4
+    forgotten = chain.simulate(model, parts[1:], memory="reset")[0]
+    assert share_of_stroke(model, (forgotten.predicted_um - parts[1].displacement_um)[after:200]) > 0.01
+
+
+def test_carried_without_a_run_before_is_estimated() -> None:
+    model = paper_model()
+    run = made_run(model, np.full(10, 1.0), "carried")
+    assert chain.simulate(model, [run])[0].memory == "estimated"
+    assert chain.simulate(model, [recording(run.command_V, None, "carried")])[0].memory == "model"
+
+
+def test_unknown_memory_is_the_models_without_displacement() -> None:
+    states = chain.states_after(-4.0, 2.0, paper_model().thresholds_um)
+    model = replace(paper_model(), memory=Memory(2.0, states))
+    run = made_run(model, states)
+    found = chain.simulate(model, [recording(run.command_V)])[0]
+    assert found.memory == "model"
+    assert share_of_stroke(model, found.predicted_um - run.displacement_um) < 1e-4
+    assert chain.simulate(model, [run], memory="model")[0].predicted_um.tolist() == found.predicted_um.tolist()
+
+
+def test_memory_imposed_on_every_run() -> None:
+    model = paper_model()
+    run = made_run(model, np.full(10, 2.0), "carried")
+    assert [found.memory for found in chain.simulate(model, [run, run], memory="reset")] == ["reset", "reset"]
+    assert [found.memory for found in chain.simulate(model, [run, run], memory="model")] == ["model", "model"]
+
+
+@pytest.mark.parametrize("source", ["control", "displacement"])
+@pytest.mark.parametrize("share", [-0.9, -0.4, 0.0, 0.35, 0.8])
+@pytest.mark.parametrize("drift_um", [0.0, 0.3])
+def test_estimated_states_are_the_known_ones(share: float, source: str, drift_um: float) -> None:
+    """A previous position is found to the grid's step or two, even when the whole displacement has drifted."""
+    model = paper_model(source)
+    r = model.thresholds_um
+    states = chain.states_after(3.0 + share * r[-1], 3.0, r)
+    if source == "control":
+        command_V = made_run(paper_model(), states).command_V
+        rate = operators.rate(model.x_of(command_V), SAMPLE_TIME_S, model.rate.window_s, 0.0)
+        run = recording(command_V, operators.forward(model, command_V, rate, states)[0])
+    else:
+        run = made_run(model, states)
+    run.columns["displacement_um"] = run.displacement_um + drift_um
+    np.testing.assert_allclose(chain.estimate_states(model, run), states, atol=2 * (2 * r[-1] / 40) + 1e-9)
+    found = chain.simulate(model, [run])[0]
+    assert found.memory == "estimated"
+    assert share_of_stroke(model, found.predicted_um + drift_um - run.displacement_um) < 0.005
+
+
+def test_estimate_of_a_run_that_never_moves() -> None:
+    model = paper_model()
+    run = recording(np.full(50, 66.0), np.full(50, 1.0))
+    assert chain.estimate_states(model, run).tolist() == [2.0] * 10
+
+
+def test_estimate_without_plays() -> None:
+    model = random_model(1, plays=0)
+    command = np.linspace(model.drive.min_V, model.drive.max_V, 50)
+    assert chain.estimate_states(model, recording(command, model.x_of(command))).tolist() == [model.x_of(command[0])]
+
+
+# ---- the rate of the prediction itself ----
+
+def test_rate_of_the_control_needs_no_sweeps() -> None:
+    model = paper_model("control", window_s=0.0)
+    command = 50 + 50 * np.sin(2 * np.pi * 20 * TIME_S)
+    found = chain.simulate(model, [recording(command, None, "reset")])[0]
+    rate = operators.rate(model.x_of(command), SAMPLE_TIME_S, 0.0, 0.0)
+    expected, states = operators.forward(model, command, rate, np.zeros(10))
+    assert found.settled
+    np.testing.assert_allclose(found.rate_um_per_s, rate, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.predicted_um, expected, atol=1e-9)
+    np.testing.assert_allclose(found.states_um, states, atol=1e-9)
+
+
+def test_without_a_rate_law_needs_no_sweeps() -> None:
+    model = paper_model(strength=0.0)
+    run = made_run(model, np.zeros(10), "reset")
+    found = chain.simulate(model, [run])[0]
+    assert found.settled
+    np.testing.assert_allclose(found.predicted_um, run.displacement_um, atol=1e-9)
+
+
+def plain_sweep(model: Model, run: Recording, found: chain.Prediction, states_um: np.ndarray) -> np.ndarray:
+    """The prediction at the rate that the prediction itself has: equal to it at the fixed point."""
+    own_rate = operators.rate(found.predicted_um, SAMPLE_TIME_S, model.rate.window_s, model.rate.filter_s)
+    return operators.forward(model, run.command_V, own_rate, states_um)[0]
+
+
+@pytest.mark.parametrize(("strength", "window_s"), [(0.2, 0.001), (0.2, 0.004), (1.0, 0.004), (1.0, 0.006)])
+def test_sweeps_find_the_rate_of_the_prediction(strength: float, window_s: float) -> None:
+    """One more sweep changes nothing, and the displacement is that of the plant."""
+    model = paper_model(window_s=window_s, strength=strength)
+    run = made_run(model, np.full(10, 1.0), "reset")
+    found = chain.simulate(model, [run])[0]
+    assert found.settled
+    again = plain_sweep(model, run, found, np.full(10, 1.0))
+    assert share_of_stroke(model, again - found.predicted_um) < 10 * chain.SETTLED
+    assert share_of_stroke(model, found.predicted_um - run.displacement_um) < 10 * chain.SETTLED
+    own_rate = operators.rate(found.predicted_um, SAMPLE_TIME_S, window_s, 0.0)
+    assert np.sqrt(np.mean((own_rate - found.rate_um_per_s) ** 2)) < 0.002 * own_rate.max()
+
+
+@settings(max_examples=40)
+@example(seed=1, window=1, filter_s=0.0)
+@given(SEEDS, st.sampled_from([1, 3, 10, 30, 100]), st.sampled_from([0.0, 0.002]))
+def test_settled_means_that_one_more_sweep_changes_nothing(seed: int, window: int, filter_s: float) -> None:
+    """Whether it settles depends on the model; what it means does not."""
+    model = random_model(seed, window=window, filter_s=filter_s)
+    model = replace(model, drive=Drive(-1e5, 1e5), memory=Memory(0.0, np.zeros(10)))
+    run = made_run(model, np.zeros(10), samples=800)
+    found = chain.simulate(model, [run], memory="model")[0]
+    if found.settled:
+        again = plain_sweep(model, run, found, np.zeros(10))
+        assert share_of_stroke(model, again - found.predicted_um) < 10 * chain.SETTLED
+
+
+def test_a_hopeless_case_is_said_to_be_one() -> None:
+    """A difference over one sample at 10 kHz and the paper's law: one sweep multiplies errors in the rate by ten."""
+    model = paper_model(window_s=0.0)
+    run = made_run(model, np.full(10, 1.0), "reset")
+    found = chain.simulate(model, [run])[0]
+    assert not found.settled and np.all(np.isfinite(found.predicted_um))
+
+
+# ---- what cannot be simulated ----
+
+def test_effects_are_refused() -> None:
+    model = replace(paper_model(), effects=[{"name": "delay"}, {"name": "creep"}])
+    with pytest.raises(BadInput, match="effects that this version cannot simulate: delay, creep; empty its list"):
+        chain.simulate(model, [recording(np.zeros(20))])
+
+
+def test_a_run_may_use_more_of_the_drive_than_the_model_allows() -> None:
+    wide = paper_model()
+    narrow = replace(wide, drive=Drive(45.0, 55.0, 10.0, 8))
+    run = made_run(wide, np.full(10, 1.0), "reset")
+    expected = chain.simulate(wide, [run])[0].predicted_um
+    np.testing.assert_array_equal(chain.simulate(narrow, [run])[0].predicted_um, expected)
+
+
+# ---- following a reference ----
+
+def reference_run(reference_um: np.ndarray, memory: str = "unknown") -> Recording:
+    columns = {"time_s": np.arange(len(reference_um)) * SAMPLE_TIME_S, "reference_um": reference_um}
+    return Recording("profile.csv", {"sample_rate_hz": "10000", "memory": memory}, columns)
+
+
+@pytest.mark.parametrize("engine", ["f32", "f64", "numpy"])
+def test_follow(engine: str) -> None:
+    """The engines are one and the same chain; each drive brings the reference back."""
+    model = paper_model(window_s=0.001)
+    z = 0.7 + 5 * np.sin(2 * np.pi * 10 * TIME_S)
+    steps, offset = chain.follow(model, reference_run(z), engine=engine)
+    assert offset == 0 and steps._fields == firmware.Steps._fields and not steps.flags.any()
+    back = operators.forward(model, steps.drive_V.astype(float), steps.rate_um_per_s.astype(float), np.zeros(10))[0]
+    np.testing.assert_allclose(back, z, atol=1e-5 * model.stroke_um if engine == "f32" else 1e-10)
+
+
+@pytest.mark.parametrize("displacement_um", [-4.0, 0.7, 6.0])
+def test_rest_at_holds_the_displacement(displacement_um: float) -> None:
+    """A decaying sweep left every play at x, and there the model gives this displacement."""
+    model = paper_model()
+    memory = chain.rest_at(model, displacement_um)
+    assert set(memory.plays_um) == {memory.x_um}
+    start_V = memory.x_um / model.gain_um_per_V + model.offset_V
+    assert operators.forward(model, np.array([start_V]), np.zeros(1), memory.plays_um)[0] == pytest.approx(displacement_um)
+    replace(model, memory=memory).validate()
+
+
+def test_rest_stays_inside_the_drive() -> None:
+    model = paper_model()
+    memory = chain.rest_at(model, 1e3)
+    assert memory.x_um / model.gain_um_per_V + model.offset_V == pytest.approx(model.drive.max_V)
+    replace(model, memory=memory).validate()
+
+
+def test_follow_from_a_reset() -> None:
+    model = paper_model(window_s=0.001)
+    z = 4 + np.sin(2 * np.pi * 10 * TIME_S[:300])
+    steps, _ = chain.follow(model, reference_run(z, "reset"), engine="f64")
+    memory = chain.rest_at(model, z[0])
+    assert steps.drive_V[0] == pytest.approx(memory.x_um / model.gain_um_per_V + model.offset_V)
+    np.testing.assert_allclose(operators.forward(model, steps.drive_V, steps.rate_um_per_s, memory.plays_um)[0], z)
+
+
+@pytest.mark.parametrize("drift_um", [0.0, 0.4])
+def test_follow_what_was_measured_gives_the_recorded_command(drift_um: float) -> None:
+    """Once the estimated memory is forgotten; `remove_offset` takes a drift out."""
+    model = paper_model()
+    run = made_run(model, chain.states_after(-1.0, 2.0, model.thresholds_um))
+    run.columns["displacement_um"] = run.displacement_um + drift_um
+    steps, offset = chain.follow(model, run, "displacement_um", "f64", remove_offset=True)
+    assert offset == pytest.approx(drift_um, abs=0.002 * model.stroke_um)
+    late = chain.warm_up(model.x_of(run.command_V), model.thresholds_um[-1])
+    assert 0 < late < 2500
+    assert np.sqrt(np.mean((steps.drive_V - run.command_V)[late:] ** 2)) < 0.003 * np.ptp(run.command_V)
+
+
+def test_offset_of_a_reference_alone_cannot_be_removed() -> None:
+    with pytest.raises(BadInput, match="profile.csv: an offset can only be removed from a recording"):
+        chain.follow(paper_model(), reference_run(np.zeros(20)), remove_offset=True)
+
+
+def test_follow_keeps_the_estimated_start_inside_the_drive() -> None:
+    """The recording began outside what the model may output: the firmware starts at the limit."""
+    wide = paper_model()
+    run = made_run(wide, np.full(10, 2.0))
+    narrow = replace(wide, drive=Drive(-50.0, 60.0), memory=Memory())
+    assert run.command_V[0] == pytest.approx(66)
+    steps, _ = chain.follow(narrow, run, "displacement_um", "f64")
+    assert steps.drive_V.max() <= 60 and steps.drive_V[0] == pytest.approx(60)
