@@ -78,7 +78,7 @@ def drive_of(track: Path, reference: str, drive: str) -> np.ndarray:
 
 
 def linear_drive(kind: str, reference_um: np.ndarray) -> np.ndarray:
-    """No model: the straight line through the identification recording."""
+    """No model: the best straight line through the identification recording."""
     columns = bench.read_drive(OUT / kind / "sawtooth.csv")[1]
     slope, offset = np.polyfit(columns["displacement_um"], columns["command_V"], 1)
     return np.clip(slope * reference_um + offset, float(RANGE_V[0]), float(RANGE_V[1]))
@@ -114,12 +114,12 @@ def identify_and_track(kind: str, drives: list[str], references: dict[str, np.nd
 
 def print_table(errors: dict[str, dict[str, list[tuple[float, float]]]]) -> None:
     print("\nTracking error, rms / max in % of the profile's peak-to-peak (12.5 um)")
-    print(f"{'':38}" + "".join(f"{name:>18}" for name in MODELS))
+    print(f"{'':42}" + "".join(f"{name:>18}" for name in MODELS))
     for profile, title in PROFILES.items():
         rows = {"paper's Table 1, measured": PAPER[profile], **{f"actuator {kind}": errors[kind][profile] for kind in errors}}
         for label, row in rows.items():
             cells = "".join(f"{f'{rms:.2f} / {peak:5.2f}':>18}" for rms, peak in row)
-            print(f"  {f'{title}: {label}':36}{cells}")
+            print(f"  {f'{title}: {label}':40}{cells}")
 
 
 def draw(runs: dict[str, dict[str, list[Run]]], references: dict[str, np.ndarray], errors: dict) -> Path:
@@ -144,8 +144,10 @@ def draw(runs: dict[str, dict[str, list[Run]]], references: dict[str, np.ndarray
                        label=f"{name}: {rms:.2f} % rms, {peak:.1f} % max")
         tracking.set(title=f"{PROFILES[profile]}: displacement", xlabel="time [s]", ylabel="displacement [µm]")
         error.set(title="error", xlabel="time [s]", ylabel="error [µm]")
-        tracking.legend(fontsize="small", loc="upper right")
-        error.legend(fontsize="small", loc="upper right")
+        for panel in (tracking, error):
+            low, high = panel.get_ylim()
+            panel.set_ylim(low, high + 0.45 * (high - low))  # room for the legend
+            panel.legend(fontsize="small", loc="upper right")
     path = OUT / "demo.png"
     figure.savefig(path, dpi=100)
     return path

@@ -16,7 +16,9 @@ from .recording import Recording
 
 MAX_SWEEPS = 60
 DEPTH, MIX = 6, 0.5  # sweeps remembered and damping of Anderson's mixing
-SETTLED = 1e-5  # rms change between sweeps, as a share of the stroke
+# rms change that one more sweep would bring, as a share of the stroke: sought, and at most called settled
+SOUGHT, SETTLED = 1e-5, 3e-4
+PATIENCE = 8  # sweeps without a better one, after which the best is taken
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
 
     memory: "auto" follows each run's metadata (reset: a decaying sweep ended at the first sample; carried: where the run
     before ended; unknown: one number, a previous position, estimated from the samples that still depend on it, or the
-    model's memory without displacement); "model" and "reset" impose theirs on every run.
+    model's memory without displacement); "model", "reset" and "estimate" impose theirs on every run.
     """
     if model.effects:
         names = ", ".join(str(effect.get("name")) if isinstance(effect, dict) else str(effect) for effect in model.effects)
@@ -67,6 +69,8 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
         x0 = float(model.x_of(run.command_V[0]))
         if kind == "carried" and predictions:
             states = predictions[-1].states_um
+        elif kind == "estimate" and run.displacement_um is not None:
+            kind, states = "estimated", estimate_states(model, run)
         elif kind == "reset":
             states = np.full(len(model.thresholds_um), x0)
         elif kind == "model" or run.displacement_um is None:
@@ -132,9 +136,8 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
         model = replace(model, memory=rest_at(model, float(reference[0] - offset)))
     elif recorded:
         states = estimate_states(model, run)
-        low, high = sorted((model.x_of(model.drive.min_V), model.x_of(model.drive.max_V)))
-        states = firmware.plays(np.clip(states[:1], low, high), model.thresholds_um, states)[1]  # within what may be output
         model = replace(model, memory=Memory(float(states[0]), states))
+        model = replace(model, memory=within_drive(model))
     if engine == "numpy":
         return Steps(*operators.step(model, reference - offset, run.sample_time_s)[0]), offset
     return Firmware(model, run.sample_time_s, engine).step(reference - offset), offset
@@ -146,6 +149,21 @@ def rest_at(model: Model, displacement_um: float) -> Memory:
     low, high = sorted((model.x_of(model.drive.min_V), model.x_of(model.drive.max_V)))
     x = float(np.clip(v / model.slopes[-1], low, high))
     return Memory(x, np.full(len(model.thresholds_um), x))
+
+
+def within_drive(model: Model) -> Memory:
+    """The model's memory, its plays moved to the nearest drive that may be output."""
+    low, high = sorted((model.x_of(model.drive.min_V), model.x_of(model.drive.max_V)))
+    states = firmware.plays(np.clip(model.memory.plays_um[:1], low, high), model.thresholds_um, model.memory.plays_um)[1]
+    return replace(model.memory, x_um=float(states[0]), plays_um=states)
+
+
+def reachable_um(model: Model) -> tuple[float, float]:
+    """Lowest and highest displacement within the drive's range, at rest, after moving over all of it."""
+    ends = np.tile([model.drive.min_V, model.drive.max_V], 2)
+    engine = Firmware(replace(model, memory=within_drive(model)), 1.0, "f64")
+    low, high = engine.forward(ends, np.zeros(4))[2:]
+    return float(min(low, high)), float(max(low, high))
 
 
 def _firmware(model: Model, run: Recording, states_um: np.ndarray) -> Firmware:
@@ -176,17 +194,21 @@ def _predict(model: Model, run: Recording, states_um: np.ndarray, memory: str) -
     smoothing_s = float(rate.extra.get("smoothing_s", 0.0))
     points: list[np.ndarray] = []
     misses: list[np.ndarray] = []
+    best, best_change, waited = Prediction(predicted, end, rho, False, memory), np.inf, 0
     for _ in range(MAX_SWEEPS):
-        miss = rate_of(predicted, smoothing_s) - rho
+        swept = rate_of(predicted, smoothing_s)
+        change = float(np.sqrt(np.mean((forward(swept)[0] - predicted) ** 2))) / model.stroke_um
+        waited += 1
+        if change < best_change:
+            best, best_change, waited = Prediction(predicted, end, rho, change < SETTLED, memory), change, 0
+        if best_change < SOUGHT or waited == PATIENCE:
+            break
+        miss = swept - rho
         points, misses = [*points[-DEPTH:], rho], [*misses[-DEPTH:], miss]
         rho = rho + MIX * miss
         if len(points) > 1:
             moves, changes = np.diff(points, axis=0), np.diff(misses, axis=0)
             rho = rho - np.linalg.lstsq(changes.T, miss, rcond=None)[0] @ (moves + MIX * changes)
         rho = np.maximum(rho, 0)
-        previous = predicted
         predicted, end = forward(rho)
-        change = float(np.sqrt(np.mean((predicted - previous) ** 2))) / model.stroke_um
-        if change < SETTLED:
-            break
-    return Prediction(predicted, end, rho, change < SETTLED, memory)
+    return best

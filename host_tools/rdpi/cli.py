@@ -238,7 +238,8 @@ def _targets(sources: tuple[str, ...], output: str) -> list[Path]:
 @click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=click.Path(dir_okay=False), help="The drive.")
 @click.option("--min-V", "min_V", type=float, default=0.0, show_default=True, help="Lowest voltage, V.")
 @click.option("--max-V", "max_V", type=float, default=10.0, show_default=True, help="Highest voltage, V.")
-@click.option("--rest-V", "rest_V", type=float, help="Voltage at which the drive starts and ends, V. Default: --min-V.")
+@click.option("--rest-V", "rest_V", type=float, help="Voltage at which the drive starts and ends, V. Default: the middle, where a sweep can decay from both "
+                   "sides; one that ends near an edge leaves a branch behind (memory unknown, not reset).")
 @click.option("--sample-rate", "sample_rate_hz", type=float, default=10_000.0, show_default=True, metavar="HZ",
               help="Samples per second.")
 @click.option("--slew", "slew_V_per_s", type=float, metavar="V/S",
@@ -333,33 +334,38 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
         held = [read_recording(path) for path in hold_out]
         result = identify(fitted, Options(**options), held, report_progress)
     write_model(output, result.model)
-    _print_fit(result, output)
     judged = [run.score.rms_percent for run in result.scores if run.held_out or not held]
     failed = max_rms_percent is not None and max(judged) > max_rms_percent
-    if failed:
-        click.echo(f"rdpi: {max(judged):.3g} % rms, above the {max_rms_percent:g} % allowed by --max-rms", err=True)
     summary = {**result.model.fit, "model": output, "gate_failed": failed, "rate_slopes": result.rate_slopes.to_json()}
     if report is not None:
-        _write_fit_report(result, fitted, Path(report), summary)
+        _write_fit_report(result, [*fitted, *held], Path(report), summary)
+    _print_fit(result, output)
+    if failed:
+        click.echo(f"rdpi: {max(judged):.3g} % rms, above the {max_rms_percent:g} % allowed by --max-rms", err=True)
     return summary
 
 
 def _print_fit(result: Any, output: str) -> None:
     import numpy as np
 
+    from . import chain
+
     model = result.model
     click.echo(f"{output}: {len(model.slopes) - 1} plays, {len(model.deadzones_um) - 1} dead zones, stroke {model.stroke_um:.5g} um, "
                f"noise {result.noise_um:.2g} um rms")
     _print_scores([(run.recording.path, run.score, "held out" if run.held_out else "fitted") for run in result.scores])
     bands = result.rate_slopes
-    click.echo("slopes W_i against rate (each band of rate alone; then the model):")
-    head = "".join(f"{f'W_{i}':>7}" for i in range(len(model.slopes)))
-    click.echo(f"  {'um/s':>8}{head}")
     top = model.rate.extra["identified_um_per_s"]
-    rows = [*zip(bands.rate_um_per_s, bands.slopes), ("model 0", model.slopes), (f"{top:.4g}", model.slopes_at(top))]
-    for rate, slopes in rows:
-        cells = "".join(f"{'-' if np.isnan(slope) else f'{slope:.3f}':>7}" for slope in slopes)
-        click.echo(f"  {rate if isinstance(rate, str) else f'{rate:.4g}':>8}{cells}")
+    click.echo("slopes W_i against rate: each band of rate fitted alone, then the model's law")
+    click.echo(f"  {'':>20}" + "".join(f"{f'W_{i}':>7}" for i in range(len(model.slopes))))
+    rows = [(f"{rate:.4g} um/s", slopes) for rate, slopes in zip(bands.rate_um_per_s, bands.slopes)]
+    for label, slopes in (*rows, ("model, at rest", model.slopes), (f"model, {top:.4g} um/s", model.slopes_at(top))):
+        click.echo(f"  {label:>20}" + "".join(f"{'-' if np.isnan(slope) else f'{slope:.3f}':>7}" for slope in slopes))
+    dependent, independent = (100 * residual for residual in result.residual)
+    if dependent != independent:
+        click.echo(f"residual of the regression: {dependent:.3g} % rms of the stroke, without the rate law {independent:.3g} %")
+    low, high = chain.reachable_um(model)
+    click.echo(f"reachable displacement: {low:.5g} to {high:.5g} um; references are displacements as the sensor reads them")
     singular = model.rate.singular_um_per_s
     click.echo(f"rates identified up to {top:.4g} um/s; guard at {model.rate.max_um_per_s:.4g} um/s"
                + (f"; a slope reaches zero at {singular:.4g} um/s" if singular else ""))
@@ -396,7 +402,15 @@ def header(model: str, output: str, name: str) -> dict[str, Any]:
 
     parameters = read_model(model)
     write_header(parameters, output, name, source=model)
-    click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones")
+    click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones, "
+               f"starts from {parameters.memory.x_um / parameters.gain_um_per_V + parameters.offset_V:.6g} V")
+    for need, default, maximum in ((len(parameters.slopes), 16, "RDPI_MAX_PLAYS"),
+                                   (len(parameters.deadzones_um), 8, "RDPI_MAX_DEADZONES")):
+        if need > default:
+            click.echo(f"note: compile the library and its users with -D{maximum}={need} (default {default})")
+    if parameters.rate.window_s:
+        click.echo(f"note: the rate window spans {parameters.rate.window_s:g} s times the samples per second; above 16 samples "
+                   "compile with -DRDPI_MAX_WINDOW=...")
     return {"file": output, "name": name, "digest": parameters.digest()}
 
 
@@ -469,6 +483,8 @@ def compensate(model: str, reference: str, output: str, engine: str, dac_bits: i
     """
     from dataclasses import replace
 
+    import numpy as np
+
     from . import chain
     from .model import read_model
     from .recording import read_recording, write_recording
@@ -490,6 +506,11 @@ def compensate(model: str, reference: str, output: str, engine: str, dac_bits: i
     for name, bit in (("guard", 1), ("range", 2), ("slew", 4), ("input", 8)):
         result[f"{name}_count"] = int(((steps.flags & bit) > 0).sum())
     flagged = ", ".join(f"{result[f'{name}_count']} {name}" for name in ("guard", "range", "slew", "input"))
+    if result["range_count"]:
+        low, high = chain.reachable_um(parameters)
+        reference_um = columns["reference_um"][np.isfinite(columns["reference_um"])] - offset
+        click.echo(f"note: the drive was clipped; reachable {low:.5g} to {high:.5g} um, asked for {reference_um.min():.5g} to "
+                   f"{reference_um.max():.5g} um")
     click.echo(f"{output}: {len(run)} samples, {steps.drive_V.min():.6g} to {steps.drive_V.max():.6g} V, flagged: {flagged}")
     if run.command_V is not None:
         columns["recorded_V"] = run.command_V

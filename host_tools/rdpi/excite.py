@@ -32,7 +32,7 @@ class Limits:
 
     min_V: float = 0.0
     max_V: float = 10.0
-    rest_V: float | None = None  # None: min_V
+    rest_V: float | None = None  # None: the middle, where a sweep can decay from both sides
     sample_rate_hz: float = 10_000.0
     slew_V_per_s: float | None = None
 
@@ -322,7 +322,7 @@ def _check_limits(limits: Limits) -> float:
             raise BadInput(f"--{name} {value}: give a finite number of volts")
     if not limits.span_V >= 1e3 * QUANTUM_V:
         raise BadInput(f"--max-V {limits.max_V:g}: must be above --min-V {limits.min_V:g}")
-    rest_V = limits.min_V if limits.rest_V is None else limits.rest_V
+    rest_V = limits.middle_V if limits.rest_V is None else limits.rest_V
     if not limits.min_V <= rest_V <= limits.max_V:
         raise BadInput(f"--rest-V {rest_V:g}: outside --min-V {limits.min_V:g} to --max-V {limits.max_V:g}")
     rate = _positive("sample-rate", limits.sample_rate_hz, "Hz")

@@ -33,11 +33,14 @@ GRID_GAP = 3  # dead zones closer than this many candidates cannot be told apart
 # away from a straight line) weighs as much as that residual in every sample. Chosen on the measured record's second file
 # and on the virtual benches, where they lie on a wide plateau.
 PRIOR_BEND, PRIOR_RATE_BEND, PRIOR_RATE, PRIOR_SATURATION = 2.5, 25.0, 0.75, 2.5
+GAIN_SPREAD = 5.0  # between the runs' um per volt
+RESET_DOUBT = 0.8  # rms with an estimated state, relative to that with the one stated, from which reset is doubted
 MIN_CORRELATION = 0.5  # between command and displacement
 RATE_HEADROOM = 1.25  # the guard never lies beyond the highest identified rate times this
 OTHER_SOURCE = 0.6  # residual with the other rate source, relative to this one's, from which it is worth a remark
 RATE_BINS = 8
-CHUNK = 1 << 16  # samples held as columns at a time
+CHUNK = 1 << 12  # samples held as columns at a time: what fits into a processor's cache
+THIN = 8  # of the samples, every how many are used to compare rate sources
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,7 @@ class Fit:
     """Result of an identification."""
 
     model: Model
+    residual: tuple[float, float]  # rms of the regression as a share of the stroke: with the rate law, without one
     scores: list[RunScore]
     rate_slopes: RateSlopes
     noise_um: float
@@ -117,6 +121,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     for run in (*runs, *hold_out):
         _check(run)
     _check_options(options)
+    _check_gains(runs)
     warnings: list[str] = []
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
     smoothing_s = max(signals.smoothing_time_s(run.displacement_um, run.sample_time_s) for run in runs)
@@ -167,13 +172,16 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if first.recording.memory == "unknown":
         states = chain.estimate_states(model, first.recording)
         model.memory = Memory(float(states[0]), states)
+    model.memory = chain.within_drive(model)
+    _check_reset(model, runs, warnings)
     progress(0.7)
     scores = _scores(model, runs, hold_out, warnings)
     _remark(model, plant, noise, scores, warnings)
     model.fit = _record(scores, noise, warnings)
     bands = _rate_slopes(model, prepared)
     progress(1.0)
-    return Fit(model, scores, bands, noise, warnings)
+    without = plant if options.rate_independent else _search(*_without_rate(factor, columns), options.deadzones, samples)
+    return Fit(model, (plant.residual, without.residual), scores, bands, noise, warnings)
 
 
 def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], columns: _Columns, options: Options, plant: _Plant,
@@ -183,7 +191,7 @@ def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], column
     rates = [_rate(run, used.x_um, other, options.rate_window_s, options.rate_filter_s, smoothing_s)
              for run, used in zip(runs, prepared)]
     swapped = [replace(run, rate_um_per_s=rate) for run, rate in zip(prepared, rates)]
-    factor, _, samples = _reduce(swapped, columns, stroke)
+    factor, _, samples = _reduce(swapped, columns, stroke, every=THIN)
     residual = plant.residual
     for _ in range(3):  # the prior follows the residual
         residual = _solve(factor, columns, plant.picks, samples, residual).residual
@@ -203,6 +211,27 @@ def _check(run: Recording) -> None:
     if abs(correlation) < MIN_CORRELATION:
         raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {correlation:.2f}); "
                        "check that both columns are of the same run, and their order and units")
+
+
+def _check_gains(runs: Sequence[Recording]) -> None:
+    """Runs of one actuator move by about as many um per volt; small loops up to some times less."""
+    gains = [float(np.ptp(run.displacement_um) / np.ptp(run.command_V)) for run in runs]
+    low, high = int(np.argmin(gains)), int(np.argmax(gains))
+    if gains[high] > GAIN_SPREAD * gains[low]:
+        raise BadInput(f"{runs[high].path} moves {gains[high]:.3g} um/V and {runs[low].path} {gains[low]:.3g}: they are not in "
+                       "the same units, or not of the same actuator; check --command-gain and units of `rdpi import`")
+
+
+def _check_reset(model: Model, runs: Sequence[Recording], warnings: list[str]) -> None:
+    """A run marked reset whose start looks like another state was not swept from both sides of where it starts."""
+    for run in runs:
+        if run.memory == "reset":
+            marked, estimated = (chain.simulate(model, [run], memory)[0].predicted_um for memory in ("reset", "estimate"))
+            before, after = (chain.score(predicted, run.displacement_um).rms_percent for predicted in (marked, estimated))
+            if after < RESET_DOUBT * before:
+                warnings.append(f"{run.path}: marked memory: reset, but a state other than rest at its first sample fits better "
+                                f"({after:.2g} % rms against {before:.2g} %); did the sweep decay from both sides? "
+                                "Else mark it unknown")
 
 
 def _check_options(options: Options) -> None:
@@ -268,8 +297,8 @@ class _Columns(NamedTuple):
     def plays(self) -> int:
         return len(self.thresholds_um) * (2 if self.top_um_per_s else 1)
 
-    def blocks(self, run: _Run) -> Iterator[np.ndarray]:
-        """Blocks of at most CHUNK rows, warm-up left out; first column 1."""
+    def blocks(self, run: _Run, every: int = 1) -> Iterator[np.ndarray]:
+        """Blocks of at most CHUNK rows, one row for `every` samples, warm-up left out; first column 1."""
         states = run.states_um
         z = run.recording.displacement_um
         for start in range(0, len(z), CHUNK):
@@ -280,29 +309,28 @@ class _Columns(NamedTuple):
                 share = (run.rate_um_per_s[part] / self.top_um_per_s)[:, None]
                 outputs = np.hstack([outputs * (1 - share), outputs * share])
             zone = np.maximum(z[part, None] - self.grid_um, 0)
-            block = np.hstack([np.ones((len(outputs), 1)), outputs, zone, z[part, None]])[max(0, run.first - start):]
+            block = np.hstack([np.ones((len(outputs), 1)), outputs, zone, z[part, None]])[max(0, run.first - start)::every]
             if len(block):
                 yield block
 
 
 def _reduce(runs: Sequence[_Run], columns: _Columns, stroke: float,
-            progress: Callable[[float], None] = lambda fraction: None) -> tuple[np.ndarray, np.ndarray, int]:
+            progress: Callable[[float], None] = lambda fraction: None, every: int = 1) -> tuple[np.ndarray, np.ndarray, int]:
     """Triangular factor of all columns with every run's mean removed (each run has its own offset), the means, samples.
 
     Displacements are in units of the stroke. Means are one row per run.
     """
-    total, means, samples, done = np.zeros((0, columns.plays + len(columns.grid_um) + 1)), [], 0, 0
+    total, means, samples = np.zeros((0, columns.plays + len(columns.grid_um) + 1)), [], 0
     everything = sum(len(run.x_um) for run in runs)
     for run in runs:
         factor = np.zeros((0, total.shape[1] + 1))
-        for block in columns.blocks(run):
+        for block in columns.blocks(run, every):
             block[:, 1:] /= stroke
             factor = np.linalg.qr(np.vstack([factor, block]), mode="r")
-            done += len(block)
-            progress(done / everything)
+            samples += len(block)
+            progress(min(1.0, samples * every / everything))
         means.append(factor[0, 1:] / factor[0, 0])  # of a factor with a leading column of ones
         total = np.linalg.qr(np.vstack([total, factor[1:, 1:]]), mode="r")
-        samples += len(run.x_um) - run.first
     return total, np.array(means), samples
 
 
@@ -364,6 +392,12 @@ def _search(factor: np.ndarray, columns: _Columns, m: int, samples: int) -> _Pla
         if plant.picks == before:
             break
     return plant
+
+
+def _without_rate(factor: np.ndarray, columns: _Columns) -> tuple[np.ndarray, _Columns]:
+    """The same regression with slopes that do not depend on rate: both columns of a play added."""
+    n = len(columns.thresholds_um)
+    return np.hstack([factor[:, :n] + factor[:, n:2 * n], factor[:, 2 * n:]]), columns._replace(top_um_per_s=0.0)
 
 
 def _offset(means: np.ndarray, columns: _Columns, plant: _Plant) -> float:

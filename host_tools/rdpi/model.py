@@ -234,7 +234,10 @@ def read_model(path: str | os.PathLike[str]) -> Model:
     """Read and validate a model file. Raises BadInput naming file, key and remedy."""
     path = str(path)
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        text = Path(path).read_text(encoding="utf-8")
+        if not text.lstrip().startswith("{"):
+            raise BadInput(f"{path}: line 1: this is no JSON object; a model file is what `rdpi fit` writes")
+        document = json.loads(text, parse_constant=_refuse_constant)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; check the path") from None
     except (ValueError, RecursionError) as error:

@@ -73,7 +73,7 @@ def saturation_inverse(z_um: np.ndarray, d_um: np.ndarray, weights: np.ndarray) 
 
 def forward(model: Model, command_V: np.ndarray, rate_um_per_s: np.ndarray, states_um: np.ndarray
             ) -> tuple[np.ndarray, np.ndarray]:
-    """Eq. 17: displacement in um (samples,) for commands and rates (samples,), and the states of the plays at the end."""
+    """Eq. 17: displacement in um for commands and rates, all (samples,), and the states of the plays at the end."""
     outputs, states_um = plays(model.x_of(command_V), model.thresholds_um, states_um)
     v = bank(outputs, play_weights(model, guard(model.rate, rate_um_per_s)))
     return saturation(v, model.deadzones_um, model.deadzone_weights) + model.offset_um, states_um

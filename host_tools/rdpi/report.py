@@ -54,9 +54,9 @@ def _thin(samples: int) -> slice:
 def _loops(axes: Axes, runs: Sequence[Recording], predictions: Sequence[Prediction]) -> None:
     for i, (run, prediction) in enumerate(zip(runs, predictions)):
         part = _thin(len(run))
-        axes.plot(run.command_V[part], run.displacement_um[part], lw=1.6, color=f"C{i % 10}", alpha=0.45,
+        axes.plot(run.command_V[part], run.displacement_um[part], lw=2.5, color=f"C{i % 10}", alpha=0.5,
                   label=os.path.basename(run.path) if len(runs) <= 8 else None)
-        axes.plot(run.command_V[part], prediction.predicted_um[part], lw=0.7, color="black",
+        axes.plot(run.command_V[part], prediction.predicted_um[part], lw=0.4, color="black", alpha=0.6,
                   label="predicted" if i == 0 else None)
     axes.set(xlabel="command [V]", ylabel="displacement [µm]", title="Loops")
     axes.legend(fontsize="small", loc="upper left")
@@ -69,17 +69,30 @@ def _slopes(axes: Axes, model: Model, bands: RateSlopes | None) -> None:
     top = float(model.rate.extra.get("identified_um_per_s", model.rate.max_um_per_s))
     rate = np.array([0.0, top])
     colours = colormaps["viridis"](np.linspace(0, 0.9, len(model.slopes)))
+    ends = model.slopes_at(top)
+    shown = np.concatenate([model.slopes, ends] + ([bands.slopes[np.isfinite(bands.slopes)]] if bands is not None else []))
+    low, high = 0.9 * np.min(shown), 1.05 * np.max(shown)
+    labels = _spread(ends, (high - low) / 28)
     for i, colour in enumerate(colours):
         axes.plot(rate, model.slopes_at(rate)[:, i], color=colour)
         if bands is not None:
             axes.plot(bands.rate_um_per_s, bands.slopes[:, i], "o", ms=4, color=colour)
-        axes.annotate(f"$W_{{{i}}}$", (top, model.slopes_at(top)[i]), xytext=(3, -3), textcoords="offset points",
-                      fontsize=8, color=colour)
+        axes.annotate(f"$W_{{{i}}}$", (top, labels[i]), xytext=(4, -3), textcoords="offset points", fontsize=8, color=colour)
     if model.rate.max_um_per_s < 1.3 * top:
         axes.axvline(model.rate.max_um_per_s, color="red", lw=0.8, ls="--")
-        axes.annotate("guard", (model.rate.max_um_per_s, 0), xytext=(2, 4), textcoords="offset points", color="red", fontsize=8)
-    axes.set(xlabel="rate [µm/s]", ylabel="slope of the loading curve", ylim=(0, None),
+        axes.annotate("guard", (model.rate.max_um_per_s, low), xytext=(-3, 4), textcoords="offset points", ha="right",
+                      color="red", fontsize=8)
+    axes.set(xlabel="rate [µm/s]", ylabel="slope of the loading curve", ylim=(low, high),
              title="Slopes against rate (lines: model, dots: each band of rate alone)")
+
+
+def _spread(values: np.ndarray, gap: float) -> np.ndarray:
+    """Heights of labels near `values`, at least `gap` apart."""
+    order = np.argsort(values, kind="stable")
+    heights = np.array(values, float)
+    for before, after in zip(order, order[1:]):
+        heights[after] = max(heights[after], heights[before] + gap)
+    return heights
 
 
 def _time(axes: Axes, run: Recording, prediction: Prediction) -> None:
@@ -88,8 +101,13 @@ def _time(axes: Axes, run: Recording, prediction: Prediction) -> None:
     part = slice(start, start + WINDOW_POINTS)
     axes.plot(run.time_s[part], run.displacement_um[part], color="C0", label="measured")
     axes.plot(run.time_s[part], prediction.predicted_um[part], color="black", lw=0.8, ls="--", label="predicted")
+    miss = axes.twinx()
+    miss.plot(run.time_s[part], (run.displacement_um - prediction.predicted_um)[part], color="C3", lw=0.7)
+    miss.set_ylabel("measured − predicted [µm]", color="C3")
+    largest = 3 * float(error[part].max()) or 1.0
+    miss.set_ylim(-largest, largest)
     axes.set(xlabel="time [s]", ylabel="displacement [µm]", title=f"Prediction where it is worst: {os.path.basename(run.path)}")
-    axes.legend(fontsize="small")
+    axes.legend(fontsize="small", loc="upper right")
 
 
 def _residual(axes: Axes, runs: Sequence[Recording], predictions: Sequence[Prediction]) -> None:
@@ -111,5 +129,5 @@ def _residual(axes: Axes, runs: Sequence[Recording], predictions: Sequence[Predi
         means = np.bincount(bins, what, RESIDUAL_BINS) / np.maximum(counts, 1)
         axes.plot(((edges[1:] + edges[:-1]) / 2)[counts > 0], means[counts > 0], color=colour, label=f"{label}, mean")
     axes.axhline(0, color="black", lw=0.5)
-    axes.set(xlabel="position [µm]", ylabel="measured − predicted [µm]", title="Residual")
+    axes.set(xlabel="predicted displacement [µm]", ylabel="measured − predicted [µm]", title="Residual")
     axes.legend(fontsize="small")

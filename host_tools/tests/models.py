@@ -13,8 +13,10 @@ SAMPLE_TIME_S = 1e-4
 
 def random_model(seed: int, plays: int = 9, deadzones: int = 2, falling: bool = True, slew: bool = False,
                  dac_bits: int | None = None, window: int = 1, filter_s: float = 0.0) -> Model:
-    """A valid model of about 12 um stroke with every value drawn, for SAMPLE_TIME_S. Arrays have n + 1 = `plays` + 1,
-    m + 1 = `deadzones` + 1 values; `falling` gives it a rate law; the drive range is about what the stroke needs."""
+    """A valid model of about 12 um stroke for SAMPLE_TIME_S, every value drawn: n = `plays`, m = `deadzones`.
+
+    `falling` gives it a rate law; the drive range is about what the stroke needs; `window` is in samples.
+    """
     random = np.random.default_rng(seed)
     thresholds = np.concatenate([[0.0], np.cumsum(random.uniform(0.2, 1, plays))])
     thresholds *= 6 / max(thresholds[-1], 6)
@@ -49,6 +51,9 @@ def random_reference(seed: int, model: Model, samples: int = 150, broken: float 
     z = sum(random.uniform(0, 5) * np.sin(2 * np.pi * (cycles * time + random.uniform())) for cycles in (1, 3, 11))
     z += random.choice([0, 5]) * random.normal(size=samples // 10 + 1).repeat(10)[:samples]
     z[random.integers(samples):][:20] = z[0]
+    if model.drive.dac_bits is not None:
+        # On a pause a coarse DAC may go round in a cycle that meets the edge between two codes or flags exactly. Avoid it.
+        z += 1e-6 * random.normal(size=samples)
     places = random.uniform(size=samples) < broken
     z[places] = random.choice([np.nan, np.inf, -np.inf, 1e7, -1e300], np.count_nonzero(places))
     return z + model.offset_um

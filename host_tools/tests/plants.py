@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rdpi.model import Model
+from rdpi.model import Drive, Memory, Model, Rate
 from rdpi.recording import Recording, sample_times
 
 
@@ -113,3 +113,15 @@ def thresholds_um(plant: Plant, runs: list[Recording]) -> tuple[float, ...]:
 
 def slopes_um_per_V(model: Model, rate_um_per_s: float = 0.0) -> np.ndarray:
     return abs(model.gain_um_per_V) * model.slopes_at(rate_um_per_s)
+
+
+def model_of(plant: Plant, gain_um_per_V: float = 0.13, **changes: object) -> Model:
+    """The same plant as a model, at rest at its offset; rates up to 1000 um/s, drive 0 to 100 V beyond the offset."""
+    gain = -gain_um_per_V if plant.inverted else gain_um_per_V
+    drive = Drive(*sorted((plant.offset_V, plant.offset_V + (-100 if plant.inverted else 100))))
+    thresholds = plant.thresholds_V * gain_um_per_V
+    return Model(**{**dict(
+        gain_um_per_V=gain, offset_V=plant.offset_V, offset_um=plant.offset_um, stroke_um=12.0, thresholds_um=thresholds,
+        slopes=plant.slopes / gain_um_per_V, slope_rate_s_per_um=plant.changes / gain_um_per_V,
+        deadzones_um=plant.deadzones_um, deadzone_weights=plant.weights, rate=Rate(max_um_per_s=1000.0), drive=drive,
+        memory=Memory(0.0, np.zeros(len(thresholds))), actuator="stack 7"), **changes})

@@ -72,7 +72,7 @@ def test_sample_time(sample_time_s: float, real: str) -> None:
 
 
 def test_rate_says_which_window_is_too_long() -> None:
-    with pytest.raises(BadInput, match=r"RDPI_MAX_WINDOW.* \(window 0.5 s at 10000 samples/s\); choose a shorter window"):
+    with pytest.raises(BadInput, match=r"RDPI_MAX_WINDOW.* \(window 0.5 s at 10000 samples/s\); choose a shorter"):
         firmware.rate(np.zeros(20), 1e-4, 0.5, 0.0)
 
 

@@ -28,7 +28,8 @@ GOOD: dict[str, Any] = {
              "singular_um_per_s": 2500.0, "min_slope_ratio": 0.3},
     "drive": {"min_V": -20.0, "max_V": 120.0, "slew_V_per_s": 5e4, "dac_bits": 16},
     "memory": {"x_um": 2.0, "plays_um": [2.0, 1.0, 0.5]},
-    "fit": {"runs": [{"file": "a.csv", "rms_percent": 0.5}]}, "effects": [{"name": "delay"}], "passport": {"owner": "lab"},
+    "fit": {"runs": [{"file": "a.csv", "rms_percent": 0.5}]}, "effects": [{"name": "delay"}],
+    "passport": {"owner": "lab"},
 }
 ABSENT = object()
 
@@ -141,13 +142,13 @@ def test_wrong_schema(schema: object, complaint: Callable) -> None:
     assert message.startswith("schema: is ") and 'expected "rdpi-model/1"' in message and "fit again" in message
 
 
-@pytest.mark.parametrize("text", ["[1, 2]", "3", "null", '"rdpi-model/1"'])
+@pytest.mark.parametrize("text", ["[1, 2]", "3", "null", '"rdpi-model/1"', "", "time_s,command_V\n0,1\n"])
 def test_no_object(text: str, complaint: Callable) -> None:
-    assert complaint(text).startswith("not a model")
+    assert complaint(text) == "line 1: this is no JSON object; a model file is what `rdpi fit` writes"
 
 
 @settings(max_examples=60)
-@given(share=st.floats(0, 1, exclude_max=True))
+@given(share=st.floats(0.01, 1, exclude_max=True))
 def test_cut_short(share: float, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.getbasetemp() / "cut.json"
     write_model(path, random_model(1))
@@ -157,12 +158,12 @@ def test_cut_short(share: float, tmp_path_factory: pytest.TempPathFactory) -> No
         read_model(path)
 
 
-@pytest.mark.parametrize("data", [b"", b"\xff\xfe{\x00", b"\x80\x02}q\x00.", b"time_s,command_V\n0,1\n", b"[" * 100_000],
-                         ids=["empty", "UTF-16", "pickle", "CSV", "brackets"])
+@pytest.mark.parametrize("data", [b"\xff\xfe{\x00", b"\x80\x02}q\x00.", b'{"a": ' * 100_000, b"{}{}"],
+                         ids=["UTF-16", "pickle", "deep", "twice"])
 def test_no_json(data: bytes, tmp_path: Path) -> None:
     path = tmp_path / "model.json"
     path.write_bytes(data)
-    with pytest.raises(BadInput, match=r"model\.json: not a complete JSON document"):
+    with pytest.raises(BadInput, match=r"model\.json: not a complete JSON document .* fit again or restore it"):
         read_model(path)
 
 
@@ -178,7 +179,7 @@ BAD_VALUES = {
     "gain zero": ("gain_um_per_V", 0, "gain_um_per_V: is 0"),
     "stroke zero": ("stroke_um", 0, "stroke_um: is 0; must be positive"),
     "stroke negative": ("stroke_um", -12.5, "stroke_um: is -12.5; must be positive"),
-    "thresholds unsorted": ("thresholds_um", [0, 4.5, 2], "thresholds_um: must start at 0 and increase, got [0, 4.5, 2]; sort"),
+    "thresholds unsorted": ("thresholds_um", [0, 4.5, 2], "thresholds_um: must start at 0 and increase, got [0, 4.5, 2]"),
     "threshold twice": ("thresholds_um", [0, 2, 2], "thresholds_um: must start at 0 and increase, got [0, 2, 2]; sort"),
     "thresholds not from 0": ("thresholds_um", [1, 2, 4.5], "thresholds_um: must start at 0 and increase"),
     "slope negative": ("slopes.1", -0.8, "slopes[1]: is -0.8; every slope must be positive"),
@@ -189,8 +190,8 @@ BAD_VALUES = {
                                                     "0.3 of its 0.5 at rest; use 1167 or less"),
     "dead zones unsorted": ("deadzones_um", [0, -3], "deadzones_um: must start at 0 and increase, got [0, -3]; sort"),
     "dead zones not from 0": ("deadzones_um", [0.1, 3], "deadzones_um: must start at 0 and increase"),
-    "dead zone weights too few": ("deadzone_weights", [1], "deadzone_weights: has 1 values, expected 2, one per dead zone"),
-    "partial sum zero": ("deadzone_weights", [1, -1], "deadzone_weights: the weights up to [1] sum to 0; every partial sum"),
+    "dead zone weights too few": ("deadzone_weights", [1], "deadzone_weights: has 1 values, expected 2, one per"),
+    "partial sum zero": ("deadzone_weights", [1, -1], "deadzone_weights: the weights up to [1] sum to 0; every"),
     "first weight negative": ("deadzone_weights", [-1, 2], "deadzone_weights: the weights up to [0] sum to -1"),
     "rate source": ("rate.source", "drive", 'rate.source: is "drive"; must be one of displacement, control'),
     "rate source no text": ("rate.source", ["control"], "rate.source: is "),
@@ -209,7 +210,7 @@ BAD_VALUES = {
     "plays too few": ("memory.plays_um", [2, 1], "memory.plays_um: has 2 values, expected 3, one per threshold"),
     "play apart from its neighbour": ("memory.plays_um", [2, 1, -2], "memory.plays_um: no history leaves these states"),
     "play not at x": ("memory.plays_um.0", 1.5, "memory.plays_um[0]: is 1.5, but must be x_um = 2"),
-    "memory outside the drive": ("memory", {"x_um": 20.0, "plays_um": [20, 19, 17]}, "memory.x_um: is held by 165.167 V"),
+    "memory outside the drive": ("memory", {"x_um": 20, "plays_um": [20, 19, 17]}, "memory.x_um: is held by 165.167 V"),
     "memory no object": ("memory", [2.0], "memory: must be an object"),
     "fit no object": ("fit", "good", "fit: must be an object"),
     "effects no list": ("effects", {}, "effects: must be a list"),
@@ -262,7 +263,8 @@ def test_unknown_keys_are_kept(written: Callable, tmp_path: Path) -> None:
 
 
 def test_defaults(written: Callable) -> None:
-    document = {key: GOOD[key] for key in GOOD if key not in ("tool", "actuator", "memory", "fit", "effects", "passport")}
+    optional = ("tool", "actuator", "memory", "fit", "effects", "passport")
+    document = {key: GOOD[key] for key in GOOD if key not in optional}
     document.update(rate={"max_um_per_s": 1500.0, "colour": 1}, drive={"min_V": -20.0, "max_V": 120.0})
     model = read_model(written(document))
     assert (model.rate.source, model.rate.window_s, model.rate.filter_s, model.rate.min_slope_ratio) == \

@@ -188,6 +188,9 @@ float rdpi_port_reference_um(void)
 
 void rdpi_port_write_dac(uint32_t code)
 {
+    if (dac.last_code > 0 && (float)code > dac.last_code) {
+        fail("code %lu does not fit the DAC of --dac; give it the model's dac_bits", (unsigned long)code);
+    }
     dac.code = code;
 }
 

@@ -63,7 +63,7 @@ def test_default_model(folder: Path) -> None:
     ("next.csv", "m2", [], 0.75, 0.534),
     ("other.csv", "m2", ["--remove-offset"], 1.2, 0.843),
     ("other.csv", "m4", ["--remove-offset"], 1.3, 0.892),
-    ("other.csv", "window", ["--remove-offset"], 1.2, 0.757),
+    ("other.csv", "window", ["--remove-offset"], 1.2, 0.616),
 ])
 def test_prediction(run: str, model: str, options: list[str], limit: float | None, measured: float, folder: Path) -> None:
     rms = rdpi("simulate", folder / f"{model}.json", folder / run, *options)["rms_percent"]
@@ -84,8 +84,9 @@ def test_the_offset_is_drift(folder: Path) -> None:
 def test_inverse(run: str, measured_rms: float, measured_max: float, folder: Path) -> None:
     """The measured displacement as reference: the drive against the command that was recorded.
 
-    It is limited by what the model does not know (other.csv: the minor loops and holds), by drift within the run, and by
-    the sensor's noise, 0.15 % of the stroke, which the inverse steepens at every reversal where the slope is least.
+    What limits it on other.csv: 0.33 % is the sensor's noise, steepened by the least slope after every reversal; creep
+    in the hold of rows 10200 to 11200 is 1.2 % there; the maximum is in row 7432, where the recorded command jumps by
+    5 % in one sample and the stack takes five to follow. Nothing of these is hysteresis.
     """
     drive = folder / "drive.csv"
     recorded = rdpi("compensate", folder / "window.json", folder / run, "--reference-column", "displacement_um",

@@ -9,7 +9,7 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 cd "$root"
 python=/usr/bin/python3
-ceedling=1.2.1
+ceedling=$(awk '/:ceedling_version:/ { print $2 }' project.yml)
 log=build/setup.log
 mkdir -p build
 if command -v flock >/dev/null; then # two commands at once would install over each other
@@ -102,6 +102,8 @@ sources=$(find CMakeLists.txt lib host_tools/{pyproject.toml,setup.py,firmware_b
     sort -z | xargs -0 sha256sum | sha256sum)
 stamp=.venv/made-from
 if [ ! -x .venv/bin/python ] || [ "$(head -n 1 $stamp 2>/dev/null)" != "$place" ]; then
+    # CMake refuses a cache that was made elsewhere: the checkout has been moved.
+    find build -name CMakeCache.txt ! -exec grep -qF "CMAKE_CACHEFILE_DIR:INTERNAL=$root/" {} \; -delete
     # Debian's own pip serves inside it too.
     step "creating .venv" $python -m venv --clear --without-pip --system-site-packages .venv
 fi

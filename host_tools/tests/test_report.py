@@ -1,0 +1,148 @@
+"""Pictures: what they show is what the model and the recordings say."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from plants import quasi_static, rate_of, recording, stack, waves
+
+from rdpi import chain, report
+from rdpi.identify import Fit, Options, fit
+from rdpi.recording import Recording
+
+
+@lru_cache(maxsize=None)
+def fitted() -> Fit:
+    command = np.r_[waves(90, 20, 2, 5000), waves(90, 4, 1, 5000)]
+    run = recording(command, stack().respond(command, 0.13 * rate_of(command, 5000)), 5000, "folder/run.csv", noise_um=0.004)
+    return fit([run], Options(rate_source="control"))
+
+
+def panels(figure: Figure) -> tuple[Axes, ...]:
+    """Loops, slopes, time, residual."""
+    return tuple(figure.axes)
+
+
+def draw(runs: list[Recording], bands: object = None, **changes: object) -> Figure:
+    model = replace(fitted().model, **changes)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return report.picture(model, runs, chain.simulate(model, runs), bands)
+
+
+def test_every_panel_says_what_and_in_which_unit() -> None:
+    figure = draw([fitted().scores[0].recording], actuator="stack 7")
+    assert len(panels(figure)) == 4 and figure._suptitle.get_text() == "stack 7"
+    for axes in panels(figure):
+        assert axes.get_title() and axes.lines
+        for label in (axes.get_xlabel(), axes.get_ylabel()):
+            assert re.search(r"\[(V|s|µm|µm/s)\]$", label) or label == "slope of the loading curve"
+
+
+def test_loops() -> None:
+    run = fitted().scores[0].recording
+    measured, predicted = panels(draw([run]))[0].lines
+    assert measured.get_label() == "run.csv" and predicted.get_label() == "predicted"
+    assert np.isin(measured.get_ydata(), run.displacement_um).all() and np.ptp(measured.get_xdata()) == pytest.approx(90, rel=0.01)
+    error = predicted.get_ydata() - measured.get_ydata()
+    assert 0 < np.abs(error).max() < 0.1
+
+
+def test_slopes_against_rate() -> None:
+    """Fig. 7 of the paper: a line per slope, a dot per band."""
+    model, bands = fitted().model, fitted().rate_slopes
+    axes = panels(draw([fitted().scores[0].recording], bands))[1]
+    lines = [line for line in axes.lines if line.get_linestyle() == "-"]
+    dots = [line for line in axes.lines if line.get_marker() == "o"]
+    assert len(lines) == len(dots) == len(model.slopes)
+    top = model.rate.extra["identified_um_per_s"]
+    for i, (line, dot) in enumerate(zip(lines, dots)):
+        assert line.get_xdata()[-1] == pytest.approx(top)
+        assert line.get_ydata() == pytest.approx([model.slopes[i], model.slopes[i] + top * model.slope_rate_s_per_um[i]])
+        assert dot.get_xdata() == pytest.approx(bands.rate_um_per_s)
+        assert dot.get_ydata() == pytest.approx(bands.slopes[:, i], nan_ok=True)
+    texts = [text.get_text() for text in axes.texts]
+    assert [f"$W_{{{i}}}$" for i in range(len(model.slopes))] == [text for text in texts if text.startswith("$")]
+    assert axes.get_ylim()[0] == 0
+    without = panels(draw([fitted().scores[0].recording]))[1]
+    assert not any(line.get_marker() == "o" for line in without.lines)
+
+
+def test_guard_is_drawn_where_it_is() -> None:
+    run, rate = fitted().scores[0].recording, fitted().model.rate
+    guard = [line for line in panels(draw([run]))[1].lines if line.get_linestyle() == "--"]
+    assert [line.get_xdata()[0] for line in guard] == [pytest.approx(rate.max_um_per_s)]
+    far = draw([run], rate=replace(rate, max_um_per_s=2 * rate.extra["identified_um_per_s"], min_slope_ratio=0.01))
+    assert not [line for line in panels(far)[1].lines if line.get_linestyle() == "--"]
+
+
+def test_time_shows_the_worst_moment_of_the_worst_run() -> None:
+    good = fitted().scores[0].recording
+    z = good.displacement_um.copy()
+    z[1000] += 3
+    spiked = replace(good, path="spiked.csv", columns={**good.columns, "displacement_um": z})
+    axes = panels(draw([good, spiked]))[2]
+    measured, predicted = axes.lines
+    assert "spiked.csv" in axes.get_title()
+    assert measured.get_xdata()[0] <= good.time_s[1000] <= measured.get_xdata()[-1]
+    assert np.abs(measured.get_ydata() - predicted.get_ydata()).max() > 2.5
+
+
+def test_residual_of_both_directions() -> None:
+    """An error that only the rising branch has shows in the rising curve alone."""
+    good = fitted().scores[0].recording
+    rising = np.gradient(good.command_V) > 0
+    shifted = replace(good, columns={**good.columns, "displacement_um": good.displacement_um + 0.5 * rising})
+    axes = panels(draw([shifted]))[3]
+    means = {line.get_label(): np.median(line.get_ydata()) for line in axes.lines if "mean" in str(line.get_label())}
+    assert means["rising, mean"] == pytest.approx(0.5, abs=0.05) and means["falling, mean"] == pytest.approx(0, abs=0.05)
+
+
+def test_long_recordings_are_thinned() -> None:
+    """Points that cannot be seen are not drawn, and neither curve loses its ends."""
+    run = quasi_static(stack(), waves(90, 1, 30, 1000), memory="reset")
+    figure = draw([run])
+    for axes in panels(figure):
+        assert all(len(line.get_xdata()) < 2.1 * report.POINTS for line in axes.lines)
+    assert np.ptp(panels(figure)[0].lines[0].get_xdata()) > 89
+
+
+def test_many_runs_have_no_names_in_the_legend() -> None:
+    runs = [replace(fitted().scores[0].recording, path=f"{i}.csv") for i in range(9)]
+    few, many = ({text.get_text() for text in panels(draw(runs[:count]))[0].get_legend().get_texts()} for count in (8, 9))
+    assert few == {f"{i}.csv" for i in range(8)} | {"predicted"} and many == {"predicted"}
+
+
+def test_a_constant_command_can_be_drawn(caplog: pytest.LogCaptureFixture) -> None:
+    """No branch rises or falls: an empty residual, and no warning of the drawing library."""
+    still = recording(np.full(100, 45.0), 5 + 0.01 * np.sin(np.arange(100.0)), 1000, "still.csv")
+    assert len(panels(draw([still]))) == 4 and caplog.records == []
+
+
+def empty() -> Figure:
+    figure = Figure(figsize=(1, 1))
+    figure.subplots()
+    return figure
+
+
+@pytest.mark.parametrize("name, start", [("a.png", b"\x89PNG"), ("a.PNG", b"\x89PNG"), ("a.svg", b"<?xml"), ("a.pdf", b"%PDF"), ("a", b"\x89PNG")])
+def test_formats(name: str, start: bytes, tmp_path: Path) -> None:
+    report.write_picture(empty(), tmp_path / name)
+    assert (tmp_path / name).read_bytes().startswith(start)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_picture_that_cannot_be_drawn_leaves_the_old_one(tmp_path: Path) -> None:
+    path = tmp_path / "a.bmp"
+    path.write_text("as it was")
+    with pytest.raises(ValueError):
+        report.write_picture(empty(), path)
+    assert path.read_text() == "as it was" and [file.name for file in tmp_path.iterdir()] == ["a.bmp"]
