@@ -52,7 +52,7 @@ def random_reference(seed: int, model: Model, samples: int = 150, broken: float 
     z += random.choice([0, 5]) * random.normal(size=samples // 10 + 1).repeat(10)[:samples]
     z[random.integers(samples):][:20] = z[0]
     if model.drive.dac_bits is not None:
-        # On a pause a coarse DAC may go round in a cycle that meets the edge between two codes or flags exactly. Avoid it.
+        # On a pause a coarse DAC may fall into a cycle that meets the edge of a code or flag exactly. Avoid that.
         z += 1e-6 * random.normal(size=samples)
     places = random.uniform(size=samples) < broken
     z[places] = random.choice([np.nan, np.inf, -np.inf, 1e7, -1e300], np.count_nonzero(places))

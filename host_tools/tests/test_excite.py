@@ -71,16 +71,16 @@ def test_help_lists_every_kind() -> None:
 
 
 def test_sawtooth_has_constant_rates() -> None:
-    voltage = command("sawtooth", Limits(0, 100), frequencies_hz=(1, 5, 20), cycles=2)
+    voltage = command("sawtooth", Limits(0, 100, 0), frequencies_hz=(1, 5, 20), cycles=2)
     rates = np.abs(np.diff(voltage)) * 10_000
     assert set(np.round(rates, 4)) == {200, 1000, 4000}
     assert list(reversals(voltage)) == [0, 100] * 6 + [0]
-    again = command("sawtooth", Limits(0, 100), rates_V_per_s=(200, 1000, 4000), cycles=2)
+    again = command("sawtooth", Limits(0, 100, 0), rates_V_per_s=(200, 1000, 4000), cycles=2)
     np.testing.assert_array_equal(voltage, again)
 
 
 def test_minor_loops_cover_amplitudes() -> None:
-    turns = reversals(command("minor-loops", Limits(0, 12), levels=6, rates_V_per_s=(30, 60)))
+    turns = reversals(command("minor-loops", Limits(0, 12, 0), levels=6, rates_V_per_s=(30, 60)))
     amplitudes = np.abs(np.diff(turns))
     assert amplitudes.max() == 12
     for low in range(0, 12, 2):
@@ -91,12 +91,12 @@ def test_minor_loops_cover_amplitudes() -> None:
 
 
 def test_steps_hold() -> None:
-    limits = Limits(0, 10, sample_rate_hz=1000)
+    limits = Limits(0, 10, 0, sample_rate_hz=1000)
     voltage = command("steps", limits, levels=4, hold_s=0.5)
     runs = np.split(voltage, np.flatnonzero(np.diff(voltage)) + 1)
     assert [run[0] for run in runs] == [0, 2.5, 5, 7.5, 10, 7.5, 5, 2.5, 0]
     assert all(len(run) == 501 for run in runs[1:])
-    slow = command("steps", Limits(0, 10, sample_rate_hz=1000, slew_V_per_s=100), levels=1, hold_s=0.5)
+    slow = command("steps", Limits(0, 10, 0, sample_rate_hz=1000, slew_V_per_s=100), levels=1, hold_s=0.5)
     assert (np.diff(slow) != 0).sum() == 2 * 101  # 10 V at just under 100 V/s
 
 
@@ -119,7 +119,7 @@ def test_multisine_lines_and_crest() -> None:
 
 
 def test_sine_and_chirp_frequencies() -> None:
-    voltage = command("sine", Limits(0, 2), frequencies_hz=(10, 40), cycles=3)
+    voltage = command("sine", Limits(0, 2, 0), frequencies_hz=(10, 40), cycles=3)
     index = np.arange(3001)
     np.testing.assert_allclose(voltage[:3001], 1 - np.cos(2 * np.pi * 10 * index / 10_000), atol=1e-9)
     np.testing.assert_allclose(voltage[3000:], 1 - np.cos(2 * np.pi * 40 * index[:751] / 10_000), atol=1e-9)
@@ -214,3 +214,12 @@ def test_usage_errors(rdpi: Callable, tmp_path: Path) -> None:
                       ["multisine", "--seed", "-1"]):
         result = rdpi("excite", *arguments, "-o", tmp_path / "out.csv")
         assert result.exit_code == 2 and arguments[-1] in result.output and not (tmp_path / "out.csv").exists()
+
+
+def test_rests_in_the_middle_by_default() -> None:
+    """Where a sweep decays from both sides: every play then stands at the input, which is what memory: reset means."""
+    columns, metadata = make_drive("sine", Limits(0, 10, sample_rate_hz=1000), frequencies_hz=(5,), cycles=1)
+    swept = columns["command_V"][:round(float(metadata["sweep_s"]) * 1000) + 1]
+    assert swept[0] == swept[-1] == 5
+    for threshold in (0.5, 1.0, 2.0, 4.0):
+        assert abs(play(swept, threshold, 5 + threshold)[-1] - 5) < 0.3

