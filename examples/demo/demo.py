@@ -131,7 +131,7 @@ def draw(runs: dict[str, dict[str, list[Run]]], references: dict[str, np.ndarray
     for row, kind in zip(axes, runs):
         loop, tracking, error = row
         recording = bench.read_drive(OUT / kind / "sawtooth.csv")[1]
-        loop.plot(recording["command_V"][::20], recording["displacement_um"][::20], lw=0.6, color="grey")
+        loop.plot(recording["command_V"][::3], recording["displacement_um"][::3], lw=0.6, color="grey")
         loop.set(title=f"{kind}: recorded loops", xlabel="command [V]", ylabel="displacement [µm]")
         profile = "5-20-35hz"
         shown = slice(round(0.5 * RATE_HZ), round(0.8 * RATE_HZ))

@@ -446,7 +446,8 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
         if run.displacement_um is None:
             click.echo(f"{run.path}: predicted, no displacement_um to score")
         if not prediction.settled:
-            click.echo(f"note: {run.path}: the prediction's own rate did not settle; treat it with care")
+            click.echo(f"note: {run.path}: the prediction's own rate did not settle; treat it with care, or fit with a longer "
+                       "--rate-window")
     if not scores:
         return {"runs": [], "rms_percent": None, "max_percent": None, "gate_failed": False}
     _print_scores(scores)

@@ -29,6 +29,7 @@ class Firmware:
     """
 
     def __init__(self, model: Model, sample_time_s: float, real: str = "f32") -> None:
+        model.validate_lengths()
         self._module, self._dtype = _load(real)
         ffi, lib = self._module.ffi, self._module.lib
         self._arrays = {  # copies, kept alive because the C struct points to them
@@ -58,6 +59,8 @@ class Firmware:
         """rdpi_f32_forward for each drive in V and rate in um/s: the displacement in um, shape (samples,)."""
         ffi, lib = self._module.ffi, self._module.lib
         drive_V, rate_um_per_s = _array(drive_V, self._dtype), _array(rate_um_per_s, self._dtype)
+        if drive_V.shape != rate_um_per_s.shape:
+            raise ValueError(f"{drive_V.shape} drives, {rate_um_per_s.shape} rates")
         displacement_um = np.empty_like(drive_V)
         lib.rdpi_batch_forward(self._self, _pointer(ffi, drive_V), _pointer(ffi, rate_um_per_s), len(drive_V),
                                _pointer(ffi, displacement_um))
@@ -73,6 +76,8 @@ class Firmware:
     @memory_um.setter
     def memory_um(self, states_um: np.ndarray) -> None:
         states = _array(states_um, self._dtype)
+        if states.shape != (self._plays,):
+            raise ValueError(f"{states.shape} states for {self._plays} plays")
         self._check(self._module.lib.rdpi_f32_set_memory(self._self, _pointer(self._module.ffi, states)))
 
     @property
@@ -105,6 +110,8 @@ def plays(x_um: np.ndarray, thresholds_um: np.ndarray, states_um: np.ndarray) ->
     module, dtype = _load("f64")
     x_um, thresholds_um = _array(x_um, dtype), _array(thresholds_um, dtype)
     states_um = np.array(states_um, dtype)  # a copy: the library moves them
+    if states_um.shape != thresholds_um.shape:
+        raise ValueError(f"{states_um.shape} states, {thresholds_um.shape} thresholds")
     outputs_um = np.empty((len(x_um), len(thresholds_um)), dtype)
     module.lib.rdpi_batch_plays(_pointer(module.ffi, x_um), len(x_um), _pointer(module.ffi, thresholds_um),
                                 len(thresholds_um), _pointer(module.ffi, states_um), _pointer(module.ffi, outputs_um))
@@ -129,7 +136,8 @@ def _load(real: str) -> tuple[Any, type]:
 
 
 def _array(values: np.ndarray, dtype: type) -> np.ndarray:
-    return np.ascontiguousarray(values, dtype=dtype)
+    with np.errstate(over="ignore"):  # what overflows becomes infinite, and the library knows infinity
+        return np.ascontiguousarray(values, dtype=dtype)
 
 
 def _pointer(ffi: Any, array: np.ndarray) -> Any:

@@ -39,6 +39,7 @@ MIN_CORRELATION = 0.5  # between command and displacement
 RATE_HEADROOM = 1.25  # the guard never lies beyond the highest identified rate times this
 OTHER_SOURCE = 0.6  # residual with the other rate source, relative to this one's, from which it is worth a remark
 RATE_BINS = 8
+BAND_OFFSET = 3.0  # weight that keeps the offset of a band of rate near the model's
 CHUNK = 1 << 12  # samples held as columns at a time: what fits into a processor's cache
 THIN = 8  # of the samples, every how many are used to compare rate sources
 
@@ -422,7 +423,8 @@ def _scores(model: Model, runs: Sequence[Recording], hold_out: Sequence[Recordin
     for held_out, group in ((False, runs), (True, hold_out)):
         for run, prediction in zip(group, chain.simulate(model, group)):
             if not prediction.settled:
-                warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care")
+                warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care, or fit with a "
+                                "longer --rate-window")
             scores.append(RunScore(run, held_out, chain.score(prediction.predicted_um, run.displacement_um),
                                    prediction.memory))
     return scores
@@ -459,15 +461,18 @@ def _rate_slopes(model: Model, runs: Sequence[_Run]) -> RateSlopes:
     seen = samples >= 8 * n
     slopes = np.full((RATE_BINS, n), np.nan)
     for band in np.flatnonzero(seen):
-        factor = factors[band][1:, 1:] / (model.stroke_um * np.sqrt(samples[band]))  # means removed: an offset of its own
+        factor = factors[band] / np.sqrt(samples[band])
+        factor[:, 1:] /= model.stroke_um
         residual = 1e-3
         for _ in range(3):  # the prior follows the residual, as in the fit itself
-            prior = residual * _prior(columns, 0)[0]
-            found = lsq_linear(np.vstack([factor[:, :n], prior]), np.r_[factor[:, -1], np.zeros(len(prior))],
-                               (SLOPE_FLOOR, np.inf), method="bvls").x
-            residual = float(np.linalg.norm(factor[:, :n] @ found - factor[:, -1]))
-        reached = np.linalg.norm(factor[:, :n], axis=0) > 0.1 / n  # an interval that the band hardly enters says nothing
-        slopes[band, reached] = found[reached]
+            bend = residual * np.pad(_prior(columns, 0)[0], ((0, 0), (1, 0)))
+            bound = np.eye(1, n + 1) * BAND_OFFSET  # runs drift, but hardly from one rate to the next
+            design = np.vstack([factor[:, :-1], bend, bound])
+            target = np.r_[factor[:, -1], np.zeros(len(bend) + 1)]
+            found = lsq_linear(design, target, (np.r_[-np.inf, np.full(n, SLOPE_FLOOR)], np.inf), method="bvls").x
+            residual = float(np.linalg.norm(factor[:, :-1] @ found - factor[:, -1]))
+        reached = np.linalg.norm(factor[:, 1:-1], axis=0) > 0.1 / n  # an interval the band hardly enters says nothing
+        slopes[band, reached] = found[1:][reached]
     return RateSlopes(totals[seen] / samples[seen], slopes[seen], samples[seen])
 
 

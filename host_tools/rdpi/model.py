@@ -26,6 +26,7 @@ SOURCES = ("displacement", "control")
 MIN_SLOPE_RATIO = 0.2  # default of rate.min_slope_ratio
 TOLERANCE = 1e-5  # relative; what rounding to the firmware's float may cost (ROUNDING in lib/src/rdpi.c)
 LARGEST, TINY = float(np.finfo(np.float32).max), float(np.finfo(np.float32).tiny)
+MAX_PLAYS, MAX_DEADZONES = 129, 65  # of the library as firmware_build.py compiles it
 SECTIONS = "rate", "drive", "memory"
 NOT_NUMBERS = {*SECTIONS, "source", "extra", "actuator", "fit", "effects", "passport", "dac_bits", "singular_um_per_s"}
 MAX_DAC_BITS = 20  # RDPI_MAX_DAC_BITS
@@ -100,7 +101,10 @@ class Model:
 
     def validate(self, where: str = "model") -> None:
         """Raise BadInput, naming the key and a remedy, unless the firmware would take these parameters."""
-        self._validate_lengths(where)
+        self.validate_lengths(where)
+        for key, maximum in (("thresholds_um", MAX_PLAYS), ("deadzones_um", MAX_DEADZONES)):
+            if len(getattr(self, key)) > maximum:
+                raise BadInput(f"{where}: {key}: has {len(getattr(self, key))} values, at most {maximum}; fit a smaller model")
         self._validate_finite(where)
         self._validate_values(where)
         self._single_precision()._validate_values(f"{where}, in the firmware's single precision")
@@ -125,7 +129,8 @@ class Model:
                 rounded[section][name] = single if single.ndim else float(single)
         return replace(self, **rounded[""], **{key: replace(getattr(self, key), **rounded[key]) for key in SECTIONS})
 
-    def _validate_lengths(self, where: str) -> None:
+    def validate_lengths(self, where: str = "model") -> None:
+        """Raise BadInput unless every array is as long as it must be."""
         n, m = len(self.thresholds_um), len(self.deadzones_um)
         for key, values, length, of in (
                 ("slopes", self.slopes, n, "threshold"), ("slope_rate_s_per_um", self.slope_rate_s_per_um, n, "threshold"),
@@ -178,7 +183,8 @@ class Model:
         floor = rate.min_slope_ratio * (1 - TOLERANCE) * self.slopes
         fastest = self.slopes_at(rate.max_um_per_s)
         if np.any(fastest < floor):
-            i = int(np.argmin(fastest / self.slopes))
+            with np.errstate(over="ignore"):
+                i = int(np.argmin(fastest / self.slopes))
             limit = (1 - rate.min_slope_ratio) * guard_rates(self.slopes, self.slope_rate_s_per_um)[i]
             refuse("rate.max_um_per_s", f"at {rate.max_um_per_s:g} um/s slope {i} has fallen to {fastest[i]:.3g}, below "
                                         f"{rate.min_slope_ratio:g} of its {self.slopes[i]:.3g} at rest; use {limit:.4g} or less")
@@ -197,7 +203,7 @@ class Model:
         if np.any(np.abs(np.diff(memory.plays_um)) > np.diff(self.thresholds_um) + slack):
             refuse("memory.plays_um", "no history leaves these states: neighbours may differ by no more than their thresholds do")
         with np.errstate(over="ignore"):
-            start_V = np.float64(memory.x_um) / self.gain_um_per_V + self.offset_V
+            start_V = memory.plays_um[0] / self.gain_um_per_V + self.offset_V
         slack = TOLERANCE * (drive.max_V - drive.min_V)
         if not drive.min_V - slack <= start_V <= drive.max_V + slack:
             refuse("memory.x_um", f"is held by {start_V:g} V, outside drive {drive.min_V:g} to {drive.max_V:g} V")
@@ -307,18 +313,16 @@ class _Reader:
         if not isinstance(value, list) or not all(map(_is_number, value)):
             self.refuse(where + key, "must be a list of finite numbers")
         if not value and "default" not in default:
-            self.refuse(where + key, "is empty")
+            self.refuse(where + key, "is empty; fit again, or fill in the values")
         return np.array(value, dtype=float)
 
     def section(self, document: dict[str, Any], key: str, kind: type, default: Any = None) -> Any:
         value = document.pop(key, default)
         if not isinstance(value, kind):
-            self.refuse(key, f"must be {'an object' if kind is dict else 'a list'}")
+            self.refuse(key, f"must be {'an object' if kind is dict else 'a list'}, as `rdpi fit` writes it")
         return value
 
-    def model(self, document: Any) -> Model:
-        if not isinstance(document, dict):
-            raise BadInput(f"{self.path}: not a model: the document is no JSON object")
+    def model(self, document: dict[str, Any]) -> Model:
         document = dict(document)
         schema = document.pop("schema", None)
         if schema != SCHEMA:

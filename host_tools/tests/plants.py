@@ -52,13 +52,15 @@ class Plant:
     def drive(self, displacement_um: np.ndarray, rate_um_per_s: np.ndarray) -> np.ndarray:
         """The command in V at which the displacement is this, going on from the present state."""
         command_V = np.empty(len(displacement_um))
-        far = 1e3 + self.thresholds_V[-1]
-        for k, (z, rate) in enumerate(zip(displacement_um - self.offset_um, rate_um_per_s)):
+        far = 1e4
+        knots = np.r_[-far, self.deadzones_um, far]
+        wanted_um = np.interp(displacement_um - self.offset_um, self._saturate(knots), knots)
+        for k, (v, rate) in enumerate(zip(wanted_um, rate_um_per_s)):
             weights = np.diff(self.slopes_at(rate), prepend=0.0)
-            # the response to u is piecewise linear, with these corners
+            # v is piecewise linear in u, with these corners
             corners = np.sort(np.r_[-far, self.states - self.thresholds_V, self.states + self.thresholds_V, far])
             moved = np.clip(self.states, corners[:, None] - self.thresholds_V, corners[:, None] + self.thresholds_V)
-            u = np.interp(z, self._saturate(moved @ weights), corners)
+            u = np.interp(v, moved @ weights, corners)
             self.states = np.clip(self.states, u - self.thresholds_V, u + self.thresholds_V)
             command_V[k] = self.offset_V - u if self.inverted else self.offset_V + u
         return command_V
@@ -116,9 +118,9 @@ def slopes_um_per_V(model: Model, rate_um_per_s: float = 0.0) -> np.ndarray:
 
 
 def model_of(plant: Plant, gain_um_per_V: float = 0.13, **changes: object) -> Model:
-    """The same plant as a model, at rest at its offset; rates up to 1000 um/s, drive 0 to 100 V beyond the offset."""
+    """The same plant as a model, at rest at its offset; rates up to 1000 um/s, drive -20 to 120 V from the offset."""
     gain = -gain_um_per_V if plant.inverted else gain_um_per_V
-    drive = Drive(*sorted((plant.offset_V, plant.offset_V + (-100 if plant.inverted else 100))))
+    drive = Drive(plant.offset_V - 120, plant.offset_V + 20) if plant.inverted else Drive(plant.offset_V - 20, plant.offset_V + 120)
     thresholds = plant.thresholds_V * gain_um_per_V
     return Model(**{**dict(
         gain_um_per_V=gain, offset_V=plant.offset_V, offset_um=plant.offset_um, stroke_um=12.0, thresholds_um=thresholds,

@@ -125,7 +125,7 @@ def test_simulate_memory(folder: Path, rdpi: Callable) -> None:
     write_recording("reset.csv", run.columns, run.metadata)
     seen = {memory: result_of(rdpi, "simulate", "static.json", "reset.csv", "--memory", memory)[0]["runs"][0]["rms_um"]
             for memory in ("auto", "reset", "model")}
-    assert seen["auto"] == seen["reset"] < 1e-9 and seen["model"] > 0.5
+    assert seen["auto"] == seen["reset"] < 1e-9 and seen["model"] > 0.3
 
 
 def test_simulate_without_the_offset(folder: Path, rdpi: Callable) -> None:
@@ -134,7 +134,7 @@ def test_simulate_without_the_offset(folder: Path, rdpi: Callable) -> None:
     with_offset = result_of(rdpi, "simulate", "static.json", "drifted.csv")[0]["runs"][0]
     without, text = result_of(rdpi, "simulate", "static.json", "drifted.csv", "--remove-offset")
     assert with_offset["rms_um"] == pytest.approx(0.5, rel=0.01) and without["runs"][0]["rms_um"] == pytest.approx(0.01, rel=0.1)
-    assert "0.5" in text and "offset" in text
+    assert re.search(r"offset.* 0\.(50|49)\d* um", text)
 
 
 def test_simulate_gate(folder: Path, rdpi: Callable) -> None:
@@ -150,12 +150,12 @@ def test_simulate_a_displacement_that_stands_still(folder: Path, rdpi: Callable)
     write_recording("still.csv", {**run.columns, "displacement_um": 0 * run.time_s + 3}, run.metadata)
     for arguments in ([], ["--max-rms", 1]):
         done = rdpi("simulate", "static.json", "still.csv", *arguments, "--json", "result.json")
-        assert done.exit_code == 2 and done.output.startswith("rdpi: still.csv: ") and not done.exception.__traceback__ is None
+        assert done.exit_code == 2 and done.output.startswith("rdpi: still.csv: ")
         assert "displacement_um is constant" in done.output
 
 
-def test_simulate_refuses_one_output_for_several_runs(folder: Path, refused: Callable) -> None:
-    assert "one RUN" in refused("simulate", "static.json", "large.csv", "carried.csv", "-o", refused.output)
+def test_simulate_refuses_one_output_for_several_runs(folder: Path, rdpi: Callable) -> None:
+    assert "one RUN" in refusal(rdpi, "simulate", "static.json", "large.csv", "carried.csv")
 
 
 # ---- compensate ----
@@ -193,7 +193,7 @@ def test_engines_agree_with_every_limit_at_work(folder: Path, rdpi: Callable) ->
     wild = np.r_[waves(14, 10, 2, 1000), np.full(20, 2e6), waves(6, 40, 3, 1000)]
     write_recording("wild.csv", {"time_s": sample_times(len(wild), 1000), "reference_um": wild}, {})
     write_model("limited.json", replace(model_of(stack()), rate=Rate(window_s=0.003, filter_s=0.004, max_um_per_s=200.0),
-                                        drive=Drive(0.0, 75.0, 4000.0, 12)))
+                                        drive=Drive(-5.0, 75.0, 4000.0, 12)))
     drives = {engine: compensated(rdpi, "--engine", engine, model="limited.json", source="wild.csv") for engine in ENGINES}
     (numpy_drive, numpy_result), (double, double_result), (single, _) = (drives[engine] for engine in ("numpy", "f64", "f32"))
     for name in ("command_V", "rate_um_per_s"):
@@ -209,14 +209,14 @@ def test_engines_agree_with_every_limit_at_work(folder: Path, rdpi: Callable) ->
 
 
 def test_flags_mean_what_they_say(folder: Path, rdpi: Callable) -> None:
-    change_model(drive=Drive(0.0, 60.0), rate=Rate(max_um_per_s=100.0))
+    change_model(drive=Drive(-20.0, 60.0), rate=Rate(max_um_per_s=100.0))
     drive, _ = compensated(rdpi, "--engine", "f64")
     flags = drive.columns["flags"].astype(int)
     assert np.array_equal(flags & GUARD > 0, rate_of(reference(), 1000) > 100)
     assert drive.columns["rate_um_per_s"] == pytest.approx(np.minimum(rate_of(reference(), 1000), 100))
     clipped = flags & RANGE > 0
     assert 50 < clipped.sum() < 500 and (drive.command_V[clipped] == 60).all() and (drive.command_V[~clipped] < 60).all()
-    change_model(drive=Drive(0.0, 100.0, 500.0))
+    change_model(drive=Drive(-20.0, 120.0, 500.0))
     drive, _ = compensated(rdpi, "--engine", "f64")
     steps, slewed = np.abs(np.diff(drive.command_V, prepend=0)), drive.columns["flags"].astype(int) & SLEW > 0
     assert steps.max() == pytest.approx(0.5) and slewed.sum() > 50 and steps[slewed] == pytest.approx(0.5)
@@ -238,14 +238,14 @@ def test_dac_codes(engine: str, folder: Path, rdpi: Callable) -> None:
     assert list(drive.columns)[-1] == "dac_code"
     code = drive.columns["dac_code"]
     assert np.array_equal(code, np.rint(code)) and code.min() >= 0 and code.max() <= 1023
-    assert drive.command_V == pytest.approx(code * 100 / 1023, abs=1e-5)
+    assert drive.command_V == pytest.approx(code * 140 / 1023 - 20, abs=1e-5)
     wish = stack(law=0).drive(reference(), np.zeros(600))
-    assert np.abs(drive.command_V - wish).max() < 0.51 * 100 / 1023 + 0.05
+    assert np.abs(drive.command_V - wish).max() < 1.5 * 140 / 1023
     assert len(np.unique(code)) > 100
 
 
 def test_the_models_own_dac(folder: Path, rdpi: Callable) -> None:
-    change_model(drive=Drive(0.0, 100.0, None, 8))
+    change_model(drive=Drive(-20.0, 120.0, None, 8))
     assert compensated(rdpi)[0].columns["dac_code"].max() <= 255
     assert compensated(rdpi, "--dac-bits", 12)[0].columns["dac_code"].max() > 255
     assert json.loads(Path("static.json").read_text())["drive"]["dac_bits"] == 8  # the file is only read
@@ -304,17 +304,17 @@ def test_there_and_back_with_a_rate_law(folder: Path, rdpi: Callable) -> None:
     compensated(rdpi, source="z.csv")  # without the law
     assert rdpi("simulate", "law.json", "drive.csv", "-o", "back.csv").exit_code == 0
     back = read_recording("back.csv", required=("predicted_um",)).columns["predicted_um"]
-    assert np.sqrt(np.mean((back - z) ** 2)) > 0.01 * 9
+    assert np.sqrt(np.mean((back - z) ** 2)) > 0.005 * 9
 
 
-def test_offset_of_a_reference_alone(folder: Path, refused: Callable) -> None:
-    text = refused("compensate", "static.json", "reference.csv", "--remove-offset", "-o", refused.output)
+def test_offset_of_a_reference_alone(folder: Path, rdpi: Callable) -> None:
+    text = refusal(rdpi, "compensate", "static.json", "reference.csv", "--remove-offset")
     assert text.startswith("reference.csv: ") and "recording" in text
 
 
 @pytest.mark.parametrize("bits", [0, 21, -3])
-def test_bad_dac_bits(bits: int, folder: Path, refused: Callable) -> None:
-    assert re.search(r"dac.bits.*1 to 20", refused("compensate", "static.json", "reference.csv", "--dac-bits", bits, "-o", refused.output))
+def test_bad_dac_bits(bits: int, folder: Path, rdpi: Callable) -> None:
+    assert re.search(r"dac.bits.*1 to 20", refusal(rdpi, "compensate", "static.json", None, "--dac-bits", bits))
 
 
 # ---- header and plot ----
@@ -331,8 +331,8 @@ def test_header(folder: Path, rdpi: Callable) -> None:
     assert named["digest"] == result["digest"] != result_of(rdpi, "header", "static.json", "-o", "other.h")[0]["digest"]
 
 
-def test_header_refuses_a_name(folder: Path, refused: Callable) -> None:
-    assert "name 'two words'" in refused("header", "static.json", "--name", "two words", "-o", refused.output)
+def test_header_refuses_a_name(folder: Path, rdpi: Callable) -> None:
+    assert "name 'two words'" in refusal(rdpi, "header", "static.json", None, "--name", "two words")
 
 
 @pytest.mark.parametrize("name, start", [("p.png", b"\x89PNG"), ("p.svg", b"<?xml"), ("p.pdf", b"%PDF")])
@@ -354,12 +354,23 @@ def test_plot_refuses_a_format(folder: Path, rdpi: Callable) -> None:
 
 # ---- bad input, whatever the command ----
 
-COMMANDS = {"simulate": "large.csv", "compensate": "reference.csv", "header": None, "plot": "large.csv"}
+COMMANDS = {"simulate": ("large.csv", "out.csv"), "compensate": ("reference.csv", "out.csv"), "plot": ("large.csv", "out.png"),
+            "header": (None, "out.h")}
 
 
-def of(model: str, command: str, refused: Callable) -> list[object]:
-    source = [COMMANDS[command]] if COMMANDS[command] else []
-    return [command, model, *source, "-o", refused.output]
+def refusal(rdpi: Callable, command: str, model: str, source: str | None = None, *arguments: object) -> str:
+    """The message with which the command refuses; neither a new nor an existing output, nor any other file, is touched."""
+    usual, output = COMMANDS[command]
+    sources = [source or usual] if usual else []
+    for existing in (False, True):
+        if existing:
+            Path(output).write_text("as it was\n")
+        before = {path: path.read_bytes() for path in Path().iterdir()}
+        done = rdpi(command, model, *sources, "-o", output, *arguments)
+        assert done.exit_code == 2, done.output
+        assert done.output.startswith("rdpi: ") and done.output.count("\n") == 1 and "Traceback" not in done.output
+        assert {path: path.read_bytes() for path in Path().iterdir()} == before
+    return done.output.removeprefix("rdpi: ").strip()
 
 
 def document(change: Callable[[dict], object]) -> Callable[[str], str]:
@@ -375,32 +386,101 @@ BAD_MODEL: dict[str, tuple[Callable[[str], str], str]] = {
     "cut in half": (lambda text: text[:len(text) // 2], r"not a complete JSON document .*line \d+.*fit again"),
     "empty": (lambda text: "", r"JSON"),
     "a recording": (lambda text: Path("large.csv").read_text(), r"JSON"),
-    "negative slope": (document(lambda model: model["slopes"].__setitem__(3, -0.1)), r"slopes\[3\]: is -0\.1; every slope must be positive"),
-    "unsorted thresholds": (document(lambda model: model["thresholds_um"].sort(reverse=True)), r"thresholds_um: must start at 0 and increase.*sort"),
-    "repeated threshold": (document(lambda model: model["thresholds_um"].__setitem__(2, model["thresholds_um"][1])), r"thresholds_um: must .*increase.*twice"),
-    "wrong schema": (document(lambda model: model.update(schema="rdpi-model/9")), r'schema: is "rdpi-model/9", expected "rdpi-model/1".*fit again'),
+    "negative slope": (document(lambda model: model["slopes"].__setitem__(3, -0.1)),
+                       r"slopes\[3\]: is -0\.1; every slope must be positive"),
+    "unsorted thresholds": (document(lambda model: model["thresholds_um"].sort(reverse=True)),
+                            r"thresholds_um: must start at 0 and increase.*sort"),
+    "repeated threshold": (document(lambda model: model["thresholds_um"].__setitem__(2, model["thresholds_um"][1])),
+                           r"thresholds_um: must .*increase.*twice"),
+    "wrong schema": (document(lambda model: model.update(schema="rdpi-model/9")),
+                     r'schema: is "rdpi-model/9", expected "rdpi-model/1".*fit again'),
     "no schema": (document(lambda model: model.pop("schema")), r"schema: is null"),
     "missing key": (document(lambda model: model.pop("gain_um_per_V")), r"gain_um_per_V: missing; fit again"),
     "text for a number": (document(lambda model: model.update(offset_V="ten")), r'offset_V: must be a finite number, got "ten"'),
     "NaN": (lambda text: text.replace('"stroke_um": 12.0', '"stroke_um": NaN'), r"NaN"),
     "one slope too few": (document(lambda model: model["slopes"].pop()), r"slopes: has 9 values, expected 10"),
-    "guard past the singularity": (document(lambda model: model["rate"].update(max_um_per_s=1e9)), r"rate\.max_um_per_s: at 1e\+09 um/s slope \d.*use \d+"),
+    "guard past the singularity": (document(lambda model: model["rate"].update(max_um_per_s=1e9)),
+                                   r"rate\.max_um_per_s: at 1e\+09 um/s slope \d.*use \d+"),
 }
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("case", BAD_MODEL)
-def test_bad_model(case: str, command: str, folder: Path, refused: Callable) -> None:
+def test_bad_model(case: str, command: str, folder: Path, rdpi: Callable) -> None:
     change, message = BAD_MODEL[case]
     Path("bad.json").write_text(change(Path("moving.json").read_text()))
-    if command == "plot":
-        refused.output.with_suffix(".png")
-    text = refused(*of("bad.json", command, refused)) if command != "plot" else refused_picture(refused, "bad.json")
-    assert re.match("bad.json: .*" + message, text), text
+    text = refusal(rdpi, command, "bad.json")
+    assert re.match(r"bad\.json: .*" + message, text), text
 
 
-def refused_picture(refused: Callable, model: str) -> str:
-    raise NotImplementedError
+@pytest.mark.parametrize("command", COMMANDS)
+def test_missing_model(command: str, folder: Path, rdpi: Callable) -> None:
+    assert re.match(r"nowhere\.json: .*No such file.*check", refusal(rdpi, command, "nowhere.json"))
 
 
-BAD_RUN: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {}
+def test_effects_of_a_later_version(folder: Path, rdpi: Callable) -> None:
+    change_model(effects=[{"name": "creep"}])
+    for command in ("simulate", "plot"):
+        assert re.match(r".*creep.*effects", refusal(rdpi, command, "static.json"))
+
+
+def columns_without(name: str) -> Callable[[list[str]], list[str]]:
+    return lambda lines: [line.replace(name, "sensor") for line in lines]
+
+
+# Lines 1 and 2 are metadata, 3 the names of the columns, 4 the first sample of large.csv.
+BAD_RUN: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
+    "missing column": (columns_without("command_V"), r":3: no column command_V; there are .*sensor.*; rename"),
+    "NaN": (lambda lines: [*lines[:20], "0.017,nan,1,1\n", *lines[21:]], r":21: column command_V is nan; .*(cut|interpolate)"),
+    "text": (lambda lines: [*lines[:20], "0.017,off,1,1\n", *lines[21:]], r":21: column command_V is 'off', not a number"),
+    "too short": (lambda lines: lines[:18], r": 15 samples; a recording needs at least 16"),
+    "backwards time": (lambda lines: [*lines[:30], *lines[10:]], r":31: time_s runs backwards .*cut"),
+    "wrong rate": (lambda lines: [lines[0].replace("1000", "900"), *lines[1:]], r":1: sample_rate_hz is 900 but the times say 1000"),
+}
+
+
+@pytest.mark.parametrize("command", ["simulate", "plot"])
+@pytest.mark.parametrize("case", BAD_RUN)
+def test_bad_recording(case: str, command: str, folder: Path, rdpi: Callable) -> None:
+    change, message = BAD_RUN[case]
+    Path("bad.csv").write_text("".join(change(Path("large.csv").read_text().splitlines(keepends=True))))
+    text = refusal(rdpi, command, "static.json", "bad.csv")
+    assert re.match(r"bad\.csv" + message, text), text
+
+
+def test_bad_reference(folder: Path, rdpi: Callable) -> None:
+    lines = Path("reference.csv").read_text().splitlines(keepends=True)
+    for text, message in ((["# a: b\n", *lines[1:30], "0.028,nan\n", *lines[31:]], r"bad\.csv:31: column reference_um is nan"),
+                          (columns_without("reference_um")(lines), r"bad\.csv:2: no column reference_um; there are time_s, sensor"),
+                          (lines[:10], r"bad\.csv: 8 samples")):
+        Path("bad.csv").write_text("".join(text))
+        assert re.match(message, refusal(rdpi, "compensate", "static.json", "bad.csv"))
+    assert re.match(r"reference\.csv:2: no column wish", refusal(rdpi, "compensate", "static.json", None, "--reference-column", "wish"))
+    assert re.match(r"nowhere\.csv: cannot be read", refusal(rdpi, "compensate", "static.json", "nowhere.csv"))
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_unwritable(command: str, folder: Path, rdpi: Callable) -> None:
+    usual, output = COMMANDS[command]
+    done = rdpi(command, "static.json", *([usual] if usual else []), "-o", f"missing/{output}")
+    assert done.exit_code == 2 and "Traceback" not in done.output
+    assert f"rdpi: missing/{output}: No such file or directory; check the path" in done.output
+
+
+# ---- as a program ----
+
+def test_the_whole_chain_as_a_program(folder: Path) -> None:
+    """Piped, as scripts use it: fit, header, compensate, simulate. Nothing on stderr, and every file is there."""
+    run = read_recording("large.csv")
+    write_recording("drive.csv", {"time_s": run.time_s, "reference_um": 0.8 * run.displacement_um.clip(0)}, {})
+    for line in ("fit large.csv -o model.json --rate-independent", "header model.json -o model.h",
+                 "compensate model.json drive.csv -o out.csv", "simulate model.json out.csv -o back.csv --json back.json",
+                 "plot model.json large.csv"):
+        done = subprocess.run([sys.executable, "-m", "rdpi", *line.split()], capture_output=True, text=True,
+                              env=os.environ | {"PYTHONPATH": str(HOST_TOOLS)})
+        assert (done.returncode, done.stderr) == (0, ""), line
+        assert done.stdout
+    assert {"model.json", "model.h", "out.csv", "back.csv", "back.json", "rdpi.png"} <= {path.name for path in folder.iterdir()}
+    back = read_recording("back.csv", required=("predicted_um", "reference_um"))
+    inside = back.columns["flags"] == 0
+    assert inside.mean() > 0.9 and back.columns["predicted_um"][inside] == pytest.approx(back.columns["reference_um"][inside], abs=1e-3)

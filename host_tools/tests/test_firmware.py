@@ -223,3 +223,16 @@ def test_scalars_without_limits() -> None:
     model = replace(MODEL, drive=Drive(-1e3, 1e3), rate=Rate(max_um_per_s=1.0))
     fields = firmware.scalars(model)
     assert fields["slew_V_per_s"] == 0 and fields["dac_bits"] == 0 and fields["max_V"] == 1e3
+
+
+def test_lengths_that_differ_reach_no_c_code() -> None:
+    """The library cannot know how long an array is."""
+    library = Firmware(MODEL, SAMPLE_TIME_S)
+    with pytest.raises(ValueError, match="states for"):
+        library.memory_um = np.zeros(1)
+    with pytest.raises(ValueError, match="drives"):
+        library.forward(np.zeros(5), np.zeros(1))
+    with pytest.raises(ValueError, match="states, "):
+        firmware.plays(np.zeros(2), np.array([0.0, 1.0, 2.0]), np.zeros(1))
+    with pytest.raises(BadInput, match="^model: slopes: has 2 values"):
+        Firmware(replace(MODEL, slopes=np.ones(2)), SAMPLE_TIME_S)

@@ -96,7 +96,7 @@ def test_missing_key(key: str, complaint: Callable) -> None:
 
 @pytest.mark.parametrize("key", ["rate", "drive"])
 def test_missing_section(key: str, complaint: Callable) -> None:
-    assert complaint(changed(key, ABSENT)) == f"{key}: must be an object"
+    assert complaint(changed(key, ABSENT)) == f"{key}: must be an object, as `rdpi fit` writes it"
 
 
 @pytest.mark.parametrize("key", NUMBERS)
@@ -211,8 +211,8 @@ BAD_VALUES = {
     "play apart from its neighbour": ("memory.plays_um", [2, 1, -2], "memory.plays_um: no history leaves these states"),
     "play not at x": ("memory.plays_um.0", 1.5, "memory.plays_um[0]: is 1.5, but must be x_um = 2"),
     "memory outside the drive": ("memory", {"x_um": 20, "plays_um": [20, 19, 17]}, "memory.x_um: is held by 165.167 V"),
-    "memory no object": ("memory", [2.0], "memory: must be an object"),
-    "fit no object": ("fit", "good", "fit: must be an object"),
+    "memory no object": ("memory", [2.0], "memory: must be an object, as `rdpi fit` writes it"),
+    "fit no object": ("fit", "good", "fit: must be an object, as `rdpi fit` writes it"),
     "effects no list": ("effects", {}, "effects: must be a list"),
 }
 
@@ -394,3 +394,12 @@ def test_states_far_from_zero_can_be_flashed(seed: int, plays: int, x_um: float)
     model = replace(model, drive=drive, memory=Memory(x_um, model.memory.plays_um + shift_um))
     model.validate()
     assert_refused_or_flashed(model)
+
+
+@pytest.mark.parametrize("plays", [130, 70_000])
+def test_more_plays_than_the_library_takes(plays: int) -> None:
+    model = random_model(1)
+    model.thresholds_um, model.slopes = np.arange(float(plays)), np.ones(plays)
+    model.slope_rate_s_per_um, model.memory = np.zeros(plays), Memory(0.0, np.zeros(plays))
+    with pytest.raises(BadInput, match="^model: thresholds_um: has .* at most 129"):
+        model.validate()
