@@ -14,6 +14,7 @@ from .firmware import Firmware, Steps
 from .model import Drive, Memory, Model
 from .recording import Recording
 
+MAX_REFERENCE_UM = operators.MAX_REFERENCE_UM
 MAX_SWEEPS = 60
 DEPTH, MIX = 6, 0.5  # sweeps remembered and damping of Anderson's mixing
 # rms change that one more sweep would bring, as a share of the stroke: sought, and at most called settled
@@ -42,14 +43,17 @@ class Score(NamedTuple):
     offset_um: float  # mean error, not removed from the other figures unless asked
 
 
-def score(predicted_um: np.ndarray, measured_um: np.ndarray, remove_offset: bool = False) -> Score:
-    """Error of a prediction, both (samples,)."""
+def score(predicted_um: np.ndarray, measured_um: np.ndarray, remove_offset: bool = False, where: str = "run") -> Score:
+    """Error of a prediction, both (samples,). Raises BadInput, naming `where`, if it cannot be given in percent."""
     error = measured_um - predicted_um
     offset = float(np.mean(error))
     if remove_offset:
         error = error - offset
     rms, peak, stroke = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.ptp(measured_um))
-    scale = 100 / stroke if stroke > 0 else float("nan")
+    if not stroke > 0 or not np.isfinite(rms):
+        raise BadInput(f"{where}: what was measured spans {stroke:g} and is missed by {rms:g}: no percentage can be given; "
+                       "check the data")
+    scale = 100 / stroke
     return Score(rms, peak, rms * scale, peak * scale, offset)
 
 
@@ -126,6 +130,9 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     that was removed from the reference: with `remove_offset` the mean error of the model's prediction of this run.
     """
     reference = run.columns[column]
+    usable = reference[np.abs(reference) <= MAX_REFERENCE_UM]
+    if not len(usable):
+        raise BadInput(f"{run.path}: {column} has no value within ±{MAX_REFERENCE_UM:g} um, the largest reference; check its unit")
     offset = 0.0
     recorded = run.command_V is not None and run.displacement_um is not None
     if remove_offset:
@@ -133,7 +140,7 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
             raise BadInput(f"{run.path}: an offset can only be removed from a recording (command_V and displacement_um)")
         offset = score(simulate(model, [run])[0].predicted_um, run.displacement_um).offset_um
     if run.memory == "reset":
-        model = replace(model, memory=rest_at(model, float(reference[0] - offset)))
+        model = replace(model, memory=rest_at(model, float(usable[0] - offset)))
     elif recorded:
         states = estimate_states(model, run)
         model = replace(model, memory=Memory(float(states[0]), states))
@@ -191,7 +198,7 @@ def _predict(model: Model, run: Recording, states_um: np.ndarray, memory: str) -
         return Prediction(predicted, end, rho, True, memory)
     # The rate is that of the displacement, which depends on the rate: find the fixed point by sweeps, with Anderson's
     # mixing because plain sweeps overshoot at reversals. The control's rate is the first guess.
-    smoothing_s = float(rate.extra.get("smoothing_s", 0.0))
+    smoothing_s = rate.smoothing_s
     points: list[np.ndarray] = []
     misses: list[np.ndarray] = []
     best, best_change, waited = Prediction(predicted, end, rho, False, memory), np.inf, 0

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import functools
 import json
+import os
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -22,6 +24,18 @@ from .errors import BadInput
 PROGRESS_DELAY_S = 2.0
 
 
+class Percent(click.ParamType):
+    """A positive finite number."""
+
+    name = "percent"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = click.FLOAT.convert(value, param, ctx)
+        if not 0 < number < float("inf"):
+            self.fail(f"{value!r}: must be positive and finite", param, ctx)
+        return number
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(version(), prog_name="rdpi")
 def main() -> None:
@@ -29,6 +43,9 @@ def main() -> None:
 
     Exit status: 0 done, 1 done but a quality gate you set failed, 2 bad input.
     """
+    for name in ("SIGTERM", "SIGHUP"):  # leave by the ordinary way, so that nothing half written stays behind
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), lambda number, frame: sys.exit(128 + number))
 
 
 def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Command]:
@@ -43,6 +60,7 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
         @functools.wraps(function)
         def run(json_path: str | None, **options: Any) -> None:
             try:
+                _check_paths(click.get_current_context())
                 result = function(**options)
                 if json_path is not None:
                     from .recording import atomic_write
@@ -66,7 +84,32 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
     return decorate
 
 
+def _check_paths(context: click.Context) -> None:
+    """Refuse, before any work, outputs that cannot be written or that are inputs or each other."""
+    paths: dict[str, list[str]] = {"in": [], "out": []}
+    for parameter in context.command.params:
+        if isinstance(parameter.type, click.Path) and (value := context.params.get(parameter.name)):
+            kind = "out" if parameter.name in ("output", "json_path", "report") else "in"
+            names = [value] if isinstance(value, str) else list(value)
+            paths[kind] += [os.path.join(value, "fit.json")] if parameter.name == "report" else names
+            if parameter.name == "report" and os.path.exists(value) and not os.path.isdir(value):
+                raise BadInput(f"{value}: is no folder; name another for --report")
+    for k, name in enumerate(paths["out"]):
+        folder = os.path.dirname(name) or "."
+        if not os.path.isdir(folder) and "report" not in context.params:
+            raise BadInput(f"{name}: there is no folder {folder}; make it first")
+        for other in (*paths["in"], *paths["out"][:k]):
+            if os.path.realpath(name) == os.path.realpath(other) and os.path.basename(name) and not _is_device(name):
+                raise BadInput(f"{name}: would be written over {'an input' if other in paths['in'] else 'another output'}; "
+                               "choose another name")
+
+
+def _is_device(path: str) -> bool:
+    return os.path.exists(path) and not os.path.isfile(path)
+
+
 def _fail(message: str) -> NoReturn:
+    message = message.encode("utf-8", "backslashreplace").decode()  # names of files need not be text
     click.echo(f"rdpi: {message}", err=True)
     raise click.exceptions.Exit(2)
 
@@ -314,7 +357,7 @@ def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | N
 @click.option("--actuator", metavar="TEXT", help="Name kept in the model. Default: the first recording's.")
 @click.option("--hold-out", multiple=True, metavar="RUN", type=click.Path(dir_okay=False),
               help="A recording to score the model on, not fitted; may be given several times.")
-@click.option("--max-rms", "max_rms_percent", type=float, metavar="PERCENT",
+@click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
               help="Exit with status 1 if any held-out run (without any: any run) is predicted worse than this, % of stroke.")
 @click.option("--report", metavar="DIR", type=click.Path(file_okay=False), help="Write fit.png (loops, slopes, residual) and fit.json there.")
 def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_percent: float | None, report: str | None,
@@ -355,7 +398,7 @@ def _print_fit(result: Any, output: str) -> None:
                f"noise {result.noise_um:.2g} um rms")
     _print_scores([(run.recording.path, run.score, "held out" if run.held_out else "fitted") for run in result.scores])
     bands = result.rate_slopes
-    top = model.rate.extra["identified_um_per_s"]
+    top = model.rate.identified_um_per_s
     click.echo("slopes W_i against rate: each band of rate fitted alone, then the model's law")
     click.echo(f"  {'':>20}" + "".join(f"{f'W_{i}':>7}" for i in range(len(model.slopes))))
     rows = [(f"{rate:.4g} um/s", slopes) for rate, slopes in zip(bands.rate_um_per_s, bands.slopes)]
@@ -422,7 +465,7 @@ def header(model: str, output: str, name: str) -> dict[str, Any]:
 @click.option("--remove-offset", is_flag=True, help="Score without the mean error (thermal drift since the fit).")
 @click.option("--memory", type=click.Choice(["auto", "model", "reset"]), default="auto", show_default=True,
               help="State of the hysteresis at each run's start. auto: as its metadata says, estimated where unknown.")
-@click.option("--max-rms", "max_rms_percent", type=float, metavar="PERCENT",
+@click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
               help="Exit with status 1 if any run is predicted worse than this, % of stroke.")
 def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offset: bool, memory: str,
              max_rms_percent: float | None) -> dict[str, Any]:
@@ -440,11 +483,22 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
     if output is not None:
         columns = {**recordings[0].columns, "predicted_um": predictions[0].predicted_um}
         write_recording(output, columns, recordings[0].metadata)
-    scores = [(run.path, chain.score(prediction.predicted_um, run.displacement_um, remove_offset), f"memory: {prediction.memory}")
+    scores = [(run.path, chain.score(prediction.predicted_um, run.displacement_um, remove_offset, run.path),
+               f"memory: {prediction.memory}")
               for run, prediction in zip(recordings, predictions) if run.displacement_um is not None]
+    if max_rms_percent is not None and len(scores) < len(recordings):
+        raise BadInput("--max-rms: every RUN needs a displacement_um to be judged by")
     for run, prediction in zip(recordings, predictions):
         if run.displacement_um is None:
             click.echo(f"{run.path}: predicted, no displacement_um to score")
+        low_V, high_V = parameters.drive.min_V, parameters.drive.max_V
+        beyond = max(low_V - run.command_V.min(), run.command_V.max() - high_V)
+        if beyond > 0.01 * (high_V - low_V):
+            click.echo(f"note: {run.path}: the command goes {beyond:.3g} V beyond the model's drive range, {low_V:g} to {high_V:g} V")
+        guarded = float((prediction.rate_um_per_s > parameters.rate.max_um_per_s).mean())
+        if guarded > 0.01:
+            click.echo(f"note: {run.path}: in {100 * guarded:.2g} % of the samples the rate was beyond the guard, "
+                       f"{parameters.rate.max_um_per_s:.4g} um/s, and clamped")
         if not prediction.settled:
             click.echo(f"note: {run.path}: the prediction's own rate did not settle; treat it with care, or fit with a longer "
                        "--rate-window")
@@ -515,7 +569,8 @@ def compensate(model: str, reference: str, output: str, engine: str, dac_bits: i
     click.echo(f"{output}: {len(run)} samples, {steps.drive_V.min():.6g} to {steps.drive_V.max():.6g} V, flagged: {flagged}")
     if run.command_V is not None:
         columns["recorded_V"] = run.command_V
-        score = chain.score(steps.drive_V.astype(float), run.command_V)
+    if run.command_V is not None and np.ptp(run.command_V) > 0:
+        score = chain.score(steps.drive_V.astype(float), run.command_V, where=reference)
         click.echo(f"against the recorded command: rms {score.rms_percent:.3f} %, max {score.max_percent:.3f} % of its "
                    f"peak-to-peak" + (f" (offset of {offset:.4g} um removed)" if remove_offset else ""))
         result["recorded"] = {"rms_V": score.rms_um, "max_V": score.max_um, "rms_percent": score.rms_percent,

@@ -21,7 +21,7 @@ import numpy as np
 
 from . import chain, firmware, operators, signals
 from .errors import BadInput
-from .model import MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, guard_rates
+from .model import MAX_DAC_BITS, MAX_OFFSET, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, guard_rates
 from .recording import Recording
 
 SLOPE_FLOOR = 0.05  # no slope of a loading curve falls below this within the identified rates
@@ -33,6 +33,11 @@ GRID_GAP = 3  # dead zones closer than this many candidates cannot be told apart
 # away from a straight line) weighs as much as that residual in every sample. Chosen on the measured record's second file
 # and on the virtual benches, where they lie on a wide plateau.
 PRIOR_BEND, PRIOR_RATE_BEND, PRIOR_RATE, PRIOR_SATURATION = 2.5, 25.0, 0.75, 2.5
+LARGEST_INPUT = 1e6  # V or um
+MAX_RATE_TIME_S = 1e3
+MIN_SAMPLES_PER_UNKNOWN = 5
+POOR_PERCENT = 3.0  # rms of the stroke, from which a run is remarked on
+CLIPPED_SHARE = 0.01  # of the samples at the very highest or lowest reading while the command moves
 GAIN_SPREAD = 5.0  # between the runs' um per volt
 RESET_DOUBT = 0.8  # rms with an estimated state, relative to that with the one stated, from which reset is doubted
 MIN_CORRELATION = 0.5  # between command and displacement
@@ -122,10 +127,10 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     for run in (*runs, *hold_out):
         _check(run)
     _check_options(options)
-    _check_gains(runs)
+    _check_together(runs, hold_out)
     warnings: list[str] = []
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
-    smoothing_s = max(signals.smoothing_time_s(run.displacement_um, run.sample_time_s) for run in runs)
+    smoothing_s = [signals.smoothing_time_s(run.displacement_um, run.sample_time_s) for run in runs]
 
     low_V = min(float(np.min(run.command_V)) for run in runs)
     high_V = max(float(np.max(run.command_V)) for run in runs)
@@ -146,6 +151,10 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     grid = low_um + GRID * (high_um - low_um)
     columns = _Columns(thresholds, grid, 0.0 if options.rate_independent else top)
     factor, means, samples = _reduce(prepared, columns, stroke, lambda share: progress(0.6 * share))
+    unknowns = columns.plays + options.deadzones + len(runs)
+    if samples < MIN_SAMPLES_PER_UNKNOWN * unknowns:
+        raise BadInput(f"{runs[0].path}: {samples} samples after warm-up for {unknowns} unknowns; record longer, state the memory, "
+                       "or use fewer --operators")
     plant = _search(factor, columns, options.deadzones, samples)
 
     if not options.rate_independent:
@@ -164,7 +173,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         slopes=plant.rest, slope_rate_s_per_um=change, deadzones_um=deadzones, deadzone_weights=deadzone_weights,
         rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s, guard,
                   singular if np.isfinite(singular) else None, options.min_slope_ratio,
-                  extra={"identified_um_per_s": top, "smoothing_s": smoothing_s}),
+                  min(smoothing_s), top),
         drive=Drive(low_V if options.min_V is None else options.min_V, high_V if options.max_V is None else options.max_V,
                     options.slew_V_per_s, options.dac_bits),
         memory=Memory(float(first.x_um[0]), first.states_um),
@@ -186,11 +195,11 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
 
 
 def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], columns: _Columns, options: Options, plant: _Plant,
-                     stroke: float, smoothing_s: float, warnings: list[str]) -> None:
+                     stroke: float, smoothing_s: Sequence[float], warnings: list[str]) -> None:
     """Say so if the other source of the rate explains the recordings much better."""
     other = next(source for source in SOURCES if source != options.rate_source)
-    rates = [_rate(run, used.x_um, other, options.rate_window_s, options.rate_filter_s, smoothing_s)
-             for run, used in zip(runs, prepared)]
+    rates = [_rate(run, used.x_um, other, options.rate_window_s, options.rate_filter_s, smoothing)
+             for run, used, smoothing in zip(runs, prepared, smoothing_s)]
     swapped = [replace(run, rate_um_per_s=rate) for run, rate in zip(prepared, rates)]
     factor, _, samples = _reduce(swapped, columns, stroke, every=THIN)
     residual = plant.residual
@@ -203,6 +212,10 @@ def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], column
 
 def _check(run: Recording) -> None:
     command, displacement = run.command_V, run.displacement_um
+    for name, values in (("command_V", command), ("displacement_um", displacement)):
+        largest = float(np.max(np.abs(values)))
+        if largest > LARGEST_INPUT:
+            raise BadInput(f"{run.path}: {name} reaches {largest:g}; check its unit")
     if np.ptp(command) == 0:
         raise BadInput(f"{run.path}: command_V is constant at {command[0]:g} V; identification needs a drive that moves: "
                        "leave this run out, or see `rdpi excite`")
@@ -212,10 +225,39 @@ def _check(run: Recording) -> None:
     if abs(correlation) < MIN_CORRELATION:
         raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {correlation:.2f}); "
                        "check that both columns are of the same run, and their order and units")
+    if _reversals(command) == 0:
+        raise BadInput(f"{run.path}: command_V never turns round, so that nothing of the hysteresis shows; "
+                       "record a drive that goes up and down, see `rdpi excite`")
+    offset, stroke = float(np.mean(displacement)), float(np.ptp(displacement))
+    if abs(offset) > MAX_OFFSET * stroke:
+        raise BadInput(f"{run.path}: displacement_um moves by {stroke:.3g} um at {offset:.6g} um; the firmware's single precision "
+                       "cannot carry both: subtract the offset first")
 
 
-def _check_gains(runs: Sequence[Recording]) -> None:
-    """Runs of one actuator move by about as many um per volt; small loops up to some times less."""
+def _reversals(command: np.ndarray) -> int:
+    """How often the command turns round by more than a twentieth of its range."""
+    band = np.ptp(command) / 20
+    settled = firmware.plays(command, np.array([0.0, band / 2]), np.full(2, command[0]))[0][:, 1]
+    moves = np.sign(np.diff(settled))
+    moves = moves[moves != 0]
+    return int(np.count_nonzero(np.diff(moves)))
+
+
+def _check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> None:
+    """Each run once, all of one actuator: same sign, same zero, about as many um per volt (small loops have fewer)."""
+    digests = [run.digest for run in (*runs, *hold_out) if run.digest]
+    for run in (*runs, *hold_out):
+        if digests.count(run.digest) > 1:
+            raise BadInput(f"{run.path}: given twice (the same bytes); a run counts once, and one that is fitted is not held out")
+    largest = max(runs, key=lambda run: np.ptp(run.command_V))
+    slope, zero = np.polyfit(largest.command_V, largest.displacement_um, 1)
+    for run in runs:
+        if _correlation(run) * slope < 0:
+            raise BadInput(f"{run.path}: moves opposite to {largest.path}; one of them has the sign inverted")
+        moved = float(np.mean(run.displacement_um) - slope * np.mean(run.command_V) - zero)
+        if abs(moved) > np.ptp(largest.displacement_um) / 2:
+            raise BadInput(f"{run.path}: lies {moved:.4g} um from {largest.path} at the same command; the sensor's zero or the "
+                           "command's offset has changed: subtract it, or fit the runs apart")
     gains = [float(np.ptp(run.displacement_um) / np.ptp(run.command_V)) for run in runs]
     low, high = int(np.argmin(gains)), int(np.argmax(gains))
     if gains[high] > GAIN_SPREAD * gains[low]:
@@ -228,7 +270,7 @@ def _check_reset(model: Model, runs: Sequence[Recording], warnings: list[str]) -
     for run in runs:
         if run.memory == "reset":
             marked, estimated = (chain.simulate(model, [run], memory)[0].predicted_um for memory in ("reset", "estimate"))
-            before, after = (chain.score(predicted, run.displacement_um).rms_percent for predicted in (marked, estimated))
+            before, after = (chain.score(predicted, run.displacement_um, where=run.path).rms_percent for predicted in (marked, estimated))
             if after < RESET_DOUBT * before:
                 warnings.append(f"{run.path}: marked memory: reset, but a state other than rest at its first sample fits better "
                                 f"({after:.2g} % rms against {before:.2g} %); did the sweep decay from both sides? "
@@ -242,6 +284,16 @@ def _check_options(options: Options) -> None:
         raise BadInput(f"--deadzones {options.deadzones}: must be 0 to 6; more cannot be told apart")
     if not 0 < options.min_slope_ratio < 1:
         raise BadInput(f"--min-slope-ratio {options.min_slope_ratio:g}: must lie between 0 and 1")
+    for option, value in (("--rate-window", options.rate_window_s), ("--rate-filter", options.rate_filter_s)):
+        if not 0 <= value <= MAX_RATE_TIME_S:
+            raise BadInput(f"{option} {value:g}: must be 0 to {MAX_RATE_TIME_S:g} s")
+    for option, value in (("--min-V", options.min_V), ("--max-V", options.max_V)):
+        if value is not None and not abs(value) <= LARGEST_INPUT:
+            raise BadInput(f"{option} {value:g}: must be a voltage")
+    if options.slew_V_per_s is not None and not 0 < options.slew_V_per_s <= 1e12:
+        raise BadInput(f"--slew {options.slew_V_per_s:g}: must be positive, in V/s")
+    if options.dac_bits is not None and not 1 <= options.dac_bits <= MAX_DAC_BITS:
+        raise BadInput(f"--dac-bits {options.dac_bits}: must be 1 to {MAX_DAC_BITS}")
 
 
 def _correlation(run: Recording) -> float:
@@ -255,8 +307,10 @@ def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> n
         # n + 1 equal intervals up to the reach, so that the last slope is seen over as long a way as the others
         return np.arange(options.operators + 1) * reach / (options.operators + 1)
     wanted = np.array([0.0, *options.thresholds_um])
-    if np.any(np.diff(wanted) <= 0):
-        raise BadInput("--thresholds: must be positive and increase")
+    if not np.all(np.diff(wanted) > 0) or not np.isfinite(wanted[-1]):  # refuses NaN too
+        raise BadInput("--thresholds: must be positive, finite and increase")
+    if len(wanted) > MAX_PLAYS:
+        raise BadInput(f"--thresholds: {len(wanted) - 1} of them; at most {MAX_PLAYS - 1}")
     hidden = wanted[wanted > 0.98 * reach]
     if len(hidden):
         warnings.append(f"thresholds {', '.join(f'{r:g}' for r in hidden)} um not fitted: unobservable, beyond half the "
@@ -265,12 +319,12 @@ def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> n
 
 
 def _prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds: np.ndarray, source: str,
-             window_s: float, filter_s: float, smoothing_s: float) -> list[_Run]:
+             window_s: float, filter_s: float, smoothing_s: Sequence[float]) -> list[_Run]:
     prepared: list[_Run] = []
     end: np.ndarray | None = None
-    for run in runs:
+    for run, smoothing in zip(runs, smoothing_s):
         x = gain * (run.command_V - offset_V)
-        rate = _rate(run, x, source, window_s, filter_s, smoothing_s)
+        rate = _rate(run, x, source, window_s, filter_s, smoothing)
         known = run.memory == "reset" or (run.memory == "carried" and end is not None)
         carried = run.memory == "carried" and end is not None
         states = np.array(end) if carried else chain.states_after(x[0], x[0], thresholds)
@@ -420,20 +474,20 @@ def _saturation(corners_um: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray,
 
 def _scores(model: Model, runs: Sequence[Recording], hold_out: Sequence[Recording], warnings: list[str]) -> list[RunScore]:
     scores = []
-    for held_out, group in ((False, runs), (True, hold_out)):
-        for run, prediction in zip(group, chain.simulate(model, group)):
-            if not prediction.settled:
-                warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care, or fit with a "
-                                "longer --rate-window")
-            scores.append(RunScore(run, held_out, chain.score(prediction.predicted_um, run.displacement_um),
-                                   prediction.memory))
+    everything = [*runs, *hold_out]
+    for k, (run, prediction) in enumerate(zip(everything, chain.simulate(model, everything))):
+        if not prediction.settled:
+            warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care, or fit with a "
+                            "longer --rate-window")
+        score = chain.score(prediction.predicted_um, run.displacement_um, where=run.path)
+        scores.append(RunScore(run, k >= len(runs), score, prediction.memory))
     return scores
 
 
 def rate_slopes(model: Model, runs: Sequence[Recording]) -> RateSlopes:
     """The slopes that each band of rate has when fitted alone, thresholds and saturation those of `model`."""
     prepared = _prepare(runs, model.gain_um_per_V, model.offset_V, model.thresholds_um, model.rate.source,
-                        model.rate.window_s, model.rate.filter_s, float(model.rate.extra.get("smoothing_s", 0.0)))
+                        model.rate.window_s, model.rate.filter_s, [model.rate.smoothing_s] * len(runs))
     return _rate_slopes(model, prepared)
 
 
@@ -481,10 +535,27 @@ def _remark(model: Model, plant: _Plant, noise: float, scores: Sequence[RunScore
     if np.any(slopes <= SLOPE_FLOOR * 1.0001):
         warnings.append(f"a slope lies on its floor of {SLOPE_FLOOR:g}: the recordings do not determine it; "
                         "use fewer --operators or record more amplitudes and rates")
+    actuators = sorted({run.recording.metadata["actuator"] for run in scores if "actuator" in run.recording.metadata})
+    if len(actuators) > 1:
+        warnings.append(f"the recordings name different actuators: {', '.join(actuators)}")
     for run in scores:
+        path, stays = run.recording.path, _stays_at_an_end(run.recording)
         if run.memory == "estimated":
-            warnings.append(f"{run.recording.path}: memory at the start unknown; estimated, and left out of the fit until "
-                            "the drive had erased it")
+            warnings.append(f"{path}: memory at the start unknown; estimated"
+                            + ("" if run.held_out else ", and left out of the fit until the drive had erased it"))
+        if stays:
+            warnings.append(f"{path}: {stays} samples stand at the very highest or lowest reading while the command moves: "
+                            "is the sensor clipped?")
+        if run.score.rms_percent > POOR_PERCENT:
+            warnings.append(f"{path}: explained only to {run.score.rms_percent:.2g} % rms of its stroke: is it the same actuator, "
+                            "in the same units, without drift, delay or ringing? The model may not be fit for use")
+
+
+def _stays_at_an_end(run: Recording) -> int:
+    z, moving = run.displacement_um, np.gradient(run.command_V) != 0
+    stays = max(int(np.count_nonzero((z == end) & moving)) for end in (z.min(), z.max()))
+    grid = len(np.unique(z)) < len(z) / 20  # a coarse sensor has many equal readings everywhere
+    return stays if stays > CLIPPED_SHARE * len(z) and not grid else 0
 
 
 def _record(scores: Sequence[RunScore], noise: float, warnings: Sequence[str]) -> dict:

@@ -26,9 +26,11 @@ SOURCES = ("displacement", "control")
 MIN_SLOPE_RATIO = 0.2  # default of rate.min_slope_ratio
 TOLERANCE = 1e-5  # relative; what rounding to the firmware's float may cost (ROUNDING in lib/src/rdpi.c)
 LARGEST, TINY = float(np.finfo(np.float32).max), float(np.finfo(np.float32).tiny)
+MAX_OFFSET = 1000.0  # in ranges; leaves 0.01 % of the range to rounding
 MAX_PLAYS, MAX_DEADZONES = 129, 65  # of the library as firmware_build.py compiles it
 SECTIONS = "rate", "drive", "memory"
-NOT_NUMBERS = {*SECTIONS, "source", "extra", "actuator", "fit", "effects", "passport", "dac_bits", "singular_um_per_s"}
+NOT_NUMBERS = {*SECTIONS, "source", "extra", "actuator", "fit", "effects", "passport", "dac_bits", "singular_um_per_s",
+               "smoothing_s", "identified_um_per_s"}
 MAX_DAC_BITS = 20  # RDPI_MAX_DAC_BITS
 
 
@@ -42,6 +44,8 @@ class Rate:
     max_um_per_s: float = math.inf
     singular_um_per_s: float | None = None
     min_slope_ratio: float = MIN_SLOPE_RATIO
+    smoothing_s: float = 0.0  # zero-phase smoothing before the rate, host only
+    identified_um_per_s: float | None = None  # highest rate in the recordings
     extra: dict[str, Any] = field(default_factory=dict)
 
 
@@ -168,12 +172,17 @@ class Model:
                                        "or the saturation stage has no inverse")
         self._validate_rate(refuse)
         self._validate_drive(refuse)
+        for key, offset, scale, unit in (("offset_um", self.offset_um, self.stroke_um, "um"),
+                                         ("offset_V", self.offset_V, self.drive.max_V - self.drive.min_V, "V")):
+            if abs(offset) > MAX_OFFSET * scale:
+                refuse(key, f"is {offset:g} {unit}, over {MAX_OFFSET:g} times the range of {scale:g} {unit}: single precision cannot "
+                            "carry both; subtract it before")
 
     def _validate_rate(self, refuse: Any) -> None:
         rate = self.rate
         if rate.source not in SOURCES:
             refuse("rate.source", f'is "{rate.source}"; must be one of {", ".join(SOURCES)}')
-        for key in ("window_s", "filter_s"):
+        for key in ("window_s", "filter_s", "smoothing_s"):
             if getattr(rate, key) < 0:
                 refuse(f"rate.{key}", f"is {getattr(rate, key):g} s; must not be negative")
         if not rate.max_um_per_s > 0:
@@ -224,6 +233,7 @@ class Model:
     def digest(self) -> str:
         """SHA-256 of what the firmware takes from the model: same behaviour, same digest."""
         bare = replace(self, extra={}, **{key: replace(getattr(self, key), extra={}) for key in SECTIONS})
+        bare.rate = replace(bare.rate, smoothing_s=0.0, identified_um_per_s=None, singular_um_per_s=None)
         document = bare.to_json()
         for key in ("tool", "actuator", "fit", "effects", "passport"):
             del document[key]
@@ -240,7 +250,7 @@ def read_model(path: str | os.PathLike[str]) -> Model:
     """Read and validate a model file. Raises BadInput naming file, key and remedy."""
     path = str(path)
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")
         if not text.lstrip().startswith("{"):
             raise BadInput(f"{path}: line 1: this is no JSON object; a model file is what `rdpi fit` writes")
         document = json.loads(text, parse_constant=_refuse_constant)
@@ -348,7 +358,9 @@ class _Reader:
             rate=Rate(source, self.number(rate, "window_s", "rate.", default=0.0),
                       self.number(rate, "filter_s", "rate.", default=0.0), self.number(rate, "max_um_per_s", "rate."),
                       self.number(rate, "singular_um_per_s", "rate.", default=None),
-                      self.number(rate, "min_slope_ratio", "rate.", default=MIN_SLOPE_RATIO), extra=rate),
+                      self.number(rate, "min_slope_ratio", "rate.", default=MIN_SLOPE_RATIO),
+                      self.number(rate, "smoothing_s", "rate.", default=0.0),
+                      self.number(rate, "identified_um_per_s", "rate.", default=None), extra=rate),
             drive=Drive(self.number(drive, "min_V", "drive."), self.number(drive, "max_V", "drive."),
                         self.number(drive, "slew_V_per_s", "drive.", default=None),
                         None if bits is None else int(bits), extra=drive),

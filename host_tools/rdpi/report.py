@@ -66,7 +66,7 @@ def _slopes(axes: Axes, model: Model, bands: RateSlopes | None) -> None:
     """Fig. 7 of the paper: slopes against rate, each band fitted alone (dots) and the model's law (lines)."""
     from matplotlib import colormaps
 
-    top = float(model.rate.extra.get("identified_um_per_s", model.rate.max_um_per_s))
+    top = model.rate.identified_um_per_s or model.rate.max_um_per_s
     rate = np.array([0.0, top])
     colours = colormaps["viridis"](np.linspace(0, 0.9, len(model.slopes)))
     ends = model.slopes_at(top)

@@ -22,27 +22,27 @@ def noise_um(z_um: np.ndarray) -> float:
 def smoothing_time_s(z_um: np.ndarray, sample_time_s: float) -> float:
     """Shortest smoothing, in s, after which the noise in the rate is RATE_NOISE of the peak rate; 0 if none is needed.
 
-    A quadratic over w samples has a slope of variance 12 sigma^2 / (w^3 T^2).
+    At most a quarter of the record.
     """
-    noise = noise_um(z_um)
-    window = PROBE
-    for _ in range(20):  # the peak rate depends on the smoothing, which depends on the peak rate
-        peak = np.percentile(np.abs(np.gradient(smoothed(z_um, sample_time_s, window * sample_time_s))), 99)
-        if peak == 0:
-            break
-        needed = (12 * (noise / (RATE_NOISE * peak)) ** 2) ** (1 / 3)
-        if needed <= window:
-            break
-        window = min(1.2 * needed, len(z_um) / 4)
-    return float(window * sample_time_s) if noise > RATE_NOISE * peak / 2 else 0.0
+    z = z_um / (np.max(np.abs(z_um)) or 1.0)  # only ratios matter, and no size of z overflows
+    # A quadratic c_k over 2 m + 1 samples leaves sum (c_k - c_(k-1))^2 of the variance in the difference of two outputs:
+    # the first term is the two ends of the window, the second its inside; m = 1 changes nothing and gives 2.
+    m = np.arange(1.0, max(2, (len(z) // 4 + 1) // 2))
+    variance = (18 * (m - 1) ** 2 / (2 * m + 1) + 150 * m / (2 * m - 1)) / (2 * m + 1) / (2 * m + 3) ** 2
+    noise = noise_um(z) * np.sqrt(variance)
+    chosen, needed = -1, 0
+    while needed > 1.02 * chosen:  # smoothing lowers the peak rate, which asks for more smoothing; 2 % is near enough
+        chosen = needed
+        peak = np.percentile(np.abs(np.diff(smoothed(z, 1.0, 2 * m[chosen] + 1))), 99)
+        needed = min(int(np.searchsorted(-noise, -RATE_NOISE * peak)), len(m) - 1)
+    return float((2 * m[chosen] + 1) * sample_time_s) if chosen else 0.0
 
 
 def smoothed(z_um: np.ndarray, sample_time_s: float, smoothing_s: float) -> np.ndarray:
     """Zero-phase smoothing by a sliding quadratic over `smoothing_s` (Savitzky-Golay); shape kept, 0 s changes nothing."""
     from scipy.signal import savgol_filter
 
-    window = 2 * int(round(smoothing_s / sample_time_s / 2)) + 1
-    window = min(window, len(z_um) - 1 + len(z_um) % 2)
+    window = min(2 * int(smoothing_s / sample_time_s / 2) + 1, len(z_um) - 1 + len(z_um) % 2)  # the nearest odd number
     return savgol_filter(z_um, window, 2) if window > 3 else z_um
 
 

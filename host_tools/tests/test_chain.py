@@ -65,8 +65,10 @@ def test_score_without_offset() -> None:
 
 
 def test_score_of_a_displacement_that_stands_still() -> None:
-    score = chain.score(np.zeros(3), np.full(3, 2.0))
-    assert score.rms_um == 2 and np.isnan(score.rms_percent)
+    with pytest.raises(BadInput, match="^dead.csv: what was measured spans 0"):
+        chain.score(np.zeros(3), np.full(3, 2.0), where="dead.csv")
+    with pytest.raises(BadInput, match="missed by nan"):
+        chain.score(np.full(3, np.nan), np.arange(3.0))
 
 
 # ---- memory at the start ----

@@ -83,7 +83,8 @@ def test_unwritable_output(target: str, rdpi: Callable, tmp_path: Path, monkeypa
 def test_unwritable_json(rdpi: Callable, tmp_path: Path) -> None:
     result = rdpi("excite", "startup", "-o", tmp_path / "drive.csv", "--json", tmp_path / "missing" / "result.json")
     assert result.exit_code == 2
-    assert f"rdpi: {tmp_path / 'missing' / 'result.json'}: No such file or directory; check the path" in result.output
+    assert f"rdpi: {tmp_path / 'missing' / 'result.json'}: there is no folder {tmp_path / 'missing'}" in result.output
+    assert not (tmp_path / "drive.csv").exists()  # found before the work
 
 
 def test_json_replaces_in_one_step(rdpi: Callable, scratch: Callable, tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ REFUSED = {
     "rate filter": (with_rate(filter_s=-1.0), "filter time"),
     "long window": (with_rate(window_s=5000 * SAMPLE_TIME_S), "more samples than RDPI_MAX_WINDOW"),
     "drive": (with_drive(max_V=MODEL.drive.min_V), "min_V < max_V"),
-    "slew": (with_drive(slew_V_per_s=-1.0), "slew_V_per_s >= 0"),
+    "slew": (with_drive(slew_V_per_s=-1.0), "slew_V_per_s 0 or not too slow"),
     "DAC": (with_drive(dac_bits=21), "dac_bits"),
     "memory apart": (with_memory(0.0, 0.0, 0.0, 0.0, 50.0), "memory is not a state"),
     "memory outside the drive": (with_memory(*np.full(5, 1e3)), "memory is not a state"),

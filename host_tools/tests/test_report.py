@@ -27,7 +27,7 @@ def fitted() -> Fit:
 
 
 def panels(figure: Figure) -> tuple[Axes, ...]:
-    """Loops, slopes, time, residual."""
+    """Loops, slopes, time, residual, and the error over time that shares a frame with the third."""
     return tuple(figure.axes)
 
 
@@ -40,11 +40,12 @@ def draw(runs: list[Recording], bands: object = None, **changes: object) -> Figu
 
 def test_every_panel_says_what_and_in_which_unit() -> None:
     figure = draw([fitted().scores[0].recording], actuator="stack 7")
-    assert len(panels(figure)) == 4 and figure._suptitle.get_text() == "stack 7"
-    for axes in panels(figure):
+    assert len(panels(figure)) == 5 and figure._suptitle.get_text() == "stack 7"
+    for axes in panels(figure)[:4]:
         assert axes.get_title() and axes.lines
         for label in (axes.get_xlabel(), axes.get_ylabel()):
             assert re.search(r"\[(V|s|µm|µm/s)\]$", label) or label == "slope of the loading curve"
+    assert panels(figure)[4].get_ylabel() == "measured − predicted [µm]"
 
 
 def test_loops() -> None:
@@ -63,7 +64,7 @@ def test_slopes_against_rate() -> None:
     lines = [line for line in axes.lines if line.get_linestyle() == "-"]
     dots = [line for line in axes.lines if line.get_marker() == "o"]
     assert len(lines) == len(dots) == len(model.slopes)
-    top = model.rate.extra["identified_um_per_s"]
+    top = model.rate.identified_um_per_s
     for i, (line, dot) in enumerate(zip(lines, dots)):
         assert line.get_xdata()[-1] == pytest.approx(top)
         assert line.get_ydata() == pytest.approx([model.slopes[i], model.slopes[i] + top * model.slope_rate_s_per_um[i]])
@@ -71,7 +72,8 @@ def test_slopes_against_rate() -> None:
         assert dot.get_ydata() == pytest.approx(bands.slopes[:, i], nan_ok=True)
     texts = [text.get_text() for text in axes.texts]
     assert [f"$W_{{{i}}}$" for i in range(len(model.slopes))] == [text for text in texts if text.startswith("$")]
-    assert axes.get_ylim()[0] == 0
+    low, high = axes.get_ylim()
+    assert all(low < height < high for line in [*lines, *dots] for height in line.get_ydata() if np.isfinite(height))
     without = panels(draw([fitted().scores[0].recording]))[1]
     assert not any(line.get_marker() == "o" for line in without.lines)
 
@@ -80,7 +82,7 @@ def test_guard_is_drawn_where_it_is() -> None:
     run, rate = fitted().scores[0].recording, fitted().model.rate
     guard = [line for line in panels(draw([run]))[1].lines if line.get_linestyle() == "--"]
     assert [line.get_xdata()[0] for line in guard] == [pytest.approx(rate.max_um_per_s)]
-    far = draw([run], rate=replace(rate, max_um_per_s=2 * rate.extra["identified_um_per_s"], min_slope_ratio=0.01))
+    far = draw([run], rate=replace(rate, max_um_per_s=2 * rate.identified_um_per_s, min_slope_ratio=0.01))
     assert not [line for line in panels(far)[1].lines if line.get_linestyle() == "--"]
 
 
@@ -94,6 +96,9 @@ def test_time_shows_the_worst_moment_of_the_worst_run() -> None:
     assert "spiked.csv" in axes.get_title()
     assert measured.get_xdata()[0] <= good.time_s[1000] <= measured.get_xdata()[-1]
     assert np.abs(measured.get_ydata() - predicted.get_ydata()).max() > 2.5
+    (error,) = panels(draw([good, spiked]))[4].lines
+    assert error.get_ydata() == pytest.approx(measured.get_ydata() - predicted.get_ydata())
+    assert error.axes.get_ylim()[1] > error.get_ydata().max() > 2.5
 
 
 def test_residual_of_both_directions() -> None:
@@ -124,7 +129,7 @@ def test_many_runs_have_no_names_in_the_legend() -> None:
 def test_a_constant_command_can_be_drawn(caplog: pytest.LogCaptureFixture) -> None:
     """No branch rises or falls: an empty residual, and no warning of the drawing library."""
     still = recording(np.full(100, 45.0), 5 + 0.01 * np.sin(np.arange(100.0)), 1000, "still.csv")
-    assert len(panels(draw([still]))) == 4 and caplog.records == []
+    assert len(panels(draw([still]))) == 5 and caplog.records == []
 
 
 def empty() -> Figure:

@@ -105,6 +105,14 @@ static rdpi_status_t check_saturation(const rdpi_f32_params_t *params)
     return RDPI_OK;
 }
 
+/* Whether a change of the drive per sample survives rounding anywhere in its range; 0 V/s means no limit. */
+static bool slew_is_resolved(const rdpi_f32_params_t *params, rdpi_real_t slew_V)
+{
+    rdpi_real_t largest_V = params->max_V > -params->min_V ? params->max_V : -params->min_V;
+    rdpi_real_t fine_V = slew_V / 16;
+    return !(params->slew_V_per_s > 0) || largest_V + fine_V > largest_V;
+}
+
 static rdpi_status_t check_params(const rdpi_f32_params_t *params)
 {
     if (!check_finite(params)) {
@@ -248,6 +256,9 @@ rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, r
     }
     if (status == RDPI_OK) {
         status = rdpi_f32_rate_init(&self->rate, params->rate_window_s, params->rate_filter_s, sample_time_s);
+    }
+    if (status == RDPI_OK && !slew_is_resolved(params, params->slew_V_per_s * sample_time_s)) {
+        status = RDPI_ERR_DRIVE;
     }
     if (status == RDPI_OK) {
         self->params = params;

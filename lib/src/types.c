@@ -32,7 +32,7 @@ const char *rdpi_status_text(rdpi_status_t status)
     case RDPI_ERR_WINDOW:
         return "rate window spans more samples than RDPI_MAX_WINDOW";
     case RDPI_ERR_DRIVE:
-        return "drive limits: need min_V < max_V, slew_V_per_s >= 0, at most 20 dac_bits";
+        return "drive limits: need min_V < max_V, slew_V_per_s 0 or not too slow, at most 20 dac_bits";
     case RDPI_ERR_MEMORY:
         return "memory is not a state one history can leave inside the drive range";
     }

@@ -1160,3 +1160,11 @@ void test_forward_at_a_rate_that_is_not_finite_changes_no_state(void)
     forward_changes_nothing(0, NAN);
     forward_changes_nothing(0, INFINITY);
 }
+
+void test_init_refuses_a_slew_whose_share_of_one_sample_is_lost_in_rounding(void)
+{
+    params.slew_V_per_s = 1000 * (params.max_V - params.min_V);
+    TEST_ASSERT_EQUAL(RDPI_OK, rdpi_f32_init(&axis, &params, T_S));
+    params.slew_V_per_s = (rdpi_real_t)1e-30;
+    refused(RDPI_ERR_DRIVE);
+}

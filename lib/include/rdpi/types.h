@@ -54,7 +54,8 @@ typedef enum {
     RDPI_ERR_SAMPLE_TIME = -11, /* the sample time is not positive and finite, or so short that rates overflow */
     RDPI_ERR_RATE = -12,        /* rate window or filter time negative or not finite, or guard rate not positive */
     RDPI_ERR_WINDOW = -13,      /* the rate window spans more than RDPI_MAX_WINDOW samples */
-    RDPI_ERR_DRIVE = -14,       /* not min_V < max_V a finite span apart, slew negative, or too many dac_bits */
+    RDPI_ERR_DRIVE = -14,       /* not min_V < max_V a finite span apart, slew negative or too slow for one sample's share
+                                   to survive rounding, or too many dac_bits */
     RDPI_ERR_MEMORY = -15       /* the plays' states cannot come from one history, or lie outside the drive range */
 } rdpi_status_t;
 
