@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ MAX_SWEEPS = 60
 DEPTH, MIX = 6, 0.5  # sweeps remembered and damping of Anderson's mixing
 # rms change that one more sweep would bring, as a share of the stroke: sought, and at most called settled
 SOUGHT, SETTLED = 1e-5, 3e-4
+MAX_SMOOTHINGS = 7
 PATIENCE = 8  # sweeps without a better one, after which the best is taken
 
 
@@ -30,6 +31,7 @@ class Prediction:
     states_um: np.ndarray  # plays at the end, (n + 1,)
     rate_um_per_s: np.ndarray  # (samples,), before the guard
     settled: bool  # whether the sweeps that find the rate of the prediction itself came to rest
+    smoothing_s: float  # of that rate
     memory: str  # where the states at the start came from: "reset", "carried", "model" or "estimated"
 
 
@@ -108,13 +110,14 @@ def estimate_states(model: Model, run: Recording) -> np.ndarray:
     samples = warm_up(x, r[-1])
     if samples < 2 or len(r) == 1:
         return rest
-    base = _predict(model, run, rest, "estimated")
-    error = run.displacement_um - base.predicted_um
-    offset = np.mean(error[samples:])  # thermal drift since the fit must not be taken for memory
+    used = slice(0, 3 * samples)
+    rate = _predict(model, run, rest, "estimated").rate_um_per_s[used]
+    measured = run.displacement_um[used]
 
     def misfit(position: float) -> float:
-        start = _firmware(model, run, states_after(position, x[0], r)).forward(run.command_V[:samples], base.rate_um_per_s[:samples])
-        return float(np.mean((run.displacement_um[:samples] - start - offset) ** 2))
+        error = measured - _firmware(model, run, states_after(position, x[0], r)).forward(run.command_V[used], rate)
+        error -= np.mean(error[samples:])  # drift since the fit, and plays that never move, must not be taken for memory
+        return float(np.mean(error[:samples] ** 2))
 
     positions = x[0] + np.linspace(-r[-1], r[-1], 41)
     return states_after(min(positions, key=misfit), x[0], r)
@@ -194,20 +197,35 @@ def _predict(model: Model, run: Recording, states_um: np.ndarray, memory: str) -
 
     rho = rate_of(model.x_of(command_V), 0.0)
     predicted, end = forward(rho)
+    first = Prediction(predicted, end, rho, True, 0.0, memory)
     if rate.source == "control" or not np.any(model.slope_rate_s_per_um):
-        return Prediction(predicted, end, rho, True, memory)
-    # The rate is that of the displacement, which depends on the rate: find the fixed point by sweeps, with Anderson's
-    # mixing because plain sweeps overshoot at reversals. The control's rate is the first guess.
+        return first
+    # The rate is that of the displacement, which depends on the rate. A strong law amplifies what is fast: where the
+    # fixed point is not found, or does not exist, the rate is smoothed more and more until it is.
     smoothing_s = rate.smoothing_s
+    for _ in range(MAX_SMOOTHINGS):
+        found = _fixed_point(first, forward, lambda signal_um: rate_of(signal_um, smoothing_s), model.stroke_um)
+        found = replace(found, smoothing_s=smoothing_s)
+        if found.settled:
+            break
+        smoothing_s = max(2 * smoothing_s, 8 * sample_time_s)
+    return found
+
+
+def _fixed_point(first: Prediction, forward: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+                 rate_of: Callable[[np.ndarray], np.ndarray], stroke_um: float) -> Prediction:
+    """Sweeps from prediction to rate to prediction, with Anderson's mixing because plain sweeps overshoot at reversals."""
+    predicted, end, rho = first.predicted_um, first.states_um, first.rate_um_per_s
     points: list[np.ndarray] = []
     misses: list[np.ndarray] = []
-    best, best_change, waited = Prediction(predicted, end, rho, False, memory), np.inf, 0
+    best, best_change, waited = first, np.inf, 0
     for _ in range(MAX_SWEEPS):
-        swept = rate_of(predicted, smoothing_s)
-        change = float(np.sqrt(np.mean((forward(swept)[0] - predicted) ** 2))) / model.stroke_um
+        swept = rate_of(predicted)
+        change = float(np.sqrt(np.mean((forward(swept)[0] - predicted) ** 2))) / stroke_um
         waited += 1
         if change < best_change:
-            best, best_change, waited = Prediction(predicted, end, rho, change < SETTLED, memory), change, 0
+            best = replace(first, predicted_um=predicted, states_um=end, rate_um_per_s=rho, settled=change < SETTLED)
+            best_change, waited = change, 0
         if best_change < SOUGHT or waited == PATIENCE:
             break
         miss = swept - rho

@@ -15,9 +15,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .errors import BadInput
-from .recording import sample_times
+from .recording import RATES_HZ, sample_times
 
 MAX_SAMPLES = 20_000_000
+MAX_V = 1e6
 SAMPLES_PER_PERIOD = 10  # fewer no longer draw a sine or a triangle
 QUANTUM_V = 1e-9  # voltages are whole nanovolts: short to print, and the last bit of a sine does not matter
 DEFAULT_LINES, PHASE_DRAWS = 16, 200  # of a multisine
@@ -283,13 +284,14 @@ def chirp(pen: _Pen, frequencies_hz: Sequence[float] | None = None, duration_s: 
 def startup(pen: _Pen, end_V: float | None = None, frequencies_hz: Sequence[float] | None = None,
             cycles: int = SWEEP_CYCLES) -> dict[str, object]:
     """Oscillation from the whole range down to nothing at the end voltage: wipes out what the hysteresis remembers."""
-    frequencies_hz = frequencies_hz or (_sweep_hz(pen),)
+    frequencies_hz = frequencies_hz or (min(_sweep_hz(pen), _highest_hz(pen, 2)),)
     if len(frequencies_hz) != 1:
         raise BadInput("--frequencies: the start-up sweep needs exactly one")
+    _check_rate(pen, 2 * pen.limits.span_V * _frequency(pen, frequencies_hz[0]))
     end_V = pen.rest_V if end_V is None else end_V
     if not pen.limits.min_V <= end_V <= pen.limits.max_V:
         raise BadInput(f"--end-V {end_V:g}: outside --min-V {pen.limits.min_V:g} to --max-V {pen.limits.max_V:g}")
-    _decay(pen, end_V, _whole("cycles", cycles), _frequency(pen, frequencies_hz[0]))
+    _decay(pen, end_V, _whole("cycles", cycles), frequencies_hz[0])
     return {"end_V": end_V, "frequencies_hz": frequencies_hz}
 
 
@@ -318,14 +320,16 @@ def _sweep_hz(pen: _Pen) -> float:
 def _check_limits(limits: Limits) -> float:
     """The rest voltage, if the limits make sense."""
     for name, value in (("min-V", limits.min_V), ("max-V", limits.max_V)):
-        if not np.isfinite(value):
-            raise BadInput(f"--{name} {value}: give a finite number of volts")
+        if not abs(value) <= MAX_V:
+            raise BadInput(f"--{name} {value:g}: give a finite number of volts, at most {MAX_V:g}")
     if not limits.span_V >= 1e3 * QUANTUM_V:
         raise BadInput(f"--max-V {limits.max_V:g}: must be above --min-V {limits.min_V:g}")
     rest_V = limits.middle_V if limits.rest_V is None else limits.rest_V
     if not limits.min_V <= rest_V <= limits.max_V:
         raise BadInput(f"--rest-V {rest_V:g}: outside --min-V {limits.min_V:g} to --max-V {limits.max_V:g}")
-    rate = _positive("sample-rate", limits.sample_rate_hz, "Hz")
+    rate = limits.sample_rate_hz
+    if not RATES_HZ[0] <= rate <= RATES_HZ[1]:
+        raise BadInput(f"--sample-rate {rate:g}: give a positive number of Hz, {RATES_HZ[0]:g} to {RATES_HZ[1]:g}")
     if limits.slew_V_per_s is not None and _positive("slew", limits.slew_V_per_s, "V/s") <= 4 * QUANTUM_V * rate:
         raise BadInput(f"--slew {limits.slew_V_per_s:g}: under a few nanovolts per sample; give a higher slew or a "
                        "lower --sample-rate")

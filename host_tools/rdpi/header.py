@@ -42,14 +42,16 @@ SCALARS = {
     "slew_V_per_s": "V/s: largest change of the output; 0: unlimited",
 }
 
+# Of C and C++ to date and of GNU's compilers; types and macros of the headers that rdpi.h includes.
 KEYWORDS = frozenset("""
-    alignas alignof and and_eq asm auto bitand bitor bool break case catch char char16_t char32_t class compl const
-    const_cast constexpr continue decltype default delete do double dynamic_cast else enum explicit export extern false
-    float for friend goto if inline int long main mutable namespace new noexcept not not_eq nullptr operator or or_eq
-    private protected public register reinterpret_cast restrict return short signed sizeof static static_assert
-    static_cast struct switch template this thread_local throw true try typedef typeid typename union unsigned using
-    virtual void volatile wchar_t while xor xor_eq
-""".split())  # of C99 and C++11
+    NULL alignas alignof and and_eq asm auto bitand bitor bool break case catch char class co_await co_return co_yield
+    compl concept const const_cast consteval constexpr constinit continue decltype default delete do double dynamic_cast
+    else enum explicit export extern false float for friend goto if inline int linux long main mutable namespace new
+    noexcept not not_eq nullptr offsetof operator or or_eq private protected public register reinterpret_cast requires
+    restrict return short signed sizeof static static_assert static_cast struct switch template this thread_local throw
+    true try typedef typeid typename typeof typeof_unqual union unix unsigned using virtual void volatile while xor xor_eq
+""".split())
+RESERVED = re.compile(r"\w+_t|U?INT\w*_(MIN|MAX|WIDTH|C)|(PTRDIFF|SIG_ATOMIC|SIZE|WCHAR|WINT)_(MIN|MAX|WIDTH)")
 
 _TEMPLATES = jinja2.Environment(loader=jinja2.PackageLoader(__package__), undefined=jinja2.StrictUndefined,
                                 trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
@@ -97,9 +99,9 @@ def comment(text: str, length: int = 100) -> str:
 
 
 def _check_name(name: str) -> None:
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", name) or name in KEYWORDS:
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", name) or name in KEYWORDS or RESERVED.fullmatch(name):
         raise BadInput(f"name {name[:60]!r}: must be a C identifier of at most 40 letters, digits and _, starting with "
-                       "a letter, and no keyword of C or C++")
+                       "a letter, and no keyword, standard macro or type (..._t) of C or C++")
     if re.match(r"rdpi_(?!params_)", name + "_", re.IGNORECASE):
         raise BadInput(f"name {name!r}: names that start with rdpi_ belong to the library; use another, or {NAME}_…")
 
@@ -114,8 +116,9 @@ def _runs(fit: dict[str, Any]) -> list[dict[str, str]]:
     lines = []
     for run in runs if isinstance(runs, list) else []:  # nothing has checked this part of the model file
         run = run if isinstance(run, dict) else {"file": run}
-        errors = ", ".join(f"{kind} {run[f'{kind}_percent']:.3g} %" for kind in ("rms", "max")
-                           if isinstance(run.get(f"{kind}_percent"), (int, float)))
+        percents = {kind: run.get(f"{kind}_percent") for kind in ("rms", "max")}
+        errors = ", ".join(f"{kind} {percent:.3g} %" for kind, percent in percents.items()
+                           if isinstance(percent, (int, float)) and abs(percent) < 1e9)  # no float holds some integers
         lines.append({"file": comment(_file_name(str(run.get("file", ""))), 60), "held_out": bool(run.get("held_out")),
                       "errors": f"{errors} of stroke" if errors else "", "digest": comment(str(run.get("digest", "")))})
     return lines

@@ -130,7 +130,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     _check_together(runs, hold_out)
     warnings: list[str] = []
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
-    smoothing_s = [signals.smoothing_time_s(run.displacement_um, run.sample_time_s) for run in runs]
+    smoothing_s = _smoothing(runs)
 
     low_V = min(float(np.min(run.command_V)) for run in runs)
     high_V = max(float(np.max(run.command_V)) for run in runs)
@@ -161,7 +161,9 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         _compare_sources(runs, prepared, columns, options, plant, stroke, smoothing_s, warnings)
 
     offsets = np.array([_offset(row, columns, plant) for row in means]) * stroke
-    weights = [len(run.x_um) - run.first for run in prepared]
+    # The offset of a run whose unknown memory is never erased holds what its plays remember: only if there is no other.
+    erased = [run.first == 0 or np.ptp(run.x_um) >= 2 * thresholds[-1] for run in prepared]
+    weights = [(len(run.x_um) - run.first) * (sure or not any(erased)) for run, sure in zip(prepared, erased)]
     offset_um = float(np.average(offsets, weights=weights))
     deadzones, deadzone_weights = _saturation(grid[list(plant.picks)] - offset_um, plant.pieces)
     change = (plant.fast - plant.rest) / top
@@ -234,9 +236,10 @@ def _check(run: Recording) -> None:
                        "cannot carry both: subtract the offset first")
 
 
-def _reversals(command: np.ndarray) -> int:
-    """How often the command turns round by more than a twentieth of its range."""
-    band = np.ptp(command) / 20
+def _reversals(command: np.ndarray, first: int = 0) -> int:
+    """How often the command turns round, by more than a tenth of its range, from sample `first` on."""
+    band = np.ptp(command) / 10
+    command = command[first:]
     settled = firmware.plays(command, np.array([0.0, band / 2]), np.full(2, command[0]))[0][:, 1]
     moves = np.sign(np.diff(settled))
     moves = moves[moves != 0]
@@ -318,6 +321,10 @@ def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> n
     return wanted[wanted <= 0.98 * reach]
 
 
+def _smoothing(runs: Sequence[Recording]) -> list[float]:
+    return [signals.smoothing_time_s(run.displacement_um, run.sample_time_s) for run in runs]
+
+
 def _prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds: np.ndarray, source: str,
              window_s: float, filter_s: float, smoothing_s: Sequence[float]) -> list[_Run]:
     prepared: list[_Run] = []
@@ -329,6 +336,9 @@ def _prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds
         carried = run.memory == "carried" and end is not None
         states = np.array(end) if carried else chain.states_after(x[0], x[0], thresholds)
         first = 0 if known else chain.warm_up(x, thresholds[-1])
+        if first and _reversals(x, first) == 0:
+            raise BadInput(f"{run.path}: its memory is unknown, and the drive does not turn round any more once it has erased it; "
+                           "state the memory (reset, carried) or record longer")
         prepared.append(_Run(run, x, rate, states, first))
         end = firmware.plays(x, thresholds, states)[1]
     return prepared
@@ -487,7 +497,7 @@ def _scores(model: Model, runs: Sequence[Recording], hold_out: Sequence[Recordin
 def rate_slopes(model: Model, runs: Sequence[Recording]) -> RateSlopes:
     """The slopes that each band of rate has when fitted alone, thresholds and saturation those of `model`."""
     prepared = _prepare(runs, model.gain_um_per_V, model.offset_V, model.thresholds_um, model.rate.source,
-                        model.rate.window_s, model.rate.filter_s, [model.rate.smoothing_s] * len(runs))
+                        model.rate.window_s, model.rate.filter_s, _smoothing(runs))
     return _rate_slopes(model, prepared)
 
 

@@ -10,7 +10,6 @@ import csv
 import hashlib
 import io
 import re
-import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from .errors import BadInput
-from .recording import (Place, Recording, check_metadata, check_rate, check_samples, line_of_row, parse_rows,
-                        read_bytes, sample_times)
+from .recording import (Place, Recording, check_metadata, check_rate, check_samples, is_column_name,
+                        line_of_row, parse_rows, read_bytes, sample_times)
 
 # unit -> dimension (by its base unit), power of ten to the base unit
 UNITS = {
@@ -134,28 +133,28 @@ def import_recording(path: str, request: Request) -> tuple[Recording, list[str]]
 
     Raises BadInput for files that cannot be read, columns that cannot be found, and what makes a recording unusable.
     """
+    if not np.isfinite(request.command_gain) or request.command_gain == 0:
+        raise BadInput(f"--command-gain {request.command_gain:g}: give a finite factor other than 0")
     source = open_source(path)
     chosen = _choose(source, request)
     cut = source.read([choice.number for choice in chosen], request.rows)
-    columns = {choice.column: choice.scale(values) for choice, values in zip(chosen, cut.columns)}
-    if "command_V" in columns:
-        columns["command_V"] *= request.command_gain
+    columns = {choice.column: _scaled(source, request, choice, raw) for choice, raw in zip(chosen, cut.columns)}
     rows = f"{cut.start}:{cut.start + len(cut.columns[0])}"
 
     metadata = _metadata(source, request, chosen, cut.start, rows)
     rate, rate_from = _rate(source, request, has_time="time_s" in columns)
     if rate is not None:
         metadata["sample_rate_hz"] = f"{rate:.12g}"
-    if "time_s" not in columns:
-        if rate is None:
-            raise BadInput(f"{path}: no column looks like time; say which with --time COLUMN, or give --rate HZ; "
-                           f"{source.listing()}")
-        columns = {"time_s": sample_times(len(cut.columns[0]), rate), **columns}
 
     def key_place(key: str) -> str:
         return rate_from if key == "sample_rate_hz" else path
 
     check_metadata(metadata, key_place)
+    if "time_s" not in columns:
+        if rate is None:
+            raise BadInput(f"{path}: no column looks like time; say which with --time COLUMN, or give --rate HZ; "
+                           f"{source.listing()}")
+        columns = {"time_s": sample_times(len(cut.columns[0]), rate), **columns}
     check_samples(f"{path}, rows {rows} of {cut.total}", columns, cut.place, cut.start)
     check_rate(columns["time_s"], metadata, key_place)
     recording = Recording(path, metadata, columns)
@@ -197,6 +196,9 @@ def _choose(source: Source, request: Request) -> list[Choice]:
                 raise BadInput(f"{source.path}: no column looks like the {key}; say which with --{key} COLUMN; "
                                f"{source.listing()}")
     for name, spec in request.also.items():
+        if not is_column_name(name):
+            raise BadInput(f"--also {name!r}: no name for a column; leave out commas, quotation marks, line ends, # in "
+                           "front and what is not UTF-8")
         chosen.append(_asked(source, f"--also {name}", name, None, spec))
     return chosen
 
@@ -233,6 +235,15 @@ def _asked(source: Source, option: str, column: str, unit: str | None, spec: str
         raise BadInput(f"{source.path}: {option} {spec}: {scale!r} is no unit and no factor; give one of "
                        f"{_units_of(unit)}, or a number that multiplies the column")
     return Choice(column, number, f"x {factor:g}", factor=factor)
+
+
+def _scaled(source: Source, request: Request, choice: Choice, raw: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        values = choice.scale(raw) * (request.command_gain if choice.column == "command_V" else 1.0)
+    if not np.isfinite(values).all():
+        raise BadInput(f"{source.path}: {choice.column} becomes infinite when {_name(source, choice.number)} is scaled; "
+                       "give a smaller factor or gain, or leave such rows out with --rows")
+    return values
 
 
 def _find(source: Source, wanted: str) -> int | None:
@@ -314,8 +325,11 @@ def _metadata(source: Source, request: Request, chosen: Sequence[Choice], start:
     metadata = dict(source.metadata)
     if start > 0:
         metadata.pop("memory", None)  # it was about a sample that is now left out
+    for key, text in request.metadata.items():
+        if re.search("[\ud800-\udfff]", text):
+            raise BadInput(f"--{key} {text!r}: not UTF-8; set a UTF-8 locale, or use letters without accents")
     metadata |= request.metadata
-    metadata["source"] = Path(source.path).name
+    metadata["source"] = Path(source.path).name.encode(errors="replace").decode()
     metadata["source_digest"] = source.digest
     metadata["source_columns"] = " ".join(f"{c.column}={c.number}" + (f":{c.unit.removeprefix('x ')}" if c.unit else "")
                                           for c in chosen)
@@ -356,9 +370,9 @@ def _numpy_arrays(path: str, data: bytes) -> dict[str, object]:
                 return {name: loaded[name] for name in loaded.dtype.names}
             return {"": loaded}
         return {name: loaded[name] for name in loaded.files}
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise BadInput(f"{path}: cannot be read as NumPy data ({error}); save plain numeric arrays with numpy.save or "
-                       "numpy.savez") from None
+    except Exception as error:  # a damaged header may ask for more memory than there is, or be no Python
+        raise BadInput(f"{path}: cannot be read as NumPy data ({_one_line(error)}); save plain numeric arrays with "
+                       "numpy.save or numpy.savez") from None
 
 
 def _matlab_arrays(path: str, data: bytes) -> dict[str, object]:
@@ -367,7 +381,7 @@ def _matlab_arrays(path: str, data: bytes) -> dict[str, object]:
     try:
         loaded = loadmat(io.BytesIO(data), simplify_cells=True)
     except Exception as error:  # loadmat raises nearly anything on a damaged file
-        raise BadInput(f"{path}: cannot be read as a MATLAB file ({error}); in MATLAB save it again with "
+        raise BadInput(f"{path}: cannot be read as a MATLAB file ({_one_line(error)}); in MATLAB save it again with "
                        "save('run.mat', ..., '-v7')") from None
     return {name: value for name, value in loaded.items() if not name.startswith("__")}
 
@@ -411,6 +425,10 @@ def _arrays(path: str, data: bytes, kind: str, tree: dict[str, object]) -> Sourc
         return Cut(taken, start, lengths[0], lambda row: f"{path}, row {start + row}")
 
     return Source(path, kind, names, read, _digest(data), scalars=scalars)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
 
 
 def _leaves(name: str, value: object) -> Iterator[tuple[str, np.ndarray]]:

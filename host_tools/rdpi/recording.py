@@ -24,9 +24,11 @@ MEMORY = ("reset", "carried", "unknown")
 RUN_COLUMNS = ("time_s", "command_V", "displacement_um")
 GRID_TOLERANCE = 0.25  # of a sample time; a lost sample moves some time by at least 0.5
 RATE_TOLERANCE = 1e-3  # relative, between stated and measured rate
+RATES_HZ = (1e-6, 1e8)  # samples per second; times are written in whole nanoseconds
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
+_NAME = re.compile(r'(?!#)[^,"\r\n\ud800-\udfff]+')  # surrogates stand for bytes that are no UTF-8
 _ROWS_PER_WRITE = 1 << 16
 _LINES_PER_BLOCK = 1 << 14
 
@@ -117,7 +119,7 @@ def write_recording(path: str | os.PathLike[str], columns: Mapping[str, np.ndarr
     if not arrays or any(array.ndim != 1 or len(array) != len(arrays[0]) for array in arrays):
         raise ValueError("columns must be 1-D and equally long")
     for name, array in zip(columns, arrays):
-        if name != name.strip() or not name or re.search(r'[,"#\r\n]', name):
+        if not is_column_name(name):
             raise ValueError(f"column name {name!r} cannot be written")
         if not np.isfinite(array).all():
             raise ValueError(f"column {name} holds NaN or infinity")
@@ -133,27 +135,19 @@ def write_recording(path: str | os.PathLike[str], columns: Mapping[str, np.ndarr
 def atomic_write(path: str | os.PathLike[str], data: str | bytes) -> None:
     """Replace a file's content in one step: readers see the old file or the new one, never a part of either.
 
-    Text is written as UTF-8 with "\\n". A link is followed; a device or pipe is simply written to. Raises OSError.
+    Text is written as UTF-8 with "\\n". A link is followed; a device or pipe is simply written to.
+    Raises OSError, which names `path`.
     """
-    target = Path(os.path.realpath(path))
-    data = data.encode() if isinstance(data, str) else data
-    mode = target.stat().st_mode if target.exists() else None
-    if mode is not None and not stat.S_ISREG(mode):
-        target.write_bytes(data)  # replacing /dev/null by a file would be a disaster; a directory raises here
-        return
     try:
-        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:100]}.", suffix=".part")
+        _replace(Path(path), data.encode() if isinstance(data, str) else data)
     except OSError as error:
         error.filename = os.fspath(path)  # the user knows the target, not the temporary file
         raise
-    try:
-        with open(handle, "wb") as stream:
-            stream.write(data)
-        os.chmod(temporary, _default_mode() if mode is None else stat.S_IMODE(mode))
-        os.replace(temporary, target)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+
+
+def is_column_name(name: str) -> bool:
+    """Whether a column of a recording can have this name."""
+    return name == name.strip() and _NAME.fullmatch(name) is not None
 
 
 def sample_times(count: int, rate_hz: float) -> np.ndarray:
@@ -201,11 +195,12 @@ def check_metadata(metadata: Mapping[str, str], key_place: Callable[[str], str])
     if memory is not None and memory not in MEMORY:
         raise BadInput(f"{key_place('memory')}: memory is {_show(memory)}; use one of {', '.join(MEMORY)}")
     rate = metadata.get("sample_rate_hz")
-    if rate is not None and not (_NUMBER.fullmatch(rate) and 0 < float(rate) < np.inf):
-        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {_show(rate)}; "
-                       "give a positive number of samples per second, or leave the line out")
+    if rate is not None and not (_NUMBER.fullmatch(rate) and RATES_HZ[0] <= float(rate) <= RATES_HZ[1]):
+        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {_show(rate)}; give a positive number of "
+                       f"samples per second, {RATES_HZ[0]:g} to {RATES_HZ[1]:g}, or leave it out")
 
 
+@np.errstate(over="ignore", invalid="ignore")  # absurd times are refused by their step
 def check_samples(path: str, columns: Mapping[str, np.ndarray], place: Place, first_row: int = 0) -> None:
     """Raise BadInput unless there are enough samples, at rising and uniform times.
 
@@ -223,6 +218,9 @@ def check_samples(path: str, columns: Mapping[str, np.ndarray], place: Place, fi
         raise BadInput(f"{place(row)}: time_s {what} ({time_s[row - 1]:.12g} then {time_s[row]:.12g}); cut the "
                        "recording there, or write times with more digits, or rebuild them with `rdpi import --rate`")
     sample_time_s, deviation = _grid(time_s)
+    if not 1 / RATES_HZ[1] <= sample_time_s <= 1 / RATES_HZ[0]:
+        raise BadInput(f"{place(1)}: time_s steps by {sample_time_s:.6g} s; a recording has {RATES_HZ[0]:g} to "
+                       f"{RATES_HZ[1]:g} samples per second: give times in seconds")
     if deviation > GRID_TOLERANCE * sample_time_s:
         usual = float(np.median(steps))
         row = int(np.argmax(np.abs(steps - usual))) + 1
@@ -298,6 +296,9 @@ def _column_names(path: str, line: int, header: str, required: Iterable[str]) ->
             raise BadInput(f"{place}: column {index + 1} has no name; name it or take it out")
         if name in names[:index]:
             raise BadInput(f"{place}: column {name} is there twice; rename or take out one of them")
+        if not is_column_name(name):
+            raise BadInput(f"{place}: column {index + 1} is called {_show(name)}; rename it, without quotation marks and "
+                           "without # in front")
     return names
 
 
@@ -354,6 +355,26 @@ def _format_rows(arrays: Sequence[np.ndarray]) -> Iterator[str]:
         part = [array[start:start + _ROWS_PER_WRITE] for array in arrays]
         texts = [map(repr, (piece.astype(np.int64) if w else piece).tolist()) for piece, w in zip(part, whole)]
         yield "\n".join(map(",".join, zip(*texts))) + "\n"
+
+
+def _replace(path: Path, data: bytes) -> None:
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        mode = None
+    if mode is not None and not stat.S_ISREG(mode):
+        path.write_bytes(data)  # replacing /dev/null by a file would be a disaster; a directory raises here
+        return
+    target = Path(os.path.realpath(path))
+    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=".rdpi.", suffix=".part")
+    try:
+        with open(handle, "wb") as stream:
+            stream.write(data)
+        os.chmod(temporary, _default_mode() if mode is None else stat.S_IMODE(mode))
+        os.replace(temporary, target)
+    except BaseException:
+        os.unlink(temporary)
+        raise
 
 
 def _default_mode() -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -21,10 +22,14 @@ if TYPE_CHECKING:
 POINTS = 4000  # drawn per curve: more cannot be seen
 WINDOW_POINTS = 2000  # samples of the prediction shown over time
 RESIDUAL_BINS = 80
+NAMED_RUNS = 8  # more names would cover the loops
+LABELS = 20  # slopes that have room for a name, of LINES in the height of the panel
+LINES = 28
 
 
-def picture(model: Model, runs: Sequence[Recording], predictions: Sequence[Prediction], bands: RateSlopes | None) -> Figure:
-    """Figure of four panels; `predictions` one per run, `bands` None without a rate to show."""
+def picture(model: Model, runs: Sequence[Recording], predictions: Sequence[Prediction],
+            bands: RateSlopes | None) -> Figure:
+    """Figure of four panels, the error in time on a fifth axis; `predictions` one per run, `bands` None if no rate."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13, 9), layout="constrained")
@@ -35,7 +40,7 @@ def picture(model: Model, runs: Sequence[Recording], predictions: Sequence[Predi
     _time(time, runs[worst], predictions[worst])
     _residual(residual, runs, predictions)
     if model.actuator:
-        figure.suptitle(model.actuator)
+        figure.suptitle(_shown(model.actuator, 100))
     return figure
 
 
@@ -43,7 +48,9 @@ def write_picture(figure: Figure, path: str | os.PathLike[str]) -> None:
     """PNG, SVG or PDF by the name's suffix, written atomically."""
     suffix = os.path.splitext(path)[1].lstrip(".").lower() or "png"
     data = io.BytesIO()
-    figure.savefig(data, format=suffix, dpi=110)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # letters the font lacks
+        figure.savefig(data, format=suffix, dpi=110)
     atomic_write(path, data.getvalue())
 
 
@@ -51,13 +58,37 @@ def _thin(samples: int) -> slice:
     return slice(None, None, max(1, samples // POINTS))
 
 
+def _shown(text: str, longest: int = 32) -> str:
+    """`text` as a picture can show it: short, printable, no mathematics; a leading _ would hide it from a legend."""
+    if len(text) > longest:
+        text = f"{text[:longest // 2]}…{text[-(longest - longest // 2 - 1):]}"
+    text = "".join(letter if letter.isprintable() else "?" for letter in text).replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
+
+
+def _name(run: Recording) -> str:
+    return _shown(os.path.basename(run.path))
+
+
+def _last_cycle(command_V: np.ndarray) -> slice:
+    """From one rise to the next, the last over at least half of the command's range; everything if there is none."""
+    low, high = np.quantile([command_V.min(), command_V.max()], (0.25, 0.75))
+    ends = np.flatnonzero((command_V <= low) | (command_V >= high))
+    above = command_V[ends] >= high
+    rises = ends[1:][above[1:] & ~above[:-1]]
+    return slice(rises[-2], rises[-1] + 1) if len(rises) > 1 else slice(None)
+
+
 def _loops(axes: Axes, runs: Sequence[Recording], predictions: Sequence[Prediction]) -> None:
+    """One cycle of each prediction: more would hide what was measured."""
     for i, (run, prediction) in enumerate(zip(runs, predictions)):
-        part = _thin(len(run))
-        axes.plot(run.command_V[part], run.displacement_um[part], lw=2.5, color=f"C{i % 10}", alpha=0.5,
-                  label=os.path.basename(run.path) if len(runs) <= 8 else None)
-        axes.plot(run.command_V[part], prediction.predicted_um[part], lw=0.4, color="black", alpha=0.6,
-                  label="predicted" if i == 0 else None)
+        part, cycle = _thin(len(run)), _last_cycle(run.command_V)
+        axes.plot(run.command_V[part], run.displacement_um[part], lw=1, color=f"C{i % 10}", alpha=0.6,
+                  label=_name(run) if len(runs) <= NAMED_RUNS else None)
+        command, predicted = run.command_V[cycle], prediction.predicted_um[cycle]
+        part = _thin(len(command))
+        axes.plot(command[part], predicted[part], lw=0.9, ls=(0, (4, 3)), color="black", zorder=3,
+                  label="predicted, last wide cycle" if i == len(runs) - 1 else None)
     axes.set(xlabel="command [V]", ylabel="displacement [µm]", title="Loops")
     axes.legend(fontsize="small", loc="upper left")
 
@@ -70,28 +101,36 @@ def _slopes(axes: Axes, model: Model, bands: RateSlopes | None) -> None:
     rate = np.array([0.0, top])
     colours = colormaps["viridis"](np.linspace(0, 0.9, len(model.slopes)))
     ends = model.slopes_at(top)
-    shown = np.concatenate([model.slopes, ends] + ([bands.slopes[np.isfinite(bands.slopes)]] if bands is not None else []))
-    low, high = 0.9 * np.min(shown), 1.05 * np.max(shown)
-    labels = _spread(ends, (high - low) / 28)
     for i, colour in enumerate(colours):
         axes.plot(rate, model.slopes_at(rate)[:, i], color=colour)
         if bands is not None:
             axes.plot(bands.rate_um_per_s, bands.slopes[:, i], "o", ms=4, color=colour)
-        axes.annotate(f"$W_{{{i}}}$", (top, labels[i]), xytext=(4, -3), textcoords="offset points", fontsize=8, color=colour)
-    if model.rate.max_um_per_s < 1.3 * top:
-        axes.axvline(model.rate.max_um_per_s, color="red", lw=0.8, ls="--")
-        axes.annotate("guard", (model.rate.max_um_per_s, low), xytext=(-3, 4), textcoords="offset points", ha="right",
-                      color="red", fontsize=8)
+    alone = bands.slopes[np.isfinite(bands.slopes)] if bands is not None else []
+    shown = np.concatenate([model.slopes, ends, alone])
+    middle, span = (np.min(shown) + np.max(shown)) / 2, np.ptp(shown) or 0.1
+    line = span / (LINES - 4)
+    low, high = middle - span / 2 - line, middle + span / 2 + 3 * line  # room for the guard's name above the slopes'
+    named = np.arange(0, len(ends), -(-len(ends) // LABELS))
+    for i, height in zip(named, _spread(ends[named], line, high - 2.5 * line)):
+        axes.annotate(f"$W_{{{i}}}$", (top, height), xytext=(4, 0), textcoords="offset points", fontsize=8,
+                      va="center", color=colours[i])
+    guard, right = model.rate.max_um_per_s, top
+    if guard < 1.3 * top:
+        right = max(top, guard)
+        axes.axvline(guard, color="red", lw=0.8, ls="--")
+        side = 1 if guard < right / 2 else -1
+        axes.annotate("guard", (guard, high), xytext=(3 * side, -3), textcoords="offset points", va="top",
+                      ha="left" if side > 0 else "right", color="red", fontsize=8)
     axes.set(xlabel="rate [µm/s]", ylabel="slope of the loading curve", ylim=(low, high),
-             title="Slopes against rate (lines: model, dots: each band of rate alone)")
+             xlim=(-0.04 * right, 1.1 * right), title="Slopes against rate (lines: model, dots: bands of rate)")
 
 
-def _spread(values: np.ndarray, gap: float) -> np.ndarray:
-    """Heights of labels near `values`, at least `gap` apart."""
+def _spread(values: np.ndarray, gap: float, top: float) -> np.ndarray:
+    """Heights of labels near `values`, at least `gap` apart and none above `top`."""
     order = np.argsort(values, kind="stable")
-    heights = np.array(values, float)
-    for before, after in zip(order, order[1:]):
-        heights[after] = max(heights[after], heights[before] + gap)
+    steps = gap * np.arange(len(values))
+    heights = np.empty(len(values))
+    heights[order] = np.minimum(np.maximum.accumulate(values[order] - steps), top - steps[-1]) + steps
     return heights
 
 
@@ -106,8 +145,9 @@ def _time(axes: Axes, run: Recording, prediction: Prediction) -> None:
     miss.set_ylabel("measured − predicted [µm]", color="C3")
     largest = 3 * float(error[part].max()) or 1.0
     miss.set_ylim(-largest, largest)
-    axes.set(xlabel="time [s]", ylabel="displacement [µm]", title=f"Prediction where it is worst: {os.path.basename(run.path)}")
-    axes.legend(fontsize="small", loc="upper right")
+    axes.set(xlabel="time [s]", ylabel="displacement [µm]", title=f"Prediction where it is worst: {_name(run)}")
+    axes.margins(y=0.13)  # the legend above the curves
+    axes.legend(fontsize="small", loc="upper right", ncol=2)
 
 
 def _residual(axes: Axes, runs: Sequence[Recording], predictions: Sequence[Prediction]) -> None:
@@ -130,4 +170,5 @@ def _residual(axes: Axes, runs: Sequence[Recording], predictions: Sequence[Predi
         axes.plot(((edges[1:] + edges[:-1]) / 2)[counts > 0], means[counts > 0], color=colour, label=f"{label}, mean")
     axes.axhline(0, color="black", lw=0.5)
     axes.set(xlabel="predicted displacement [µm]", ylabel="measured − predicted [µm]", title="Residual")
-    axes.legend(fontsize="small")
+    if len(axes.lines) > 1:  # a constant command has neither branch
+        axes.legend(fontsize="small")

@@ -11,7 +11,7 @@ PROBE = 9  # samples of the cubic that separates noise from movement
 
 
 def noise_um(z_um: np.ndarray) -> float:
-    """White noise of a displacement record, um rms: what a sliding cubic leaves, by its median, so that kinks do not count."""
+    """White noise of a displacement record, um rms: the median of what a sliding cubic leaves: kinks do not count."""
     from scipy.signal import savgol_coeffs, savgol_filter
 
     left = z_um - savgol_filter(z_um, PROBE, 3)
@@ -25,21 +25,22 @@ def smoothing_time_s(z_um: np.ndarray, sample_time_s: float) -> float:
     At most a quarter of the record.
     """
     z = z_um / (np.max(np.abs(z_um)) or 1.0)  # only ratios matter, and no size of z overflows
-    # A quadratic c_k over 2 m + 1 samples leaves sum (c_k - c_(k-1))^2 of the variance in the difference of two outputs:
-    # the first term is the two ends of the window, the second its inside; m = 1 changes nothing and gives 2.
+    # A quadratic c_k over 2 m + 1 samples leaves sum (c_k - c_(k-1))^2 of the variance in the difference of two
+    # outputs: the first term is the two ends of the window, the second its inside; m = 1 changes nothing and gives 2.
     m = np.arange(1.0, max(2, (len(z) // 4 + 1) // 2))
     variance = (18 * (m - 1) ** 2 / (2 * m + 1) + 150 * m / (2 * m - 1)) / (2 * m + 1) / (2 * m + 3) ** 2
     noise = noise_um(z) * np.sqrt(variance)
     chosen, needed = -1, 0
     while needed > 1.02 * chosen:  # smoothing lowers the peak rate, which asks for more smoothing; 2 % is near enough
         chosen = needed
-        peak = np.percentile(np.abs(np.diff(smoothed(z, 1.0, 2 * m[chosen] + 1))), 99)
+        cut = int(m[chosen])  # the window is cut at both ends of the record, where its slope is of no use
+        peak = np.percentile(np.abs(np.diff(smoothed(z, 1.0, 2 * cut + 1)))[cut:-cut], 99)
         needed = min(int(np.searchsorted(-noise, -RATE_NOISE * peak)), len(m) - 1)
     return float((2 * m[chosen] + 1) * sample_time_s) if chosen else 0.0
 
 
 def smoothed(z_um: np.ndarray, sample_time_s: float, smoothing_s: float) -> np.ndarray:
-    """Zero-phase smoothing by a sliding quadratic over `smoothing_s` (Savitzky-Golay); shape kept, 0 s changes nothing."""
+    """Zero-phase smoothing by a sliding quadratic over `smoothing_s` (Savitzky-Golay); shape kept, 0 s: as is."""
     from scipy.signal import savgol_filter
 
     window = min(2 * int(smoothing_s / sample_time_s / 2) + 1, len(z_um) - 1 + len(z_um) % 2)  # the nearest odd number

@@ -149,9 +149,13 @@ def test_simulate_a_displacement_that_stands_still(folder: Path, rdpi: Callable)
     run = read_recording("large.csv")
     write_recording("still.csv", {**run.columns, "displacement_um": 0 * run.time_s + 3}, run.metadata)
     for arguments in ([], ["--max-rms", 1]):
-        done = rdpi("simulate", "static.json", "still.csv", *arguments, "--json", "result.json")
-        assert done.exit_code == 2 and done.output.startswith("rdpi: still.csv: ")
-        assert "displacement_um is constant" in done.output
+        assert re.match(r"still\.csv: .*spans 0 .*check", refusal(rdpi, "simulate", "static.json", "still.csv", *arguments))
+
+
+def test_simulate_gate_without_anything_to_judge(folder: Path, rdpi: Callable) -> None:
+    run = read_recording("large.csv")
+    write_recording("drive.csv", {"time_s": run.time_s, "command_V": run.command_V}, {})
+    assert "--max-rms" in refusal(rdpi, "simulate", "static.json", "drive.csv", "--max-rms", 1)
 
 
 def test_simulate_refuses_one_output_for_several_runs(folder: Path, rdpi: Callable) -> None:
@@ -464,7 +468,16 @@ def test_unwritable(command: str, folder: Path, rdpi: Callable) -> None:
     usual, output = COMMANDS[command]
     done = rdpi(command, "static.json", *([usual] if usual else []), "-o", f"missing/{output}")
     assert done.exit_code == 2 and "Traceback" not in done.output
-    assert f"rdpi: missing/{output}: No such file or directory; check the path" in done.output
+    assert done.output == f"rdpi: missing/{output}: there is no folder missing; make it first\n"
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_output_never_replaces_an_input(command: str, folder: Path, rdpi: Callable) -> None:
+    usual, _ = COMMANDS[command]
+    for name in filter(None, ("static.json", usual)):
+        before = Path(name).read_bytes()
+        done = rdpi(command, "static.json", *([usual] if usual else []), "-o", name)
+        assert done.exit_code == 2 and f"rdpi: {name}: " in done.output and Path(name).read_bytes() == before
 
 
 # ---- as a program ----

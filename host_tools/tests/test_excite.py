@@ -165,6 +165,9 @@ def test_defaults_yield_but_wishes_are_refused() -> None:
     assert float(metadata["frequencies_hz"].split()[-1]) == pytest.approx(50 / (10 * np.pi), rel=0.01)
     with pytest.raises(BadInput, match="--slew 50: a sine of 5 Hz needs 157.1 V/s; ask for lower --frequencies"):
         make_drive("sine", limits, frequencies_hz=(5,))
+    columns, metadata = make_drive("startup", limits)
+    assert float(metadata["frequencies_hz"]) == pytest.approx(50 / (2 * 10), rel=0.01)
+    assert len(columns["time_s"]) == pytest.approx(20.5 / 2.5 * 10_000, rel=0.02)
     _, metadata = make_drive("chirp", Limits(sample_rate_hz=1000))
     assert metadata["frequencies_hz"] == "1 100"
 
@@ -172,6 +175,10 @@ def test_defaults_yield_but_wishes_are_refused() -> None:
 REFUSED = {
     "limits crossed": ("sine", ["--min-V", "5", "--max-V", "1"], ["--max-V 1", "above --min-V 5"]),
     "limits not finite": ("sine", ["--max-V", "inf"], ["--max-V inf", "finite"]),
+    "limits absurd": ("sine", ["--min-V", "-1e308", "--max-V", "1e308"], ["--min-V -1e+308", "at most 1e+06"]),
+    "maximum absurd": ("sine", ["--max-V", "1e300"], ["--max-V 1e+300", "at most 1e+06"]),
+    "sample rate absurd": ("sine", ["--sample-rate", "1e-300"], ["--sample-rate 1e-300", "1e-06 to 1e+08"]),
+    "start-up too fast for slew": ("startup", ["--slew", "10", "--frequencies", "20"], ["--slew 10", "400 V/s"]),
     "rest outside": ("sine", ["--rest-V", "11"], ["--rest-V 11", "--max-V 10"]),
     "end outside": ("startup", ["--end-V", "-1"], ["--end-V -1", "--min-V 0"]),
     "sample rate": ("sine", ["--sample-rate", "0"], ["--sample-rate 0", "positive number of Hz"]),

@@ -104,7 +104,8 @@ def test_the_banner_names_the_origin_and_neither_time_nor_place(model: Model) ->
     assert "control" in render(edited(model, "rate.source", "control"))
 
 
-@pytest.mark.parametrize("fit", [{"runs": 3}, {"runs": ["a.csv", None, {}]}, {"runs": [{"rms_percent": "low"}]}])
+@pytest.mark.parametrize("fit", [{"runs": 3}, {"runs": ["a.csv", None, {}]}, {"runs": [{"rms_percent": "low"}]},
+                                 {"runs": [{"rms_percent": 10**400, "max_percent": float("nan")}]}])
 def test_an_odd_fit_section_does_no_harm(model: Model, fit: dict) -> None:
     assert "static const rdpi_f32_params_t rdpi_params" in render(replace(model, fit=fit))
 
@@ -214,7 +215,9 @@ def test_two_actuators_in_one_firmware(model: Model, compiled: Callable) -> None
 
 
 @pytest.mark.parametrize("name", ["", "1x", "a-b", "a b", "_x", "naïve", "x;", "float", "class", "rdpi", "rdpi_max",
-                                  "RDPI_MAX", "rdpi_f32_init", "x" * 41, "x\n"])
+                                  "RDPI_MAX", "rdpi_f32_init", "x" * 41, "x\n",
+                                  "NULL", "true", "bool", "size_t", "uint32_t", "own_t", "offsetof", "typeof", "asm", "inline",
+                                  "linux", "INT8_MAX", "UINT64_C", "INTPTR_MIN", "SIZE_MAX", "WCHAR_MIN"])
 def test_names_that_c_cannot_use_are_refused(model: Model, name: str) -> None:
     with pytest.raises(BadInput, match="^name "):
         render(model, name=name)
@@ -230,7 +233,7 @@ def test_names_that_c_cannot_use_are_refused(model: Model, name: str) -> None:
     ("thresholds_um", np.array([0, 0.1, 4.7, 4.7 + 1e-9]), r", in the firmware's single precision: thresholds_um: must start"),
     ("thresholds_um", np.array([0, 1e-46, 4.7, 5]), r", in the firmware's single precision: thresholds_um: must start"),
     ("deadzones_um", np.array([0, 1e-60]), r", in the firmware's single precision: deadzones_um: must start"),
-    ("drive", Drive(100.0, 100.0 + 1e-6, None, 16), r", in the firmware's single precision: drive: min_V 100 must be below"),
+    ("drive", Drive(100.0, 100.0 + 1e-6, None, 16), r": offset_V: is 100 V, over 1000 times"),
     ("rate.min_slope_ratio", 1 - 1e-9, r", in the firmware's single precision: rate.min_slope_ratio: is 1"),
     ("deadzone_weights", np.array([1, -1 + 1e-12]), r", in the firmware's single precision: deadzone_weights:"),
 ])

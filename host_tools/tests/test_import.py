@@ -278,6 +278,23 @@ REFUSED = {
                        ["several columns are called 'a'", "number"]),
     "unit of another kind": ("x.csv", NAMED, ["--displacement", "2:mV"],
                              ["--displacement 2:mV", "mV cannot be converted to um", "nm"]),
+    "factor too large": ("x.csv", NAMED, ["--displacement", "2:1e308"],
+                         ["x.csv", "displacement_um becomes infinite", "column 2 'position'", "smaller factor"]),
+    "unit too large": ("x.csv", bad_row(5, "0.005,1e307,1"), ["--command", "1:kV"],
+                       ["x.csv", "command_V becomes infinite"]),
+    **{f"gain {gain}": ("x.csv", NAMED, ["--command-gain", gain], [f"--command-gain {gain}", "finite factor"])
+       for gain in ("nan", "inf", "0")},
+    "gain too large": ("x.csv", NAMED, ["--command-gain", "1e308"], ["x.csv", "command_V becomes infinite", "gain"]),
+    **{f"rate {rate}": ("x.csv", NAMED, ["--rate", rate], ["--rate: ", f"is '{rate}'", "1e-06 to 1e+08"])
+       for rate in ("1e-300", "1e+300", "inf", "nan")},
+    "absurd rate in a file": ("x.npz", archive(fs=np.array(5e-324), u=COMMAND_V, z=DISPLACEMENT_UM), [],
+                              ["x.npz: fs: ", "e-324'", "1e-06 to 1e+08"]),
+    "absurd sample time in a file": ("x.npz", archive(ts=np.array(5e-324), u=COMMAND_V, z=DISPLACEMENT_UM), [],
+                                     ["x.npz: ts: ", "'inf'"]),
+    "absurd times": ("x.csv", NAMED, ["--time", "t:1e308"], ["x.csv:3", "times in seconds"]),
+    "name of two lines": ("x.csv", NAMED, ["--also", "a\nb=1"], ["--also 'a\\nb'", "no name for a column"]),
+    "name not UTF-8": ("x.csv", NAMED, ["--also", "\udcff=1"], ["--also '\\udcff'", "no name for a column"]),
+    "note not UTF-8": ("x.csv", NAMED, ["--note", "\udcb5m"], ["--note '\\udcb5m'", "not UTF-8"]),
     "zero factor": ("x.csv", NAMED, ["--displacement", "2:0"], ["--displacement 2:0", "a number that multiplies"]),
     "name of another unit": ("x.csv", table(*RUN.values(), header="t,voltage,sensor_V\n"),
                              ["--displacement", "sensor_V"],
@@ -312,6 +329,8 @@ REFUSED = {
     "no MATLAB file": ("x.mat", b"hello", [], ["x.mat", "cannot be read as a MATLAB file"]),
     "MATLAB text": ("x.mat", matlab(remark="nothing"), [], ["x.mat", "no numeric vectors", "timeseries"]),
     "half an archive": ("x.npz", ARRAYS["named.npz"][0][:-100], [], ["x.npz", "cannot be read as NumPy data"]),
+    "array too large": ("x.npy", array(MATRIX).replace(b"(40, 3), }" + b" " * 12, b"(40" + b"0" * 12 + b", 3), }"),
+                        BY_NUMBER, ["x.npy", "cannot be read as NumPy data"]),
     "half an array": ("x.npy", ARRAYS["matrix.npy"][0][:-100], BY_NUMBER, ["x.npy", "cannot be read as NumPy data"]),
     "objects": ("x.npy", array(np.array([{}, {}]), allow_pickle=True), [], ["x.npy", "plain numeric arrays"]),
     "unequal lengths": ("x.npz", archive(t=TIME_S, u=COMMAND_V[1:], z=DISPLACEMENT_UM), [],
@@ -334,6 +353,13 @@ def test_refused(name: str, refused: Callable, tmp_path: Path) -> None:
 
 def test_missing_source(refused: Callable, tmp_path: Path) -> None:
     assert "nowhere.csv: cannot be read" in refused("import", tmp_path / "nowhere.csv", "-o", refused.output)
+
+
+def test_a_source_whose_name_is_not_text(tmp_path: Path) -> None:
+    path = tmp_path / "\udcff.csv"
+    path.write_text(NAMED)
+    recording, _ = import_recording(str(path), Request())
+    assert recording.metadata["source"] == "?.csv"
 
 
 def test_usage_errors(rdpi: Callable, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import hashlib
 import os
 import stat
 import string
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from rdpi.errors import BadInput
-from rdpi.recording import atomic_write, read_recording, sample_times, write_recording
+from rdpi.recording import atomic_write, is_column_name, read_recording, sample_times, write_recording
 
 HEADER = "time_s,command_V,displacement_um"
 
@@ -53,6 +54,12 @@ BAD = {
                      ["run.csv:1", "column x is there twice", "rename"]),
     "column without name": (text(header=HEADER + ",", lines=[row + ",1" for row in rows()]),
                             ["run.csv:1", "column 4 has no name", "name it"]),
+    "column with a quotation mark": (text(header=HEADER + ',q"r', lines=[row + ",1" for row in rows()]),
+                                     ["run.csv:1", "column 4", "'q\"r'", "rename it"]),
+    "column like a comment": (text(header=HEADER + ",#4", lines=[row + ",1" for row in rows()]),
+                              ["run.csv:1", "column 4", "'#4'", "rename it"]),
+    "absurd times": (text(lines=[f"{1e307 * index},1,2" for index in range(-17, 17)]), ["run.csv:3", "steps by", "times in seconds"]),
+    "tiny times": (text(lines=[f"{5e-324 * index},1,2" for index in range(20)]), ["run.csv:3", "times in seconds"]),
     "text": (text(lines=replaced(4, "0.004,volt,3")), ["run.csv:6", "column command_V is 'volt', not a number"]),
     "text after blank lines": (text(metadata="# note: x\n", lines=["", *replaced(4, "0.004,1,3 um"), ""]),
                                ["run.csv:8", "column displacement_um is '3 um'"]),
@@ -77,6 +84,7 @@ BAD = {
                          ["run.csv:2", "sample_rate_hz is 2000 but the times say 1000", "correct whichever"]),
     "rate slightly wrong": (text(metadata="# sample_rate_hz: 1010\n", lines=rows(1000)), ["run.csv:1", "is 1010"]),
     "rate not a number": (text(metadata="# sample_rate_hz: 1 kHz\n"), ["run.csv:1", "'1 kHz'", "positive number"]),
+    "rate absurd": (text(metadata="# sample_rate_hz: 1e-300\n"), ["run.csv:1", "'1e-300'", "1e-06 to 1e+08"]),
     "rate zero": (text(metadata="# sample_rate_hz: 0\n"), ["run.csv:1", "positive number"]),
     "rate twice": (text(metadata="# sample_rate_hz: 1000\n# sample_rate_hz: 1000\n"), ["run.csv:2", "positive number"]),
     "memory": (text(metadata="# memory: erased\n"), ["run.csv:1", "'erased'", "reset, carried, unknown"]),
@@ -166,7 +174,7 @@ def test_jitter_and_offset_of_time_pass(tmp_path: Path) -> None:
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 words = st.text(st.characters(blacklist_categories=("Cs", "Cc", "Zl", "Zp")), max_size=20).map(str.strip)
-names = st.text(string.ascii_letters + string.digits + "_ µ.", min_size=1, max_size=12).map(str.strip)
+names = st.text(string.ascii_letters + string.digits + "_ µ.#\"'", min_size=1, max_size=12).map(str.strip)
 
 
 @settings(max_examples=60)
@@ -176,7 +184,7 @@ def test_round_trip(data: st.DataObject, rate_hz: float, start_s: float,
     """Every float64 and every metadata text comes back, in order."""
     count = data.draw(st.integers(16, 40))
     columns = {"time_s": start_s + sample_times(count, rate_hz)}
-    further = names.filter(lambda name: name not in ("", "time_s", "command_V"))
+    further = names.filter(lambda name: is_column_name(name) and name not in ("time_s", "command_V"))
     extra = data.draw(st.lists(further, max_size=3, unique=True))
     for name in ["command_V", *extra]:
         columns[name] = np.array(data.draw(st.lists(finite, min_size=count, max_size=count)))
@@ -204,6 +212,7 @@ def test_writer_refuses_what_it_could_not_read(tmp_path: Path, run_columns: dict
     path = tmp_path / "run.csv"
     nan = np.full(200, np.nan)
     for columns, metadata in (({"time_s": nan}, {}), (run_columns | {"a,b": nan}, {}), (run_columns | {" a": nan}, {}),
+                              (run_columns | {"\udcff": nan}, {}), (run_columns, {"note": "\udcff"}),
                               (run_columns | {"short": np.zeros(3)}, {}), ({}, {}), (run_columns, {"a: b": 1}),
                               (run_columns, {"": 1})):
         with pytest.raises(ValueError):
@@ -211,15 +220,17 @@ def test_writer_refuses_what_it_could_not_read(tmp_path: Path, run_columns: dict
     assert list(tmp_path.iterdir()) == []
 
 
-def test_atomic_write_keeps_the_old_file_when_it_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), SystemExit(143), KeyboardInterrupt()])
+def test_atomic_write_keeps_the_old_file_when_it_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                       error: BaseException) -> None:
     path = tmp_path / "out.csv"
     path.write_text("as it was")
 
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
+    def fail(*_: object) -> None:
+        raise error
 
-    monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(OSError, match="No space left"):
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(type(error)):
         atomic_write(path, "new")
     assert path.read_text() == "as it was" and list(tmp_path.iterdir()) == [path]
 
@@ -244,3 +255,42 @@ def test_atomic_write_modes_links_and_devices(tmp_path: Path) -> None:
         assert error.value.filename == str(tmp_path / "nowhere" / "out")
     finally:
         os.umask(old_mask)
+
+
+def test_atomic_write_takes_long_names(tmp_path: Path) -> None:
+    path = tmp_path / ("行" * 80 + ".c")  # 242 bytes
+    atomic_write(path, "x")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_atomic_write_does_not_replace_a_loop_of_links(tmp_path: Path) -> None:
+    path = tmp_path / "loop"
+    path.symlink_to(path)
+    with pytest.raises(OSError, match="loop"):
+        atomic_write(path, "x")
+    assert path.is_symlink()
+
+
+def test_atomic_write_makes_the_file_of_a_link(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "new")
+    atomic_write(tmp_path / "link", "x")
+    assert (tmp_path / "link").is_symlink() and (tmp_path / "new").read_text() == "x"
+
+
+def test_atomic_write_writes_to_pipes(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    atomic_write(f"/dev/fd/{writer}", "x")  # as /dev/stdout in a pipeline
+    os.close(writer)
+    with open(reader) as pipe:
+        assert pipe.read() == "x"
+    os.mkfifo(tmp_path / "fifo")
+    thread = threading.Thread(target=atomic_write, args=(tmp_path / "fifo", "y"))
+    thread.start()
+    assert (tmp_path / "fifo").read_text() == "y"
+    thread.join()
+
+
+def test_atomic_write_names_the_device_that_is_full() -> None:
+    with pytest.raises(OSError, match="No space left") as error:
+        atomic_write("/dev/full", "x")
+    assert error.value.filename == "/dev/full"

@@ -26,9 +26,21 @@ def fitted() -> Fit:
     return fit([run], Options(rate_source="control"))
 
 
+NASTY = (r"$\frac$", "$a$ $b$", "_hidden", "x" * 100_000, "a\nb\0\udc80", "圧電 №7", "\\", "{}%^~&#")
+
+
 def panels(figure: Figure) -> tuple[Axes, ...]:
-    """Loops, slopes, time, residual, and the error over time that shares a frame with the third."""
+    """Loops, slopes, time, residual, error (the second axis of time)."""
+    assert len(figure.axes) == 5
     return tuple(figure.axes)
+
+
+def drawn(figure: Figure) -> Figure:
+    """As it is on paper: with every text in its place, and without a warning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure.draw_without_rendering()
+    return figure
 
 
 def draw(runs: list[Recording], bands: object = None, **changes: object) -> Figure:
@@ -45,16 +57,29 @@ def test_every_panel_says_what_and_in_which_unit() -> None:
         assert axes.get_title() and axes.lines
         for label in (axes.get_xlabel(), axes.get_ylabel()):
             assert re.search(r"\[(V|s|µm|µm/s)\]$", label) or label == "slope of the loading curve"
-    assert panels(figure)[4].get_ylabel() == "measured − predicted [µm]"
+    assert panels(figure)[4].lines and panels(figure)[4].get_ylabel() == "measured − predicted [µm]"
 
 
 def test_loops() -> None:
     run = fitted().scores[0].recording
     measured, predicted = panels(draw([run]))[0].lines
-    assert measured.get_label() == "run.csv" and predicted.get_label() == "predicted"
+    assert measured.get_label() == "run.csv" and predicted.get_label() == "predicted, last wide cycle"
     assert np.isin(measured.get_ydata(), run.displacement_um).all() and np.ptp(measured.get_xdata()) == pytest.approx(90, rel=0.01)
-    error = predicted.get_ydata() - measured.get_ydata()
-    assert 0 < np.abs(error).max() < 0.1
+    expected = chain.simulate(fitted().model, [run])[0].predicted_um
+    sample = {point: i for i, point in enumerate(zip(run.command_V, expected))}
+    at = [sample[point] for point in zip(predicted.get_xdata(), predicted.get_ydata())]  # what the model predicts,
+    assert np.ptp(predicted.get_xdata()) > 85  # over a loop,
+    turns = np.diff(np.sign(np.diff(predicted.get_xdata()))) != 0
+    assert 2 <= np.count_nonzero(turns) <= 4 and len(predicted.get_xdata()) < len(run) / 2  # once
+    assert 0 < np.abs(run.displacement_um[at] - predicted.get_ydata()).max() < 0.1
+
+
+def test_the_cycle_drawn_is_the_last_wide_one() -> None:
+    phase = 2 * np.pi * np.arange(5000) / 1000
+    height = np.array([1.0, 0.9, 0.8, 0.2, 0.1])[(phase / (2 * np.pi)).astype(int)]
+    cycle = report._last_cycle(50 - 50 * height * np.cos(phase))
+    assert 1000 < cycle.start < 1500 < 2000 < cycle.stop < 2500
+    assert report._last_cycle(np.linspace(0, 90, 50)) == report._last_cycle(np.full(50, 3.0)) == slice(None)
 
 
 def test_slopes_against_rate() -> None:
@@ -74,6 +99,7 @@ def test_slopes_against_rate() -> None:
     assert [f"$W_{{{i}}}$" for i in range(len(model.slopes))] == [text for text in texts if text.startswith("$")]
     low, high = axes.get_ylim()
     assert all(low < height < high for line in [*lines, *dots] for height in line.get_ydata() if np.isfinite(height))
+    assert high - low < 1.5 * np.ptp([h for line in [*lines, *dots] for h in line.get_ydata() if np.isfinite(h)])
     without = panels(draw([fitted().scores[0].recording]))[1]
     assert not any(line.get_marker() == "o" for line in without.lines)
 
@@ -86,6 +112,29 @@ def test_guard_is_drawn_where_it_is() -> None:
     assert not [line for line in panels(far)[1].lines if line.get_linestyle() == "--"]
 
 
+@pytest.mark.parametrize("slopes, guard", [
+    (10, 1.0), (10, 1.2), (10, 0.02), (1, 1.0), (33, 1.0), (33, 0.5)])
+@pytest.mark.parametrize("spacing", [0.0, 0.001, 0.1])
+def test_labels_stay_inside_and_apart(slopes: int, guard: float, spacing: float) -> None:
+    """Whatever the slopes are: equal, close or far apart."""
+    model = fitted().model
+    top = model.rate.identified_um_per_s
+    model = replace(model, slopes=1 + spacing * np.arange(slopes), slope_rate_s_per_um=np.zeros(slopes),
+                    rate=replace(model.rate, max_um_per_s=guard * top))
+    figure = Figure(figsize=(6.5, 4.5), layout="constrained")
+    axes = figure.subplots()
+    report._slopes(axes, model, None)
+    drawn(figure)
+    boxes = [text.get_window_extent() for text in axes.texts]
+    frame = axes.get_window_extent()
+    assert min(slopes, 10) < len(boxes) <= report.LABELS + 1
+    for i, box in enumerate(boxes):
+        assert frame.x0 <= box.x0 < box.x1 <= frame.x1 and frame.y0 <= box.y0 < box.y1 <= frame.y1, axes.texts[i]
+        centre = (box.y0 + box.y1) / 2
+        for other in boxes[:i]:
+            assert abs(centre - (other.y0 + other.y1) / 2) > 8 * figure.dpi / 72, axes.texts[i]  # the size of the letters
+
+
 def test_time_shows_the_worst_moment_of_the_worst_run() -> None:
     good = fitted().scores[0].recording
     z = good.displacement_um.copy()
@@ -93,6 +142,9 @@ def test_time_shows_the_worst_moment_of_the_worst_run() -> None:
     spiked = replace(good, path="spiked.csv", columns={**good.columns, "displacement_um": z})
     axes = panels(draw([good, spiked]))[2]
     measured, predicted = axes.lines
+    error = panels(axes.figure)[4].lines[0]
+    assert error.get_ydata() == pytest.approx(measured.get_ydata() - predicted.get_ydata())
+    assert error.get_xdata() == pytest.approx(measured.get_xdata())
     assert "spiked.csv" in axes.get_title()
     assert measured.get_xdata()[0] <= good.time_s[1000] <= measured.get_xdata()[-1]
     assert np.abs(measured.get_ydata() - predicted.get_ydata()).max() > 2.5
@@ -123,13 +175,35 @@ def test_long_recordings_are_thinned() -> None:
 def test_many_runs_have_no_names_in_the_legend() -> None:
     runs = [replace(fitted().scores[0].recording, path=f"{i}.csv") for i in range(9)]
     few, many = ({text.get_text() for text in panels(draw(runs[:count]))[0].get_legend().get_texts()} for count in (8, 9))
-    assert few == {f"{i}.csv" for i in range(8)} | {"predicted"} and many == {"predicted"}
+    assert few == {f"{i}.csv" for i in range(8)} | {"predicted, last wide cycle"} and many == {"predicted, last wide cycle"}
 
 
 def test_a_constant_command_can_be_drawn(caplog: pytest.LogCaptureFixture) -> None:
     """No branch rises or falls: an empty residual, and no warning of the drawing library."""
     still = recording(np.full(100, 45.0), 5 + 0.01 * np.sin(np.arange(100.0)), 1000, "still.csv")
-    assert len(panels(draw([still]))) == 5 and caplog.records == []
+    figure = drawn(draw([still]))
+    assert caplog.records == [] and len(panels(figure)) == 5
+    assert [len(axes.lines) for axes in panels(figure)[:1] + panels(figure)[2:]] == [2, 2, 1, 1]
+
+
+@pytest.mark.parametrize("text", NASTY, ids=range(len(NASTY)))
+def test_foreign_text_is_shown_as_it_is(text: str, tmp_path: Path) -> None:
+    """No mathematics, no lost legend entry, nothing too long or unprintable."""
+    run = replace(fitted().scores[0].recording, path=f"folder/{text}.csv")
+    figure = draw([run], actuator=text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        report.write_picture(figure, tmp_path / "a.png")
+    legend = panels(figure)[0].get_legend().get_texts()
+    assert len(legend) == 2
+    shown = [figure._suptitle, legend[0], panels(figure)[2].title]
+    for item in shown:
+        plain, mathematics = item._preprocess_math(item.get_text())
+        assert not mathematics and len(plain) < 120 and plain.isprintable()
+        if text.isprintable() and len(text) < 100:
+            assert text in plain
+        else:
+            assert text[:1] in plain
 
 
 def empty() -> Figure:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
 import subprocess
 from collections.abc import Callable
@@ -119,6 +120,7 @@ def test_as_a_filter(track: Run, tmp_path: Path) -> None:
     ("reference_um\n1\n\nnan\n", "stdin:4: reference_um is 'nan', not a number"),
     ("reference_um\n1e39\n", "stdin:2: reference_um is '1e39', not a number"),
     ("reference_um\n0x10\n", "stdin:2: reference_um is '0x10', not a number"),
+    ("reference_um\n5\0006\n", "stdin:2: a NUL byte"),
     ("time_s,reference_um\n,1\n", "stdin:2: time_s is '', not a number"),
     ("time_s,reference_um\n0,1\n0.000125\n", "stdin:3: 1 values where there should be 2"),
     ("time_s,reference_um\n0,1,2\n", "stdin:2: 3 values where there should be 2"),
@@ -151,6 +153,44 @@ def test_bad_command_lines_are_refused(track: Run, words: list[str], message: st
     done = track(*words, stdin="reference_um\n1\n")
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].startswith(message)
+
+
+def test_a_code_beyond_the_dac_leaves_no_file(track: Run, tmp_path: Path) -> None:
+    done = track("--dac", "4:0:1", "-o", tmp_path / "drive.csv", stdin="reference_um\n1\n")
+    assert done.returncode == 2 and re.search(r"code \d+ does not fit the DAC of --dac", done.stderr)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_output_appears_when_it_is_complete(track: Run, tmp_path: Path) -> None:
+    drive, link, fifo = tmp_path / "drive.csv", tmp_path / "link.csv", tmp_path / "fifo"
+    drive.write_text("as it was")
+    drive.chmod(0o640)
+    link.symlink_to(drive)
+    inode = drive.stat().st_ino
+    assert track("-o", link, stdin="reference_um\n1\n").returncode == 0
+    assert link.is_symlink() and drive.stat().st_ino != inode, "written in place, readers may see half of it"
+    assert drive.stat().st_mode & 0o777 == 0o640 and len(rows(drive.read_text())) == 1
+    assert sorted(tmp_path.iterdir()) == [drive, link]
+    os.mkfifo(fifo)
+    with subprocess.Popen(["cat", fifo], stdout=subprocess.PIPE, text=True) as reader:
+        assert track("-o", fifo, stdin="reference_um\n1\n").returncode == 0
+        assert reader.stdout.read() == drive.read_text()
+
+
+def test_the_reference_is_not_written_over(track: Run, tmp_path: Path) -> None:
+    reference, link = tmp_path / "reference.csv", tmp_path / "link.csv"
+    reference.write_text("reference_um\n1\n")
+    link.symlink_to(reference)
+    for output in (reference, link):
+        done = track(reference, "-o", output)
+        assert done.returncode == 2 and done.stderr == f"{output}: is the reference itself; give the drive another name\n"
+    assert reference.read_text() == "reference_um\n1\n"
+
+
+def test_a_loop_of_links_is_refused(track: Run, tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    assert "cannot be written" in track("-o", tmp_path / "loop", stdin="reference_um\n1\n").stderr
+    assert [path.is_symlink() for path in tmp_path.iterdir()] == [True]
 
 
 def test_help_names_units(track: Run) -> None:

@@ -1,13 +1,16 @@
 /* The port contract on the host: every row of a CSV file is a tick, every tick a row of another. */
-#define _POSIX_C_SOURCE 200809L
+#define _XOPEN_SOURCE 700 /* POSIX.1-2008 and realpath */
 
+#include <errno.h>
 #include <float.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/types.h>
+#include <unistd.h>
 
 #include "rdpi_port.h"
 
@@ -30,6 +33,7 @@ static struct {
 static struct {
     const char *name;
     FILE *file;
+    char *target, *part; /* where the file goes when it is complete, and until then; NULL for pipes and devices */
 } out;
 
 /* The converter and all behind it. */
@@ -51,6 +55,9 @@ static void fail(const char *format, ...)
     vfprintf(stderr, format, arguments);
     va_end(arguments);
     fputc('\n', stderr);
+    if (out.file != NULL && out.part != NULL) {
+        unlink(out.part);
+    }
     exit(EXIT_BAD_INPUT);
 }
 
@@ -138,7 +145,11 @@ static void read_reference(FILE *file)
     char *line = NULL;
     size_t size = 0;
     int columns = 0, time = -1, reference = -1;
-    for (unsigned long number = 1; getline(&line, &size, file) >= 0; number++) {
+    ssize_t length;
+    for (unsigned long number = 1; (length = getline(&line, &size, file)) >= 0; number++) {
+        if (strlen(line) != (size_t)length) {
+            fail("%s:%lu: a NUL byte; is this a text file, and written to its end?", in.name, number);
+        }
         char *text = number == 1 && strncmp(line, "\xef\xbb\xbf", 3) == 0 ? line + 3 : line; /* byte-order mark */
         text += strspn(text, BLANKS);
         if (*text == '\0' || (columns == 0 && *text == '#')) {
@@ -160,6 +171,31 @@ static void read_reference(FILE *file)
     in.timed = time >= 0;
 }
 
+/* A regular file is written beside its place and moved there when complete: nobody meets half a drive. */
+static void open_output(void)
+{
+    struct stat old;
+    bool exists = stat(out.name, &old) == 0;
+    if (strcmp(out.name, "-") == 0) {
+        out.file = stdout;
+    } else if (exists && !S_ISREG(old.st_mode)) {
+        out.file = fopen(out.name, "w");
+    } else if (exists || errno == ENOENT) {
+        out.target = exists ? realpath(out.name, NULL) : strdup(out.name); /* a link stays one */
+        out.part = out.target == NULL ? NULL : malloc(strlen(out.target) + sizeof ".part");
+        if (out.part != NULL) {
+            strcat(strcpy(out.part, out.target), ".part");
+            out.file = fopen(out.part, "w");
+        }
+        if (out.file != NULL && exists) {
+            fchmod(fileno(out.file), old.st_mode & 07777);
+        }
+    }
+    if (out.file == NULL) {
+        fail("%s: cannot be written; check the path and permissions", out.name);
+    }
+}
+
 bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
 {
     for (size_t k = 0; in.timed && k < in.count; k++) {
@@ -172,10 +208,7 @@ bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
     }
     rate_Hz = rate_hz;
     on_tick = tick;
-    out.file = strcmp(out.name, "-") == 0 ? stdout : fopen(out.name, "w");
-    if (out.file == NULL) {
-        fail("%s: cannot be written; check the path and permissions", out.name);
-    }
+    open_output();
     fprintf(out.file, "# sample_rate_hz: %lu\ntime_s,reference_um,dac_code%s\n", (unsigned long)rate_hz,
             dac.last_code > 0 ? ",command_V" : "");
     return true;
@@ -281,6 +314,11 @@ int main(int argc, char **argv)
     if (file == NULL) {
         fail("%s: cannot be opened; check the path", in.name);
     }
+    struct stat from, to;
+    if (fstat(fileno(file), &from) == 0 && stat(out.name, &to) == 0 && S_ISREG(to.st_mode) &&
+        from.st_dev == to.st_dev && from.st_ino == to.st_ino) {
+        fail("%s: is the reference itself; give the drive another name", out.name);
+    }
     in.name = piped ? "stdin" : in.name;
     read_reference(file);
     if (!piped) {
@@ -288,8 +326,12 @@ int main(int argc, char **argv)
     }
 
     int status = rdpi_port_sim_application();
-    if (out.file != NULL && (fflush(out.file) != 0 || ferror(out.file))) {
-        fail("%s: cannot be written to its end; is the disk full?", out.name);
+    if (out.file != NULL) {
+        bool complete = !ferror(out.file);
+        complete = fclose(out.file) == 0 && complete;
+        if (!complete || (out.part != NULL && rename(out.part, out.target) != 0)) {
+            fail("%s: cannot be written to its end; is the disk full?", out.name);
+        }
     }
     return status;
 }
