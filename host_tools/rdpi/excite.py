@@ -19,6 +19,7 @@ from .recording import RATES_HZ, sample_times
 
 MAX_SAMPLES = 20_000_000
 MAX_V = 1e6
+LEAST = 1e-9  # of rates, frequencies and times: what is smaller is a slip, and divides badly
 SAMPLES_PER_PERIOD = 10  # fewer no longer draw a sine or a triangle
 QUANTUM_V = 1e-9  # voltages are whole nanovolts: short to print, and the last bit of a sine does not matter
 DEFAULT_LINES, PHASE_DRAWS = 16, 200  # of a multisine
@@ -366,8 +367,8 @@ def _default_frequencies(pen: _Pen, steepness: float) -> tuple[float, ...]:
 
 
 def _positive(option: str, value: float, unit: str) -> float:
-    if not 0 < value < np.inf:
-        raise BadInput(f"--{option} {value:g}: give a positive number of {unit}")
+    if not LEAST <= value < np.inf:
+        raise BadInput(f"--{option} {value:g}: give a positive number of {unit}, {LEAST:g} or more")
     return value
 
 

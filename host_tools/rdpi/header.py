@@ -49,7 +49,8 @@ KEYWORDS = frozenset("""
     else enum explicit export extern false float for friend goto if inline int linux long main mutable namespace new
     noexcept not not_eq nullptr offsetof operator or or_eq private protected public register reinterpret_cast requires
     restrict return short signed sizeof static static_assert static_cast struct switch template this thread_local throw
-    true try typedef typeid typename typeof typeof_unqual union unix unsigned using virtual void volatile while xor xor_eq
+    true try typedef typeid typename typeof typeof_unqual union unix unsigned using virtual void volatile while xor
+    xor_eq
 """.split())
 RESERVED = re.compile(r"\w+_t|U?INT\w*_(MIN|MAX|WIDTH|C)|(PTRDIFF|SIG_ATOMIC|SIZE|WCHAR|WINT)_(MIN|MAX|WIDTH)")
 

@@ -227,7 +227,7 @@ def _check(run: Recording) -> None:
     if abs(correlation) < MIN_CORRELATION:
         raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {correlation:.2f}); "
                        "check that both columns are of the same run, and their order and units")
-    if _reversals(command) == 0:
+    if _reversals(command, 0.05) == 0:
         raise BadInput(f"{run.path}: command_V never turns round, so that nothing of the hysteresis shows; "
                        "record a drive that goes up and down, see `rdpi excite`")
     offset, stroke = float(np.mean(displacement)), float(np.ptp(displacement))
@@ -236,9 +236,9 @@ def _check(run: Recording) -> None:
                        "cannot carry both: subtract the offset first")
 
 
-def _reversals(command: np.ndarray, first: int = 0) -> int:
-    """How often the command turns round, by more than a tenth of its range, from sample `first` on."""
-    band = np.ptp(command) / 10
+def _reversals(command: np.ndarray, share: float, first: int = 0) -> int:
+    """How often the command turns round, by more than this share of its range, from sample `first` on."""
+    band = share * np.ptp(command)
     command = command[first:]
     settled = firmware.plays(command, np.array([0.0, band / 2]), np.full(2, command[0]))[0][:, 1]
     moves = np.sign(np.diff(settled))
@@ -336,7 +336,7 @@ def _prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds
         carried = run.memory == "carried" and end is not None
         states = np.array(end) if carried else chain.states_after(x[0], x[0], thresholds)
         first = 0 if known else chain.warm_up(x, thresholds[-1])
-        if first and _reversals(x, first) == 0:
+        if first and _reversals(x, 0.1, first) == 0:
             raise BadInput(f"{run.path}: its memory is unknown, and the drive does not turn round any more once it has erased it; "
                            "state the memory (reset, carried) or record longer")
         prepared.append(_Run(run, x, rate, states, first))

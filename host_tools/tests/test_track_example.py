@@ -183,7 +183,7 @@ def test_the_reference_is_not_written_over(track: Run, tmp_path: Path) -> None:
     link.symlink_to(reference)
     for output in (reference, link):
         done = track(reference, "-o", output)
-        assert done.returncode == 2 and done.stderr == f"{output}: is the reference itself; give the drive another name\n"
+        assert done.returncode == 2 and done.stderr.startswith(f"{output}: is the reference itself")
     assert reference.read_text() == "reference_um\n1\n"
 
 
