@@ -44,7 +44,7 @@ def main() -> None:
     Exit status: 0 done, 1 done but a quality gate you set failed, 2 bad input.
     """
     for name in ("SIGTERM", "SIGHUP"):  # leave by the ordinary way, so that nothing half written stays behind
-        if hasattr(signal, name):
+        if hasattr(signal, name) and signal.getsignal(getattr(signal, name)) == signal.SIG_DFL:
             signal.signal(getattr(signal, name), lambda number, frame: sys.exit(128 + number))
 
 
@@ -96,7 +96,8 @@ def _check_paths(context: click.Context) -> None:
                 raise BadInput(f"{value}: is no folder; name another for --report")
     for k, name in enumerate(paths["out"]):
         folder = os.path.dirname(name) or "."
-        if not os.path.isdir(folder) and "report" not in context.params:
+        makes_folder = "report" in context.params or (context.command.name == "import" and name.endswith("/"))
+        if not os.path.isdir(folder) and not makes_folder:
             raise BadInput(f"{name}: there is no folder {folder}; make it first")
         for other in (*paths["in"], *paths["out"][:k]):
             if os.path.realpath(name) == os.path.realpath(other) and os.path.basename(name) and not _is_device(name):
@@ -272,6 +273,8 @@ def _targets(sources: tuple[str, ...], output: str) -> list[Path]:
         if target in targets[:index]:
             first = sources[targets.index(target)]
             raise BadInput(f"{sources[index]} and {first} would both be written to {target}; import them one by one")
+        if target.is_file() and any(Path(source).exists() and target.samefile(source) for source in sources):
+            raise BadInput(f"{target}: would be written over an input; give another folder")
     return targets
 
 
@@ -480,14 +483,14 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
         parameters = read_model(model)
         recordings = [read_recording(path, required=("time_s", "command_V")) for path in runs]
         predictions = chain.simulate(parameters, recordings, memory)
-    if output is not None:
-        columns = {**recordings[0].columns, "predicted_um": predictions[0].predicted_um}
-        write_recording(output, columns, recordings[0].metadata)
     scores = [(run.path, chain.score(prediction.predicted_um, run.displacement_um, remove_offset, run.path),
                f"memory: {prediction.memory}")
               for run, prediction in zip(recordings, predictions) if run.displacement_um is not None]
     if max_rms_percent is not None and len(scores) < len(recordings):
         raise BadInput("--max-rms: every RUN needs a displacement_um to be judged by")
+    if output is not None:
+        columns = {**recordings[0].columns, "predicted_um": predictions[0].predicted_um}
+        write_recording(output, columns, recordings[0].metadata)
     for run, prediction in zip(recordings, predictions):
         if run.displacement_um is None:
             click.echo(f"{run.path}: predicted, no displacement_um to score")

@@ -159,3 +159,12 @@ def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:
     child = subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     child.stdout.close()
     assert child.stderr.read() == b"" and child.wait() != 2
+
+
+def test_import_into_the_folder_of_its_source(rdpi: Callable, scratch: Callable, tmp_path: Path) -> None:
+    """The recording would have the source's name."""
+    source = tmp_path / "x.csv"
+    source.write_text("t_s,V,um\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(20)))
+    before = source.read_bytes()
+    result = rdpi("import", source, "--time", "t_s", "--command", "V", "--displacement", "um", "-o", tmp_path)
+    assert result.exit_code == 2 and "over an input" in result.output and source.read_bytes() == before

@@ -556,10 +556,9 @@ def test_a_short_recording() -> None:
 
 
 def test_too_little_is_left_of_a_run_whose_memory_is_unknown() -> None:
-    """It turns round at its very end: nothing remains once the drive has erased what came before."""
-    command = np.r_[np.linspace(0, 90, 1500), np.linspace(90, 75, 100)]
-    plant = visited((90.0, 30.0, 60.0, 0.0))
-    run = quasi_static(plant, command, noise_um=NOISE_UM, memory="unknown", name="bad.csv")
-    with pytest.raises(BadInput, match=r"bad\.csv: .*memory"):
+    """Once the drive has erased what came before, it does not turn round any more."""
+    command = np.r_[np.linspace(45, 0, 500), np.linspace(0, 90, 1000)]
+    run = quasi_static(visited((90.0, 30.0, 45.0)), command, noise_um=NOISE_UM, memory="unknown", name="bad.csv")
+    with pytest.raises(BadInput, match=r"^bad\.csv: .*memory"):
         fit([run], STATIC)
     assert fit([replace(run, metadata={**run.metadata, "memory": "reset"})], STATIC).model
