@@ -21,7 +21,8 @@ import numpy as np
 
 from . import chain, firmware, operators, signals
 from .errors import BadInput
-from .model import MAX_DAC_BITS, MAX_OFFSET, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, guard_rates
+from .intake import LARGEST_INPUT, check_run, check_together, correlation, reversals, stays_at_an_end
+from .model import MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, guard_rates
 from .recording import Recording
 
 SLOPE_FLOOR = 0.05  # no slope of a loading curve falls below this within the identified rates
@@ -33,14 +34,10 @@ GRID_GAP = 3  # dead zones closer than this many candidates cannot be told apart
 # away from a straight line) weighs as much as that residual in every sample. Chosen on the measured record's second file
 # and on the virtual benches, where they lie on a wide plateau.
 PRIOR_BEND, PRIOR_RATE_BEND, PRIOR_RATE, PRIOR_SATURATION = 2.5, 25.0, 0.75, 2.5
-LARGEST_INPUT = 1e6  # V or um
 MAX_RATE_TIME_S = 1e3
 MIN_SAMPLES_PER_UNKNOWN = 5
 POOR_PERCENT = 3.0  # rms of the stroke, from which a run is remarked on
-CLIPPED_SHARE = 0.01  # of the samples at the very highest or lowest reading while the command moves
-GAIN_SPREAD = 5.0  # between the runs' um per volt
 RESET_DOUBT = 0.8  # rms with an estimated state, relative to that with the one stated, from which reset is doubted
-MIN_CORRELATION = 0.5  # between command and displacement
 RATE_HEADROOM = 1.25  # the guard never lies beyond the highest identified rate times this
 OTHER_SOURCE = 0.6  # residual with the other rate source, relative to this one's, from which it is worth a remark
 RATE_BINS = 8
@@ -125,9 +122,9 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         progress: Callable[[float], None] = lambda fraction: None) -> Fit:
     """Identify a model from `runs`, score it on them and on `hold_out`. Raises BadInput for runs that cannot be fitted."""
     for run in (*runs, *hold_out):
-        _check(run)
+        check_run(run)
     _check_options(options)
-    _check_together(runs, hold_out)
+    check_together(runs, hold_out)
     warnings: list[str] = []
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
     smoothing_s = _smoothing(runs)
@@ -137,7 +134,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     low_um = min(float(np.min(run.displacement_um)) for run in runs)
     high_um = max(float(np.max(run.displacement_um)) for run in runs)
     stroke = max(float(np.ptp(run.displacement_um)) for run in runs)
-    sign = 1.0 if _correlation(max(runs, key=lambda run: np.ptp(run.command_V))) > 0 else -1.0
+    sign = 1.0 if correlation(max(runs, key=lambda run: np.ptp(run.command_V))) > 0 else -1.0
     gain = sign * stroke / max(float(np.ptp(run.command_V)) for run in runs)
     offset_V = low_V if gain > 0 else high_V  # x >= 0, as one-sided dead zones need it
     thresholds = _thresholds(options, abs(gain) * max(float(np.ptp(run.command_V)) for run in runs), warnings)
@@ -188,7 +185,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     _check_reset(model, runs, warnings)
     progress(0.7)
     scores = _scores(model, runs, hold_out, warnings)
-    _remark(model, plant, noise, scores, warnings)
+    _remark(plant, scores, warnings)
     model.fit = _record(scores, noise, warnings)
     bands = _rate_slopes(model, prepared)
     progress(1.0)
@@ -210,62 +207,6 @@ def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], column
     if residual < OTHER_SOURCE * plant.residual:
         warnings.append(f"the rate of the {other} explains these recordings better ({100 * residual:.2g} % rms of the stroke "
                         f"against {100 * plant.residual:.2g} %): try --rate-source {other}")
-
-
-def _check(run: Recording) -> None:
-    command, displacement = run.command_V, run.displacement_um
-    for name, values in (("command_V", command), ("displacement_um", displacement)):
-        largest = float(np.max(np.abs(values)))
-        if largest > LARGEST_INPUT:
-            raise BadInput(f"{run.path}: {name} reaches {largest:g}; check its unit")
-    if np.ptp(command) == 0:
-        raise BadInput(f"{run.path}: command_V is constant at {command[0]:g} V; identification needs a drive that moves: "
-                       "leave this run out, or see `rdpi excite`")
-    if np.ptp(displacement) == 0:
-        raise BadInput(f"{run.path}: displacement_um is constant at {displacement[0]:g} um; check the sensor and its column")
-    correlation = _correlation(run)
-    if abs(correlation) < MIN_CORRELATION:
-        raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {correlation:.2f}); "
-                       "check that both columns are of the same run, and their order and units")
-    if _reversals(command, 0.05) == 0:
-        raise BadInput(f"{run.path}: command_V never turns round, so that nothing of the hysteresis shows; "
-                       "record a drive that goes up and down, see `rdpi excite`")
-    offset, stroke = float(np.mean(displacement)), float(np.ptp(displacement))
-    if abs(offset) > MAX_OFFSET * stroke:
-        raise BadInput(f"{run.path}: displacement_um moves by {stroke:.3g} um at {offset:.6g} um; the firmware's single precision "
-                       "cannot carry both: subtract the offset first")
-
-
-def _reversals(command: np.ndarray, share: float, first: int = 0) -> int:
-    """How often the command turns round, by more than this share of its range, from sample `first` on."""
-    band = share * np.ptp(command)
-    command = command[first:]
-    settled = firmware.plays(command, np.array([0.0, band / 2]), np.full(2, command[0]))[0][:, 1]
-    moves = np.sign(np.diff(settled))
-    moves = moves[moves != 0]
-    return int(np.count_nonzero(np.diff(moves)))
-
-
-def _check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> None:
-    """Each run once, all of one actuator: same sign, same zero, about as many um per volt (small loops have fewer)."""
-    digests = [run.digest for run in (*runs, *hold_out) if run.digest]
-    for run in (*runs, *hold_out):
-        if digests.count(run.digest) > 1:
-            raise BadInput(f"{run.path}: given twice (the same bytes); a run counts once, and one that is fitted is not held out")
-    largest = max(runs, key=lambda run: np.ptp(run.command_V))
-    slope, zero = np.polyfit(largest.command_V, largest.displacement_um, 1)
-    for run in runs:
-        if _correlation(run) * slope < 0:
-            raise BadInput(f"{run.path}: moves opposite to {largest.path}; one of them has the sign inverted")
-        moved = float(np.mean(run.displacement_um) - slope * np.mean(run.command_V) - zero)
-        if abs(moved) > np.ptp(largest.displacement_um) / 2:
-            raise BadInput(f"{run.path}: lies {moved:.4g} um from {largest.path} at the same command; the sensor's zero or the "
-                           "command's offset has changed: subtract it, or fit the runs apart")
-    gains = [float(np.ptp(run.displacement_um) / np.ptp(run.command_V)) for run in runs]
-    low, high = int(np.argmin(gains)), int(np.argmax(gains))
-    if gains[high] > GAIN_SPREAD * gains[low]:
-        raise BadInput(f"{runs[high].path} moves {gains[high]:.3g} um/V and {runs[low].path} {gains[low]:.3g}: they are not in "
-                       "the same units, or not of the same actuator; check --command-gain and units of `rdpi import`")
 
 
 def _check_reset(model: Model, runs: Sequence[Recording], warnings: list[str]) -> None:
@@ -297,10 +238,6 @@ def _check_options(options: Options) -> None:
         raise BadInput(f"--slew {options.slew_V_per_s:g}: must be positive, in V/s")
     if options.dac_bits is not None and not 1 <= options.dac_bits <= MAX_DAC_BITS:
         raise BadInput(f"--dac-bits {options.dac_bits}: must be 1 to {MAX_DAC_BITS}")
-
-
-def _correlation(run: Recording) -> float:
-    return float(np.corrcoef(run.command_V, run.displacement_um)[0, 1])
 
 
 def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> np.ndarray:
@@ -336,7 +273,7 @@ def _prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds
         carried = run.memory == "carried" and end is not None
         states = np.array(end) if carried else chain.states_after(x[0], x[0], thresholds)
         first = 0 if known else chain.warm_up(x, thresholds[-1])
-        if first and _reversals(x, 0.1, first) == 0:
+        if first and reversals(x, 0.1, first) == 0:
             raise BadInput(f"{run.path}: its memory is unknown, and the drive does not turn round any more once it has erased it; "
                            "state the memory (reset, carried) or record longer")
         prepared.append(_Run(run, x, rate, states, first))
@@ -540,7 +477,7 @@ def _rate_slopes(model: Model, runs: Sequence[_Run]) -> RateSlopes:
     return RateSlopes(totals[seen] / samples[seen], slopes[seen], samples[seen])
 
 
-def _remark(model: Model, plant: _Plant, noise: float, scores: Sequence[RunScore], warnings: list[str]) -> None:
+def _remark(plant: _Plant, scores: Sequence[RunScore], warnings: list[str]) -> None:
     slopes = np.r_[plant.rest, plant.fast]
     if np.any(slopes <= SLOPE_FLOOR * 1.0001):
         warnings.append(f"a slope lies on its floor of {SLOPE_FLOOR:g}: the recordings do not determine it; "
@@ -549,7 +486,7 @@ def _remark(model: Model, plant: _Plant, noise: float, scores: Sequence[RunScore
     if len(actuators) > 1:
         warnings.append(f"the recordings name different actuators: {', '.join(actuators)}")
     for run in scores:
-        path, stays = run.recording.path, _stays_at_an_end(run.recording)
+        path, stays = run.recording.path, stays_at_an_end(run.recording)
         if run.memory == "estimated":
             warnings.append(f"{path}: memory at the start unknown; estimated"
                             + ("" if run.held_out else ", and left out of the fit until the drive had erased it"))
@@ -559,13 +496,6 @@ def _remark(model: Model, plant: _Plant, noise: float, scores: Sequence[RunScore
         if run.score.rms_percent > POOR_PERCENT:
             warnings.append(f"{path}: explained only to {run.score.rms_percent:.2g} % rms of its stroke: is it the same actuator, "
                             "in the same units, without drift, delay or ringing? The model may not be fit for use")
-
-
-def _stays_at_an_end(run: Recording) -> int:
-    z, moving = run.displacement_um, np.gradient(run.command_V) != 0
-    stays = max(int(np.count_nonzero((z == end) & moving)) for end in (z.min(), z.max()))
-    grid = len(np.unique(z)) < len(z) / 20  # a coarse sensor has many equal readings everywhere
-    return stays if stays > CLIPPED_SHARE * len(z) and not grid else 0
 
 
 def _record(scores: Sequence[RunScore], noise: float, warnings: Sequence[str]) -> dict:
