@@ -20,7 +20,7 @@ DEPTH, MIX = 6, 0.5  # sweeps remembered and damping of Anderson's mixing
 # rms change that one more sweep would bring, as a share of the stroke: sought, and at most called settled
 SOUGHT, SETTLED = 1e-5, 3e-4
 MAX_SMOOTHINGS = 7
-PATIENCE = 8  # sweeps without a better one, after which the best is taken
+PATIENCE = 5  # sweeps without a better one, after which the best is taken
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
 
     memory: "auto" follows each run's metadata (reset: a decaying sweep ended at the first sample; carried: where the run
     before ended; unknown: one number, a previous position, estimated from the samples that still depend on it, or the
-    model's memory without displacement); "model", "reset" and "estimate" impose theirs on every run.
+    model's memory without displacement); "model" and "reset" impose theirs on every run.
     """
     if model.effects:
         names = ", ".join(str(effect.get("name")) if isinstance(effect, dict) else str(effect) for effect in model.effects)
@@ -75,8 +75,6 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
         x0 = float(model.x_of(run.command_V[0]))
         if kind == "carried" and predictions:
             states = predictions[-1].states_um
-        elif kind == "estimate" and run.displacement_um is not None:
-            kind, states = "estimated", estimate_states(model, run)
         elif kind == "reset":
             states = np.full(len(model.thresholds_um), x0)
         elif kind == "model" or run.displacement_um is None:
@@ -104,23 +102,35 @@ def warm_up(x_um: np.ndarray, largest_threshold_um: float) -> int:
 
 def estimate_states(model: Model, run: Recording) -> np.ndarray:
     """States at the first sample of a run with unknown memory, from how it begins; shape (n + 1,)."""
+    return start_states(model, run)[0]
+
+
+def start_states(model: Model, run: Recording) -> tuple[np.ndarray, float, float]:
+    """Best states at the first sample, and the rms error in um of the samples that depend on them: with plays at rest, with
+    the best.
+
+    One number is sought, the position from which the input came straight to where the run begins.
+    """
     x = model.x_of(run.command_V)
     r = model.thresholds_um
-    rest = states_after(x[0], x[0], r)
     samples = warm_up(x, r[-1])
+    rest = states_after(x[0], x[0], r)
     if samples < 2 or len(r) == 1:
-        return rest
+        return rest, 0.0, 0.0
     used = slice(0, 3 * samples)
-    rate = _predict(model, run, rest, "estimated").rate_um_per_s[used]
+    beginning = replace(run, columns={name: values[used] for name, values in run.columns.items()})
+    rate = _predict(model, beginning, rest, "estimated").rate_um_per_s
     measured = run.displacement_um[used]
 
-    def misfit(position: float) -> float:
+    def miss_um(position: float) -> float:
         error = measured - _firmware(model, run, states_after(position, x[0], r)).forward(run.command_V[used], rate)
         error -= np.mean(error[samples:])  # drift since the fit, and plays that never move, must not be taken for memory
-        return float(np.mean(error[:samples] ** 2))
+        return float(np.sqrt(np.mean(error[:samples] ** 2)))
 
     positions = x[0] + np.linspace(-r[-1], r[-1], 41)
-    return states_after(min(positions, key=misfit), x[0], r)
+    misses = [miss_um(position) for position in positions]
+    best = int(np.argmin(misses))
+    return states_after(positions[best], x[0], r), miss_um(x[0]), misses[best]
 
 
 def follow(model: Model, run: Recording, column: str = "reference_um", engine: str = "f32",

@@ -37,7 +37,7 @@ PRIOR_BEND, PRIOR_RATE_BEND, PRIOR_RATE, PRIOR_SATURATION = 2.5, 25.0, 0.75, 2.5
 MAX_RATE_TIME_S = 1e3
 MIN_SAMPLES_PER_UNKNOWN = 5
 POOR_PERCENT = 3.0  # rms of the stroke, from which a run is remarked on
-RESET_DOUBT = 0.8  # rms with an estimated state, relative to that with the one stated, from which reset is doubted
+RESET_DOUBT = 0.7  # error of a run's beginning with the best state, relative to that at rest, from which reset is doubted
 RATE_HEADROOM = 1.25  # the guard never lies beyond the highest identified rate times this
 OTHER_SOURCE = 0.6  # residual with the other rate source, relative to this one's, from which it is worth a remark
 RATE_BINS = 8
@@ -213,11 +213,10 @@ def _check_reset(model: Model, runs: Sequence[Recording], warnings: list[str]) -
     """A run marked reset whose start looks like another state was not swept from both sides of where it starts."""
     for run in runs:
         if run.memory == "reset":
-            marked, estimated = (chain.simulate(model, [run], memory)[0].predicted_um for memory in ("reset", "estimate"))
-            before, after = (chain.score(predicted, run.displacement_um, where=run.path).rms_percent for predicted in (marked, estimated))
-            if after < RESET_DOUBT * before:
-                warnings.append(f"{run.path}: marked memory: reset, but a state other than rest at its first sample fits better "
-                                f"({after:.2g} % rms against {before:.2g} %); did the sweep decay from both sides? "
+            _, at_rest, best = chain.start_states(model, run)
+            if best < RESET_DOUBT * at_rest and at_rest - best > 0.003 * model.stroke_um:
+                warnings.append(f"{run.path}: marked memory: reset, but its beginning is explained better by another state "
+                                f"({best:.2g} um rms against {at_rest:.2g}); did the sweep decay from both sides? "
                                 "Else mark it unknown")
 
 

@@ -14,8 +14,9 @@ import pytest
 from rdpi.cli import main
 from rdpi.recording import sample_times
 
-# No time limit per example, which a busy machine breaks, and no folder of examples in the checkout.
-hypothesis.settings.register_profile("rdpi", deadline=None, database=None)
+# No time limit per example, which a busy machine breaks; no folder of examples in the checkout; in CI the same examples
+# every time, so that what lands depends on the code alone.
+hypothesis.settings.register_profile("rdpi", deadline=None, database=None, derandomize="CI" in os.environ)
 hypothesis.settings.load_profile("rdpi")
 
 ROOT = Path(__file__).resolve().parents[2]

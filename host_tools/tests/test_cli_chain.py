@@ -269,10 +269,11 @@ def test_compensate_follows_a_recording(folder: Path, rdpi: Callable) -> None:
     assert recorded["rms_percent"] < 0.2 and recorded["removed_um"] == 0
 
 
-def test_compensate_removes_the_offset(folder: Path, rdpi: Callable) -> None:
+@pytest.mark.parametrize("engine", ENGINES)
+def test_compensate_removes_the_offset(engine: str, folder: Path, rdpi: Callable) -> None:
     run = read_recording("large.csv")
     write_recording("drifted.csv", {**run.columns, "displacement_um": run.displacement_um + 0.5}, run.metadata)
-    arguments = ["--reference-column", "displacement_um"]
+    arguments = ["--reference-column", "displacement_um", "--engine", engine]
     _, plain = compensated(rdpi, *arguments, source="drifted.csv")
     drive, removed = compensated(rdpi, *arguments, "--remove-offset", source="drifted.csv")
     assert plain["recorded"]["rms_percent"] > 2 > 0.2 > removed["recorded"]["rms_percent"]
@@ -345,6 +346,7 @@ def test_plot(name: str, start: bytes, folder: Path, rdpi: Callable) -> None:
     assert result == {"file": name} and Path(name).read_bytes().startswith(start)
 
 
+@pytest.mark.slow
 def test_plot_shows_the_runs(folder: Path, rdpi: Callable) -> None:
     result_of(rdpi, "plot", "moving.json", "fast.csv", "large.csv", "-o", "p.svg")
     result_of(rdpi, "plot", "moving.json", "fast.csv", "-o", "q.svg")
@@ -482,6 +484,7 @@ def test_an_output_never_replaces_an_input(command: str, folder: Path, rdpi: Cal
 
 # ---- as a program ----
 
+@pytest.mark.slow
 def test_the_whole_chain_as_a_program(folder: Path) -> None:
     """Piped, as scripts use it: fit, header, compensate, simulate. Nothing on stderr, and every file is there."""
     run = read_recording("large.csv")

@@ -165,6 +165,18 @@ def test_quality_gate(fitted: Callable, runs: dict[str, Path]) -> None:
     fitted("--operators", 2, "--max-rms", 0.9 * seen, status=1)
 
 
+def test_quality_gate_does_not_judge_what_was_fitted_beside_a_held_out_run(runs: dict[str, Path], rdpi: Callable, tmp_path: Path) -> None:
+    noisy = tmp_path / "noisy.csv"
+    run = read_recording(runs["small"])
+    noise = 0.1 * np.random.default_rng(1).standard_normal(len(run))
+    write_recording(noisy, {**run.columns, "displacement_um": run.displacement_um + noise}, run.metadata)
+    command = ["fit", noisy, "--hold-out", runs["small"], "-o", tmp_path / "model.json", "--json", tmp_path / "result.json"]
+    assert rdpi(*command).exit_code == 0
+    seen, unseen = (row["rms_percent"] for row in json.loads((tmp_path / "result.json").read_text())["runs"])
+    assert unseen < 0.5 * seen
+    assert rdpi(*command, "--max-rms", 1.1 * unseen).exit_code == 0
+
+
 # ---- what it refuses ----
 
 def lines_of(path: Path) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
@@ -317,6 +318,7 @@ def test_sample_rates_and_lengths_mix() -> None:
     assert percent(slopes_um_per_V(alone[0]), slopes_um_per_V(alone[1])) < 1.5
 
 
+@pytest.mark.slow
 def test_rate_law_does_not_depend_on_sampling() -> None:
     coarse, fine = (moving_runs("displacement", hertz=(2, 10, 30), samples=samples) for samples in (100, 500))
     models = [fit(runs, Options(thresholds_um=thresholds_um(stack(), runs))).model for runs in (coarse, fine)]
@@ -343,13 +345,6 @@ def test_a_small_run_beside_a_large_one() -> None:
     assert result.scores[1].score.rms_um < 1.5 * NOISE_UM
     assert result.scores[1].score.rms_percent == pytest.approx(100 * result.scores[1].score.rms_um / np.ptp(small.displacement_um))
     assert result.model.stroke_um == pytest.approx(np.ptp(large.displacement_um))
-
-
-def test_polarities_must_agree() -> None:
-    upright = static_run()
-    flipped = recording(upright.command_V, -upright.displacement_um, 1000.0, "flipped.csv")
-    with pytest.raises(BadInput, match=r"flipped\.csv.*opposite.*sign"):
-        fit([upright, static_run(name="again.csv"), flipped], STATIC)
 
 
 def test_a_run_counts_once() -> None:
@@ -404,13 +399,15 @@ def test_a_held_out_run_is_carried_on_from_the_one_before() -> None:
 
 
 @pytest.mark.parametrize("low, high", [(30, 90), (30, 84), (30, 60), (30, 45)])
-def test_unknown_memory_is_estimated(low: float, high: float) -> None:
+@pytest.mark.parametrize("drift_um", [0.0, 0.4])
+def test_unknown_memory_is_estimated(low: float, high: float, drift_um: float) -> None:
     """Also that of runs too small to erase it all, where the rest is an offset."""
     model = fit([static_run()], STATIC).model
     plant = stack()
     plant.settle(high)
     plant.respond(np.linspace(high, low, 50), np.zeros(50))
     run = static_run(plant, low=low, high=high, memory="unknown")
+    run = replace(run, columns={**run.columns, "displacement_um": run.displacement_um + drift_um})
     prediction = chain.simulate(model, [run])[0]
     assert prediction.memory == "estimated"
     score = chain.score(prediction.predicted_um, run.displacement_um, remove_offset=True)
@@ -431,6 +428,14 @@ def test_start_up_transient_is_left_out() -> None:
     assert percent(slopes_um_per_V(results[0].model), stack().slopes) < 3
     claimed = fit([replace(run, metadata={**run.metadata, "memory": "reset"}, columns={**run.columns, "displacement_um": spoilt})], STATIC)
     assert percent(slopes_um_per_V(claimed.model), stack().slopes) > 10
+
+
+def test_rates_before_the_memory_is_erased_are_not_identified() -> None:
+    command = np.r_[waves(50, 20, 3, 1000), waves(90, 1, 2, 1000)]
+    unknown, known = (quasi_static(stack(), command, memory=memory, noise_um=NOISE_UM) for memory in ("unknown", "reset"))
+    slow, fast = (fit([run], STATIC).model.rate.identified_um_per_s for run in (unknown, known))
+    peak = np.percentile(rate_of(static_run(rate_hz=1000.0, noise_um=0.0).displacement_um, 1000), 99.9)
+    assert slow == pytest.approx(peak, rel=0.2) and fast > 5 * slow
 
 
 def test_unknown_memory_of_one_run_does_not_move_the_offset_of_others() -> None:
@@ -501,19 +506,22 @@ def test_progress_rises_to_one() -> None:
 
 # ---- what is refused ----
 
-def changed(**columns: np.ndarray) -> Recording:
+def bent(**change: Callable[[np.ndarray], np.ndarray]) -> Recording:
     run = static_run(name="bad.csv")
-    return replace(run, columns={**run.columns, **columns})
+    return replace(run, columns={**run.columns, **{key: make(run.columns[key]) for key, make in change.items()}})
 
 
 NOISE = np.random.default_rng(2).standard_normal(1500)
 REFUSED: dict[str, tuple[Recording, str]] = {
-    "constant command": (changed(command_V=np.full(1500, 5.0)), r"command_V is constant at 5 V.*excite"),
-    "constant displacement": (changed(displacement_um=np.full(1500, -2.5)), r"displacement_um is constant at -2\.5 um.*check"),
-    "unrelated": (changed(displacement_um=NOISE), r"unrelated.*correlation.*check"),
-    "unrelated but smooth": (changed(displacement_um=waves(12, 1.37, 4.11, 500)), r"unrelated.*check"),
+    "constant command": (bent(command_V=lambda V: 0 * V + 5), r"command_V is constant at 5 V.*excite"),
+    "constant displacement": (bent(displacement_um=lambda z: 0 * z - 2.5), r"displacement_um is constant at -2\.5 um.*check"),
+    "unrelated": (bent(displacement_um=lambda z: NOISE), r"unrelated.*correlation.*check"),
+    "unrelated but smooth": (bent(displacement_um=lambda z: waves(12, 1.37, 4.11, 500)), r"unrelated.*check"),
     "only a ramp": (recording(np.linspace(0, 90, 1500), np.linspace(0, 12, 1500) + 0.004 * NOISE, 1000.0, "bad.csv", "unknown"),
                     r"command_V never turns round.*rdpi excite"),
+    "picometres": (bent(displacement_um=lambda z: 1e6 * z), r"displacement_um reaches 1\.2\d*e\+07; check its unit"),
+    "microvolts": (bent(command_V=lambda V: 1e6 * V), r"command_V reaches 9e\+07; check its unit"),
+    "offset too large for single precision": (bent(displacement_um=lambda z: z + 9e5), r"moves by 12\.\d um at 90000\d.*subtract"),
 }
 
 
@@ -527,6 +535,32 @@ def test_refused_recording(case: str, held_out: bool) -> None:
     if not held_out:
         with pytest.raises(BadInput, match=r"^bad\.csv: "):
             fit([run], Options())
+
+
+@pytest.mark.parametrize("change, message", [
+    (dict(command_V=lambda V: V / 1000), r"bad\.csv moves 1\d\d um/V and run\.csv 0\.1\d+: .* same units.*check"),
+    (dict(displacement_um=lambda z: z + 9), r"bad\.csv: lies 9(\.0\d*)? um from run\.csv at the same command; .*subtract"),
+    (dict(displacement_um=lambda z: 12 - z), r"bad\.csv: moves opposite to run\.csv; .*sign"),
+])
+def test_runs_that_do_not_belong_together(change: dict[str, Callable], message: str) -> None:
+    bad = replace(bent(**change), digest="sha256:bad")
+    with pytest.raises(BadInput, match=message):
+        fit([static_run(), bad], STATIC)
+    assert fit([bad], STATIC).model
+
+
+@pytest.mark.parametrize("run, note", [
+    (bent(displacement_um=lambda z: np.minimum(z, 11.0)), r"^bad\.csv: \d+ samples stand at the very highest .*clipped"),
+    (bent(displacement_um=lambda z: z + np.linspace(0, 4, len(z))), r"^bad\.csv: explained only to [3-9]\.?\d* % rms .*drift"),
+    (static_run(visited((90.0, 0.0)), name="bad.csv"), r"^bad\.csv: marked memory: reset, but .*unknown"),
+])
+def test_doubtful_recordings_are_remarked_on(run: Recording, note: str) -> None:
+    assert [text for text in fit([run], STATIC).warnings if re.search(note, text)]
+
+
+def test_recordings_of_different_actuators_are_remarked_on() -> None:
+    runs = [replace(run, metadata={**run.metadata, "actuator": run.path}) for run in (static_run(name="a"), static_run(name="b"))]
+    assert "the recordings name different actuators: a, b" in fit(runs, STATIC).warnings
 
 
 @pytest.mark.parametrize("options, message", [

@@ -335,9 +335,9 @@ def test_single_precision_round_trip(model: Model, seed: int) -> None:
         steps = Firmware(model, SAMPLE_TIME_S, "f32").step(reference)
     drive_V, rate = (column.astype(float) for column in steps[:2])
     moved = operators.forward(model, drive_V, rate, model.memory.plays_um)[0]
-    followed = steps.flags & ~GUARD == 0
+    followed = steps.flags & ~np.uint32(GUARD) == 0
     np.testing.assert_allclose(moved[followed], reference[followed], rtol=0, atol=1e-5 * model.stroke_um)
-    assert np.all(np.isin(drive_V[steps.flags & ~GUARD == RANGE],
+    assert np.all(np.isin(drive_V[steps.flags & ~np.uint32(GUARD) == RANGE],
                           np.float32([model.drive.min_V, model.drive.max_V])))
 
 
