@@ -1,7 +1,7 @@
 """Actuators that are the model, written out literally, and recordings of them: the truth that fits are held against.
 
-The input is u = V - offset_V, or offset_V - V for an inverted actuator, in V; slopes are in um/V, so that nothing depends
-on the gain that a fit chooses. Shares no code with identify, chain, operators or the library.
+The input is u = V - offset_V, or offset_V - V for an inverted actuator, in V; slopes are in um/V, so that nothing
+depends on the gain that a fit chooses. Shares no code with identify, chain, operators or the library.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rdpi.recording import Recording, sample_times
 
 @dataclass
 class Plant:
-    """Plays (eq. 1, 9), slopes that change with the rate (eq. 14), dead zones (eq. 7, 8). Arrays (n + 1,) and (m + 1,)."""
+    """Plays (eq. 1, 9), slopes that change with the rate (eq. 14), dead zones (eq. 7, 8); arrays (n + 1,), (m + 1,)."""
 
     thresholds_V: np.ndarray
     slopes: np.ndarray  # um/V at rest
@@ -78,14 +78,16 @@ def stack(span_V: float = 90.0, plays: int = 9, law: float = 1.0, **changes: obj
     """
     up = np.arange(plays + 1) / max(plays, 1)
     slopes = 0.15 * (0.65 + 0.45 * (1 - (1 - up) ** 1.5))
-    plant = Plant(np.arange(plays + 1) * span_V / 2 / (plays + 1), slopes, -law * slopes * (0.1 + 0.9 * (1 - up) ** 2) / 2900,
-                  np.array([0.0, 4.0, 8.0]), np.array([1.0, -0.06, -0.08]))
+    fall = law * (0.1 + 0.9 * (1 - up) ** 2) / 2900
+    plant = Plant(np.arange(plays + 1) * span_V / 2 / (plays + 1), slopes, -fall * slopes, np.array([0.0, 4.0, 8.0]),
+                  np.array([1.0, -0.06, -0.08]))
     return replace(plant, **changes)
 
 
 def waves(high: float, hertz: float, cycles: float, rate_hz: float, low: float = 0.0) -> np.ndarray:
     """Raised cosines from `low` to `high` and back, one sample short of whole cycles."""
-    return low + (high - low) * (1 - np.cos(2 * np.pi * hertz / rate_hz * np.arange(round(cycles * rate_hz / hertz)))) / 2
+    phase = 2 * np.pi * hertz / rate_hz * np.arange(round(cycles * rate_hz / hertz))
+    return low + (high - low) * (1 - np.cos(phase)) / 2
 
 
 def rate_of(signal: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -99,7 +101,16 @@ def recording(command_V: np.ndarray, displacement_um: np.ndarray | None, rate_hz
     if displacement_um is not None:
         noise = np.random.default_rng(len(name) + len(command_V)).standard_normal(len(command_V))
         everything["displacement_um"] = displacement_um + noise_um * noise
-    return Recording(name, {"sample_rate_hz": f"{rate_hz:.12g}", "memory": memory}, {**everything, **columns}, f"sha256:{name}")
+    metadata = {"sample_rate_hz": f"{rate_hz:.12g}", "memory": memory}
+    return Recording(name, metadata, {**everything, **columns}, f"sha256:{name}")
+
+
+def changed(run: Recording, **columns: np.ndarray) -> Recording:
+    return replace(run, columns={**run.columns, **columns})
+
+
+def marked(run: Recording, **metadata: str) -> Recording:
+    return replace(run, metadata={**run.metadata, **metadata})
 
 
 def quasi_static(plant: Plant, command_V: np.ndarray, rate_hz: float = 1000.0, **options: object) -> Recording:
@@ -120,10 +131,11 @@ def slopes_um_per_V(model: Model, rate_um_per_s: float = 0.0) -> np.ndarray:
 def model_of(plant: Plant, gain_um_per_V: float = 0.13, **changes: object) -> Model:
     """The same plant as a model, at rest at its offset; rates up to 1000 um/s, drive -20 to 120 V from the offset."""
     gain = -gain_um_per_V if plant.inverted else gain_um_per_V
-    drive = Drive(plant.offset_V - 120, plant.offset_V + 20) if plant.inverted else Drive(plant.offset_V - 20, plant.offset_V + 120)
+    below, above = (120, 20) if plant.inverted else (20, 120)
     thresholds = plant.thresholds_V * gain_um_per_V
     return Model(**{**dict(
-        gain_um_per_V=gain, offset_V=plant.offset_V, offset_um=plant.offset_um, stroke_um=12.0, thresholds_um=thresholds,
-        slopes=plant.slopes / gain_um_per_V, slope_rate_s_per_um=plant.changes / gain_um_per_V,
-        deadzones_um=plant.deadzones_um, deadzone_weights=plant.weights, rate=Rate(max_um_per_s=1000.0), drive=drive,
+        gain_um_per_V=gain, offset_V=plant.offset_V, offset_um=plant.offset_um, stroke_um=12.0,
+        thresholds_um=thresholds, slopes=plant.slopes / gain_um_per_V, slope_rate_s_per_um=plant.changes / gain_um_per_V,
+        deadzones_um=plant.deadzones_um, deadzone_weights=plant.weights, rate=Rate(max_um_per_s=1000.0),
+        drive=Drive(plant.offset_V - below, plant.offset_V + above),
         memory=Memory(0.0, np.zeros(len(thresholds))), actuator="stack 7"), **changes})

@@ -20,7 +20,8 @@ from rdpi.recording import Recording, read_recording, sample_times, write_record
 
 HOST_TOOLS = Path(__file__).resolve().parents[1]
 KEYS = {"schema", "tool", "actuator", "gain_um_per_V", "offset_V", "offset_um", "stroke_um", "thresholds_um", "slopes",
-        "slope_rate_s_per_um", "deadzones_um", "deadzone_weights", "rate", "drive", "memory", "fit", "effects", "passport"}
+        "slope_rate_s_per_um", "deadzones_um", "deadzone_weights", "rate", "drive", "memory", "fit", "effects",
+        "passport"}
 ROW = {"file", "digest", "samples", "held_out", "memory", "rms_um", "max_um", "rms_percent", "max_percent", "offset_um"}
 
 
@@ -36,12 +37,13 @@ def run_of(plant: Plant, high: float, cycles: float = 2) -> Recording:
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("runs")
-    return {name: write(folder / f"{name}.csv", run_of(stack(), high)) for name, high in {"large": 90, "small": 60, "held": 75}.items()}
+    return {name: write(folder / f"{name}.csv", run_of(stack(), high))
+            for name, high in {"large": 90, "small": 60, "held": 75}.items()}
 
 
 @pytest.fixture
 def fitted(rdpi: Callable, runs: dict[str, Path], tmp_path: Path) -> Callable:
-    """Fit the large run with further arguments; returns the model as JSON, the result of --json and what was printed."""
+    """Fit the large run with further arguments; returns the model as JSON, the result of --json and the output."""
 
     def run(*arguments: object, status: int = 0) -> tuple[dict, dict, str]:
         model, result = tmp_path / "model.json", tmp_path / "result.json"
@@ -57,7 +59,8 @@ def fitted(rdpi: Callable, runs: dict[str, Path], tmp_path: Path) -> Callable:
 def test_model_file(fitted: Callable, runs: dict[str, Path], tmp_path: Path) -> None:
     document, _, _ = fitted(runs["small"], "--rate-independent")
     assert set(document) == KEYS
-    assert document["schema"] == "rdpi-model/1" and document["tool"].startswith("rdpi ") and document["actuator"] == "stack 7"
+    assert document["schema"] == "rdpi-model/1" and document["actuator"] == "stack 7"
+    assert document["tool"].startswith("rdpi ")
     assert len(document["slopes"]) == len(document["thresholds_um"]) == len(document["slope_rate_s_per_um"]) == 10
     assert len(document["deadzones_um"]) == len(document["deadzone_weights"]) == 3
     assert document["thresholds_um"][0] == document["deadzones_um"][0] == 0 and document["deadzone_weights"][0] == 1
@@ -77,14 +80,16 @@ def test_same_command_same_bytes(fitted: Callable, tmp_path: Path) -> None:
 
 def test_json(fitted: Callable, runs: dict[str, Path], tmp_path: Path) -> None:
     document, result, _ = fitted(runs["small"], "--hold-out", runs["held"])
-    assert [(Path(row["file"]).name, row["held_out"]) for row in result["runs"]] == [("large.csv", False), ("small.csv", False), ("held.csv", True)]
+    assert [Path(row["file"]).name for row in result["runs"]] == ["large.csv", "small.csv", "held.csv"]
+    assert [row["held_out"] for row in result["runs"]] == [False, False, True]
     model = read_model(tmp_path / "model.json")
     for row in result["runs"]:
         assert set(row) == ROW
         run = read_recording(row["file"])
         error = run.displacement_um - chain.simulate(model, [run])[0].predicted_um
         assert row["samples"] == len(run) and row["digest"] == run.digest and row["memory"] == "reset"
-        assert row["rms_um"] == pytest.approx(np.sqrt(np.mean(error**2))) and row["max_um"] == pytest.approx(np.abs(error).max())
+        assert row["rms_um"] == pytest.approx(np.sqrt(np.mean(error**2)))
+        assert row["max_um"] == pytest.approx(np.abs(error).max())
         assert row["rms_percent"] == pytest.approx(100 * row["rms_um"] / np.ptp(run.displacement_um))
         assert row["max_percent"] == pytest.approx(100 * row["max_um"] / np.ptp(run.displacement_um))
     assert result["model"] == str(tmp_path / "model.json") and result["gate_failed"] is False
@@ -165,14 +170,16 @@ def test_quality_gate(fitted: Callable, runs: dict[str, Path]) -> None:
     fitted("--operators", 2, "--max-rms", 0.9 * seen, status=1)
 
 
-def test_quality_gate_does_not_judge_what_was_fitted_beside_a_held_out_run(runs: dict[str, Path], rdpi: Callable, tmp_path: Path) -> None:
+def test_quality_gate_does_not_judge_what_was_fitted_beside_a_held_out_run(
+        runs: dict[str, Path], rdpi: Callable, tmp_path: Path) -> None:
     noisy = tmp_path / "noisy.csv"
     run = read_recording(runs["small"])
     noise = 0.1 * np.random.default_rng(1).standard_normal(len(run))
     write_recording(noisy, {**run.columns, "displacement_um": run.displacement_um + noise}, run.metadata)
-    command = ["fit", noisy, "--hold-out", runs["small"], "-o", tmp_path / "model.json", "--json", tmp_path / "result.json"]
+    result = tmp_path / "result.json"
+    command = ["fit", noisy, "--hold-out", runs["small"], "-o", tmp_path / "model.json", "--json", result]
     assert rdpi(*command).exit_code == 0
-    seen, unseen = (row["rms_percent"] for row in json.loads((tmp_path / "result.json").read_text())["runs"])
+    seen, unseen = (row["rms_percent"] for row in json.loads(result.read_text())["runs"])
     assert unseen < 0.5 * seen
     assert rdpi(*command, "--max-rms", 1.1 * unseen).exit_code == 0
 
@@ -196,26 +203,33 @@ def edit(line: int, old: str, new: str) -> Callable[[list[str]], list[str]]:
 def columns(**changes: Callable[[np.ndarray], np.ndarray]) -> Callable[[Path], None]:
     def change(path: Path) -> None:
         run = read_recording(path)
-        write_recording(path, {**run.columns, **{name: make(run.columns[name]) for name, make in changes.items()}}, run.metadata)
+        changed = {name: make(run.columns[name]) for name, make in changes.items()}
+        write_recording(path, {**run.columns, **changed}, run.metadata)
 
     return change
 
 
 # Lines 1 to 3 are metadata, 4 the names of the columns, 5 the first sample.
 BAD_TEXT: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
-    "missing column": (edit(4, "displacement_um", "sensor"), r":4: no column displacement_um; there are time_s, command_V, sensor; .*rdpi import"),
-    "NaN": (lambda lines: [*lines[:20], "0.032,1.5,nan\n", *lines[21:]], r":21: column displacement_um is nan; .*(cut|interpolate)"),
-    "text": (lambda lines: [*lines[:20], "0.032,off,1.5\n", *lines[21:]], r":21: column command_V is 'off', not a number; correct"),
+    "missing column": (edit(4, "displacement_um", "sensor"),
+                       r":4: no column displacement_um; there are time_s, command_V, sensor; .*rdpi import"),
+    "NaN": (lambda lines: [*lines[:20], "0.032,1.5,nan\n", *lines[21:]],
+            r":21: column displacement_um is nan; .*(cut|interpolate)"),
+    "text": (lambda lines: [*lines[:20], "0.032,off,1.5\n", *lines[21:]],
+             r":21: column command_V is 'off', not a number; correct"),
     "too short": (lambda lines: lines[:19], r": 15 samples; a recording needs at least 16"),
     "empty": (lambda lines: [], r": empty file; a recording has"),
-    "backwards time": (lambda lines: [*lines[:30], *lines[10:]], r":31: time_s runs backwards \(0\.05 then 0\.012\); cut"),
+    "backwards time": (lambda lines: [*lines[:30], *lines[10:]],
+                       r":31: time_s runs backwards \(0\.05 then 0\.012\); cut"),
     "a gap": (lambda lines: [*lines[:30], *lines[40:]], r":31: sampling is not uniform.*0\.022.*0\.002.*resample"),
     "wrong rate": (edit(1, "500", "5000"), r":1: sample_rate_hz is 5000 but the times say 500; correct"),
     "unknown memory": (edit(2, "reset", "forgotten"), r":2: memory is 'forgotten'; use one of reset, carried, unknown"),
 }
 BAD_COLUMNS: dict[str, tuple[Callable[[Path], None], str]] = {
-    "constant command": (columns(command_V=lambda V: 0 * V + 12.5), r": command_V is constant at 12\.5 V; .*rdpi excite"),
-    "constant displacement": (columns(displacement_um=lambda z: 0 * z + 3), r": displacement_um is constant at 3 um; check"),
+    "constant command": (columns(command_V=lambda V: 0 * V + 12.5),
+                         r": command_V is constant at 12\.5 V; .*rdpi excite"),
+    "constant displacement": (columns(displacement_um=lambda z: 0 * z + 3),
+                              r": displacement_um is constant at 3 um; check"),
     "unrelated": (columns(displacement_um=lambda z: np.random.default_rng(1).permutation(z)),
                   r": command_V and displacement_um are unrelated \(correlation -?0\.\d\d\); check"),
 }
@@ -246,7 +260,8 @@ def test_missing_file(refused: Callable, runs: dict[str, Path]) -> None:
     (["--thresholds", "2,1"], "--thresholds: must be positive"), (["--thresholds", "1,nan"], "--thresholds: must be"),
     (["--min-slope-ratio", 1.5], "--min-slope-ratio 1.5: must lie between 0 and 1"),
     (["--rate-window", -1], "rate.window"), (["--rate-filter", -1], "rate.filter"), (["--rate-window", 1e6], "window"),
-    (["--min-V", 200], "200"), (["--slew", -5], "slew"), (["--dac-bits", 50], "dac.bits"), (["--dac-bits", 0], "dac.bits"),
+    (["--min-V", 200], "200"), (["--slew", -5], "slew"), (["--dac-bits", 50], "dac.bits"),
+    (["--dac-bits", 0], "dac.bits"),
 ])
 def test_bad_option(arguments: list[object], message: str, refused: Callable, runs: dict[str, Path]) -> None:
     assert re.search(message, refused("fit", runs["large"], *arguments, "-o", refused.output))
@@ -269,8 +284,8 @@ def test_as_a_program(runs: dict[str, Path], tmp_path: Path) -> None:
     """Piped: the result on stdout, notes of trouble alone on stderr, no progress bar."""
 
     def program(*arguments: object) -> subprocess.CompletedProcess[str]:
-        return subprocess.run([sys.executable, "-m", "rdpi", "fit", *map(str, arguments)], cwd=tmp_path, capture_output=True,
-                              text=True, env=os.environ | {"PYTHONPATH": str(HOST_TOOLS)})
+        return subprocess.run([sys.executable, "-m", "rdpi", "fit", *map(str, arguments)], cwd=tmp_path,
+                              capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(HOST_TOOLS)})
 
     done = program(runs["large"], "-o", "model.json", "--rate-independent")
     assert (done.returncode, done.stderr) == (0, "") and "model.json: 9 plays" in done.stdout
@@ -280,5 +295,7 @@ def test_as_a_program(runs: dict[str, Path], tmp_path: Path) -> None:
     time_s = sample_times(100, 1000)
     write_recording(tmp_path / "bad.csv", {"time_s": time_s, "command_V": 0 * time_s, "displacement_um": time_s}, {})
     refused = program("bad.csv", "-o", "model.json")
-    assert (refused.returncode, refused.stdout) == (2, "") and refused.stderr.startswith("rdpi: bad.csv: command_V is constant")
-    assert (tmp_path / "model.json").read_bytes() == before and {path.name for path in tmp_path.iterdir()} == {"model.json", "bad.csv"}
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert refused.stderr.startswith("rdpi: bad.csv: command_V is constant")
+    assert (tmp_path / "model.json").read_bytes() == before
+    assert {path.name for path in tmp_path.iterdir()} == {"model.json", "bad.csv"}

@@ -1,4 +1,4 @@
-"""The measured stack of ../shared/data/picma_p885 through the commands: fit, prediction and inverse within their limits.
+"""The measured stack of ../shared/data/picma_p885 through the commands: fit, prediction and inverse within limits.
 
 The upper limits are the project's promises. The bands are about what was measured when they were written, so that a
 change of the fit is noticed whichever way it goes: widen one only after looking at what moved it.
@@ -38,7 +38,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip(message)
     folder = tmp_path_factory.mktemp("picma")
     for name, (source, rows) in RUNS.items():
-        rdpi("import", DATA / source, "--command", 0, "--displacement", 4, "--rate", 200, "--rows", rows, "-o", folder / name)
+        rdpi("import", DATA / source, "--command", 0, "--displacement", 4, "--rate", 200, "--rows", rows,
+             "-o", folder / name)
     for name, options in {"m2": [], "m4": ["--deadzones", 4], "window": ["--rate-window", 0.04]}.items():
         rdpi("fit", folder / "fit.csv", "-o", folder / f"{name}.json", *options)
     return folder
@@ -65,7 +66,8 @@ def test_default_model(folder: Path) -> None:
     ("other.csv", "m4", ["--remove-offset"], 1.3, 0.892),
     ("other.csv", "window", ["--remove-offset"], 1.2, 0.616),
 ])
-def test_prediction(run: str, model: str, options: list[str], limit: float | None, measured: float, folder: Path) -> None:
+def test_prediction(run: str, model: str, options: list[str], limit: float | None, measured: float,
+                    folder: Path) -> None:
     rms = rdpi("simulate", folder / f"{model}.json", folder / run, *options)["rms_percent"]
     print(f"\n{model} on {run}: {rms:.3f} % rms of the stroke")
     assert limit is None or rms <= limit
@@ -91,7 +93,8 @@ def test_inverse(run: str, measured_rms: float, measured_max: float, folder: Pat
     drive = folder / "drive.csv"
     recorded = rdpi("compensate", folder / "window.json", folder / run, "--reference-column", "displacement_um",
                     "--remove-offset", "-o", drive)["recorded"]
-    print(f"\ninverse on {run}: rms {recorded['rms_percent']:.3f} %, max {recorded['max_percent']:.2f} % of the command's p-p")
+    print(f"\ninverse on {run}: rms {recorded['rms_percent']:.3f} %, max {recorded['max_percent']:.2f} % of the command's "
+          "peak-to-peak")
     assert recorded["rms_percent"] == pytest.approx(measured_rms, rel=0.12)
     assert recorded["max_percent"] == pytest.approx(measured_max, rel=0.2)
 
