@@ -37,7 +37,7 @@ class BuildFirmware(build_ext):
 
         ext = copy(ext)
         ext.sources = [str(path) for path in (glue, *sorted(LIB.glob("src/*.c")), *sorted(BATCH.glob("*.c")))]
-        ext.include_dirs = [str(LIB / "include"), str(BATCH)]
+        ext.include_dirs = [str(LIB / "include"), str(LIB / "src"), str(BATCH)]  # src: its private headers
         ext.define_macros = [("RDPI_REAL", REAL[ext.name]), *MAXIMA.items()]
         # Contraction to fused multiply-add would make results depend on the machine.
         ext.extra_compile_args = ["-std=c99", "-O2", "-ffp-contract=off"]

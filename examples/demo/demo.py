@@ -35,7 +35,8 @@ Run = dict[str, np.ndarray]
 
 def run(*command: str | Path, quiet: bool = False) -> None:
     """A command as the user would type it, printed; its output is shown unless quiet."""
-    words = [str(word.relative_to(OUT) if isinstance(word, Path) and word.is_relative_to(OUT) else word) for word in command]
+    words = [str(word.relative_to(OUT) if isinstance(word, Path) and word.is_relative_to(OUT) else word)
+             for word in command]
     print("$ " + shlex.join(words), flush=True)
     program = ROOT / ".venv" / "bin" / words[0]
     done = subprocess.run([str(program) if program.exists() else words[0], *words[1:]], cwd=OUT, text=True,
@@ -54,14 +55,15 @@ def excite() -> list[str]:
 
 
 def build(model: str) -> Path:
-    """Header of the model, and the firmware example compiled with it for the host."""
-    folder = OUT / model.removesuffix(".json")
+    """Header of the model, and the firmware example compiled with it for the host; all share one build folder."""
+    folder, shared = OUT / model.removesuffix(".json"), OUT / "build"
     folder.mkdir(exist_ok=True)
     run("rdpi", "header", model, "-o", folder / "rdpi_params.h", quiet=True)
-    run("cmake", "-S", ROOT, "-B", folder / "build", f"-DRDPI_PARAMS_DIR={folder}", "-DRDPI_BUILD_TESTS=OFF",
+    run("cmake", "-S", ROOT, "-B", shared, f"-DRDPI_PARAMS_DIR={folder}", "-DRDPI_BUILD_TESTS=OFF",
         "-DCMAKE_BUILD_TYPE=Release", quiet=True)
-    run("cmake", "--build", folder / "build", "--target", "track", quiet=True)
-    return folder / "build" / "track"
+    run("cmake", "--build", shared, "--target", "track", quiet=True)
+    run("cp", shared / "track", folder / "track", quiet=True)
+    return folder / "track"
 
 
 def play(kind: str, command_V: np.ndarray) -> np.ndarray:
@@ -116,7 +118,8 @@ def print_table(errors: dict[str, dict[str, list[tuple[float, float]]]]) -> None
     print("\nTracking error, rms / max in % of the profile's peak-to-peak (12.5 um)")
     print(f"{'':42}" + "".join(f"{name:>18}" for name in MODELS))
     for profile, title in PROFILES.items():
-        rows = {"paper's Table 1, measured": PAPER[profile], **{f"actuator {kind}": errors[kind][profile] for kind in errors}}
+        rows = {"paper's Table 1, measured": PAPER[profile]}
+        rows |= {f"actuator {kind}": errors[kind][profile] for kind in errors}
         for label, row in rows.items():
             cells = "".join(f"{f'{rms:.2f} / {peak:5.2f}':>18}" for rms, peak in row)
             print(f"  {f'{title}: {label}':40}{cells}")

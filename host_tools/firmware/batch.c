@@ -1,13 +1,14 @@
 #include "batch.h"
 
-#include "rdpi/play.h"
+#include "play.h"
+#include "rate.h"
 
 void rdpi_batch_plays(const rdpi_real_t *x_um, size_t samples, const rdpi_real_t *r_um, size_t count,
                       rdpi_real_t *y_um, rdpi_real_t *outputs_um)
 {
     for (size_t k = 0; k < samples; k++) {
-        rdpi_f32_plays_move(y_um, r_um, count, x_um[k]);
         for (size_t i = 0; i < count; i++) {
+            y_um[i] = rdpi_f32_play(x_um[k], r_um[i], y_um[i]);
             outputs_um[k * count + i] = y_um[i];
         }
     }
@@ -19,7 +20,7 @@ rdpi_status_t rdpi_batch_rate(rdpi_real_t window_s, rdpi_real_t filter_s, rdpi_r
     rdpi_f32_rate_t rate;
     rdpi_status_t status = rdpi_f32_rate_init(&rate, window_s, filter_s, sample_time_s);
     for (size_t k = 0; status == RDPI_OK && k < samples; k++) {
-        rate_um_per_s[k] = rdpi_f32_rate_step(&rate, z_um[k]);
+        rate_um_per_s[k] = rdpi_f32_rate_step(&rate, z_um[k], 0);
     }
     return status;
 }
@@ -35,10 +36,71 @@ void rdpi_batch_step(rdpi_f32_t *self, const rdpi_real_t *reference_um, size_t s
     }
 }
 
+size_t rdpi_batch_sweep(rdpi_f32_t *self, size_t samples, rdpi_real_t *drive_V, uint32_t *dac_code)
+{
+    for (size_t k = 0; k < samples; k++) {
+        bool more = rdpi_f32_sweep(self);
+        drive_V[k] = self->drive_V;
+        dac_code[k] = self->dac_code;
+        if (!more) {
+            return k + 1u;
+        }
+    }
+    return 0;
+}
+
+void rdpi_batch_predict(const rdpi_f32_t *self, const rdpi_real_t *drive_V, const rdpi_real_t *rate_um_per_s,
+                        size_t samples, rdpi_real_t *displacement_um)
+{
+    for (size_t k = 0; k < samples; k++) {
+        displacement_um[k] = rdpi_f32_predict(self, drive_V[k], rate_um_per_s[k]);
+    }
+}
+
 void rdpi_batch_forward(rdpi_f32_t *self, const rdpi_real_t *drive_V, const rdpi_real_t *rate_um_per_s, size_t samples,
                         rdpi_real_t *displacement_um)
 {
     for (size_t k = 0; k < samples; k++) {
         displacement_um[k] = rdpi_f32_forward(self, drive_V[k], rate_um_per_s[k]);
+    }
+}
+
+void rdpi_batch_q31_step(rdpi_q31_t *self, const int32_t *reference, size_t samples, int32_t *drive, int32_t *rate,
+                         uint32_t *flags, uint32_t *dac_code)
+{
+    for (size_t k = 0; k < samples; k++) {
+        drive[k] = rdpi_q31_step(self, reference[k]);
+        rate[k] = self->rate;
+        flags[k] = self->flags;
+        dac_code[k] = self->dac_code;
+    }
+}
+
+size_t rdpi_batch_q31_sweep(rdpi_q31_t *self, size_t samples, int32_t *drive, uint32_t *dac_code)
+{
+    for (size_t k = 0; k < samples; k++) {
+        bool more = rdpi_q31_sweep(self);
+        drive[k] = self->drive;
+        dac_code[k] = self->dac_code;
+        if (!more) {
+            return k + 1u;
+        }
+    }
+    return 0;
+}
+
+void rdpi_batch_q31_predict(const rdpi_q31_t *self, const int32_t *drive, const int32_t *rate, size_t samples,
+                            int32_t *displacement)
+{
+    for (size_t k = 0; k < samples; k++) {
+        displacement[k] = rdpi_q31_predict(self, drive[k], rate[k]);
+    }
+}
+
+void rdpi_batch_q31_forward(rdpi_q31_t *self, const int32_t *drive, const int32_t *rate, size_t samples,
+                            int32_t *displacement)
+{
+    for (size_t k = 0; k < samples; k++) {
+        displacement[k] = rdpi_q31_forward(self, drive[k], rate[k]);
     }
 }

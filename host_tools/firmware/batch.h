@@ -1,5 +1,6 @@
 /* Loops over arrays for the host tools: the firmware's own functions, called once per sample without Python between
- * them. Compiled with lib/src/ into rdpi._f32 (RDPI_REAL=float) and rdpi._f64 (RDPI_REAL=double). */
+ * them. Compiled with lib/src/ into rdpi._f32 (RDPI_REAL=float) and rdpi._f64 (RDPI_REAL=double); the fixed-point half
+ * is the same in both. */
 #ifndef RDPI_BATCH_H
 #define RDPI_BATCH_H
 
@@ -17,9 +18,25 @@ rdpi_status_t rdpi_batch_rate(rdpi_real_t window_s, rdpi_real_t filter_s, rdpi_r
 void rdpi_batch_step(rdpi_f32_t *self, const rdpi_real_t *reference_um, size_t samples, rdpi_real_t *drive_V,
                      rdpi_real_t *rate_um_per_s, uint32_t *flags, uint32_t *dac_code);
 
+/* rdpi_f32_sweep until it ends, `samples` times at most; returns how many samples it took, 0 if it goes on. */
+size_t rdpi_batch_sweep(rdpi_f32_t *self, size_t samples, rdpi_real_t *drive_V, uint32_t *dac_code);
+
+/* rdpi_f32_predict over arrays. */
+void rdpi_batch_predict(const rdpi_f32_t *self, const rdpi_real_t *drive_V, const rdpi_real_t *rate_um_per_s,
+                        size_t samples, rdpi_real_t *displacement_um);
+
 /* rdpi_f32_forward over arrays. */
 void rdpi_batch_forward(rdpi_f32_t *self, const rdpi_real_t *drive_V, const rdpi_real_t *rate_um_per_s, size_t samples,
                         rdpi_real_t *displacement_um);
+
+/* The same of rdpi_q31_... */
+void rdpi_batch_q31_step(rdpi_q31_t *self, const int32_t *reference, size_t samples, int32_t *drive, int32_t *rate,
+                         uint32_t *flags, uint32_t *dac_code);
+size_t rdpi_batch_q31_sweep(rdpi_q31_t *self, size_t samples, int32_t *drive, uint32_t *dac_code);
+void rdpi_batch_q31_predict(const rdpi_q31_t *self, const int32_t *drive, const int32_t *rate, size_t samples,
+                            int32_t *displacement);
+void rdpi_batch_q31_forward(rdpi_q31_t *self, const int32_t *drive, const int32_t *rate, size_t samples,
+                            int32_t *displacement);
 
 /* What cffi reads (never compiled; cffi checks it against the real declarations when it builds). */
 #ifdef RDPI_CFFI
@@ -30,36 +47,87 @@ typedef int... rdpi_status_t;
 #define RDPI_MAX_PLAYS ...
 #define RDPI_MAX_DEADZONES ...
 #define RDPI_MAX_WINDOW ...
+#define RDPI_MAX_REFERENCE_UM ...
 #define RDPI_OK ...
+#define RDPI_ERR_DIGEST ...
+const char *rdpi_status_text(rdpi_status_t status);
+
 typedef struct {
-    uint32_t schema;
-    uint16_t plays, deadzones;
-    const rdpi_real_t *thresholds_um, *slopes, *slope_rate_s_per_um;
-    const rdpi_real_t *deadzones_um, *deadzone_weights, *memory_um;
-    rdpi_real_t gain_um_per_V, offset_V, offset_um;
+    rdpi_real_t r_um, slope, slope_rate_s_per_um, intercept_um, intercept_rate_s;
+} rdpi_f32_play_t;
+typedef struct {
+    rdpi_real_t d_um, weight;
+} rdpi_f32_deadzone_t;
+typedef struct {
+    uint32_t schema, digest;
+    uint16_t plays, deadzones, dac_bits, sweep_cycles;
+    rdpi_real_t gain_um_per_V, V_per_um, offset_V, offset_um;
     rdpi_real_t rate_window_s, rate_filter_s, max_um_per_s, min_slope_ratio;
-    rdpi_real_t min_V, max_V, slew_V_per_s;
-    uint16_t dac_bits;
-    ...;
+    rdpi_real_t min_V, max_V, slew_V_per_s, sweep_V_per_s, sweep_end_V;
+    const rdpi_f32_play_t *play;
+    const rdpi_f32_deadzone_t *saturation, *inverse_saturation;
+    const rdpi_real_t *memory_um;
 } rdpi_f32_params_t;
 typedef struct {
     rdpi_real_t drive_V, rate_um_per_s;
-    uint32_t dac_code, flags, guard_count, clip_count, input_count;
+    uint32_t dac_code, flags, guard_count, clip_count, input_count, missed_count;
     ...;
 } rdpi_f32_t;
-const char *rdpi_status_text(rdpi_status_t status);
+uint32_t rdpi_f32_digest(const rdpi_f32_params_t *params);
 rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s);
 void rdpi_f32_reset(rdpi_f32_t *self);
 rdpi_status_t rdpi_f32_set_memory(rdpi_f32_t *self, const rdpi_real_t *y_um);
 void rdpi_f32_get_memory(const rdpi_f32_t *self, rdpi_real_t *y_um);
+void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks);
 void rdpi_batch_plays(const rdpi_real_t *x_um, size_t samples, const rdpi_real_t *r_um, size_t count,
                       rdpi_real_t *y_um, rdpi_real_t *outputs_um);
 rdpi_status_t rdpi_batch_rate(rdpi_real_t window_s, rdpi_real_t filter_s, rdpi_real_t sample_time_s,
                               const rdpi_real_t *z_um, size_t samples, rdpi_real_t *rate_um_per_s);
 void rdpi_batch_step(rdpi_f32_t *self, const rdpi_real_t *reference_um, size_t samples, rdpi_real_t *drive_V,
                      rdpi_real_t *rate_um_per_s, uint32_t *flags, uint32_t *dac_code);
+size_t rdpi_batch_sweep(rdpi_f32_t *self, size_t samples, rdpi_real_t *drive_V, uint32_t *dac_code);
+void rdpi_batch_predict(const rdpi_f32_t *self, const rdpi_real_t *drive_V, const rdpi_real_t *rate_um_per_s,
+                        size_t samples, rdpi_real_t *displacement_um);
 void rdpi_batch_forward(rdpi_f32_t *self, const rdpi_real_t *drive_V, const rdpi_real_t *rate_um_per_s, size_t samples,
                         rdpi_real_t *displacement_um);
+
+typedef struct {
+    int32_t r, slope, slope_rate;
+} rdpi_q31_play_t;
+typedef struct {
+    int32_t d, weight;
+} rdpi_q31_deadzone_t;
+typedef struct {
+    uint32_t schema, digest;
+    uint64_t slew_per_us, sweep_per_us;
+    uint16_t plays, deadzones, dac_bits, sweep_cycles;
+    uint8_t saturation_shift, inverse_shift, code_shift, drive_shift;
+    int16_t guard_exponent;
+    uint16_t min_slope_ratio;
+    uint32_t guard_mantissa, rate_window_ns, rate_filter_ns;
+    int32_t min_drive, max_drive, code_0_drive, codes_per_drive, drive_per_code, sweep_end;
+    const rdpi_q31_play_t *play;
+    const rdpi_q31_deadzone_t *saturation, *inverse_saturation;
+    const int32_t *memory;
+} rdpi_q31_params_t;
+typedef struct {
+    int32_t drive, rate;
+    uint32_t dac_code, flags, guard_count, clip_count, input_count, missed_count;
+    ...;
+} rdpi_q31_t;
+uint32_t rdpi_q31_digest(const rdpi_q31_params_t *params);
+rdpi_status_t rdpi_q31_init(rdpi_q31_t *self, const rdpi_q31_params_t *params, uint32_t sample_time_ns);
+void rdpi_q31_reset(rdpi_q31_t *self);
+rdpi_status_t rdpi_q31_set_memory(rdpi_q31_t *self, const int32_t *y);
+void rdpi_q31_get_memory(const rdpi_q31_t *self, int32_t *y);
+void rdpi_q31_missed(rdpi_q31_t *self, uint32_t ticks);
+void rdpi_batch_q31_step(rdpi_q31_t *self, const int32_t *reference, size_t samples, int32_t *drive, int32_t *rate,
+                         uint32_t *flags, uint32_t *dac_code);
+size_t rdpi_batch_q31_sweep(rdpi_q31_t *self, size_t samples, int32_t *drive, uint32_t *dac_code);
+void rdpi_batch_q31_predict(const rdpi_q31_t *self, const int32_t *drive, const int32_t *rate, size_t samples,
+                            int32_t *displacement);
+void rdpi_batch_q31_forward(rdpi_q31_t *self, const int32_t *drive, const int32_t *rate, size_t samples,
+                            int32_t *displacement);
 /* cffi-end */
 #endif
 #endif

@@ -53,8 +53,8 @@ def score(predicted_um: np.ndarray, measured_um: np.ndarray, remove_offset: bool
         error = error - offset
     rms, peak, stroke = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.ptp(measured_um))
     if not stroke > 0 or not np.isfinite(rms):
-        raise BadInput(f"{where}: what was measured spans {stroke:g} and is missed by {rms:g}: no percentage can be given; "
-                       "check the data")
+        raise BadInput(f"{where}: what was measured spans {stroke:g} and is missed by {rms:g}: "
+                       "no percentage can be given; check the data")
     scale = 100 / stroke
     return Score(rms, peak, rms * scale, peak * scale, offset)
 
@@ -62,13 +62,14 @@ def score(predicted_um: np.ndarray, measured_um: np.ndarray, remove_offset: bool
 def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> list[Prediction]:
     """Predict the displacement of each run from its command, in order.
 
-    memory: "auto" follows each run's metadata (reset: a decaying sweep ended at the first sample; carried: where the run
-    before ended; unknown: one number, a previous position, estimated from the samples that still depend on it, or the
-    model's memory without displacement); "model" and "reset" impose theirs on every run.
+    memory: "auto" follows each run's metadata (reset: a decaying sweep ended at the first sample; carried: where the
+    run before ended; unknown: one number, a previous position, estimated from the samples that still depend on it, or
+    the model's memory without displacement); "model" and "reset" impose theirs on every run.
     """
     if model.effects:
-        names = ", ".join(str(effect.get("name")) if isinstance(effect, dict) else str(effect) for effect in model.effects)
-        raise BadInput(f"the model has effects that this version cannot simulate: {names}; empty its list `effects`")
+        names = [str(effect.get("name") if isinstance(effect, dict) else effect) for effect in model.effects]
+        raise BadInput(f"the model has effects that this version cannot simulate: {', '.join(names)}; "
+                       "empty its list `effects`")
     predictions: list[Prediction] = []
     for run in runs:
         kind = run.memory if memory == "auto" else memory
@@ -106,8 +107,8 @@ def estimate_states(model: Model, run: Recording) -> np.ndarray:
 
 
 def start_states(model: Model, run: Recording) -> tuple[np.ndarray, float, float]:
-    """Best states at the first sample, and the rms error in um of the samples that depend on them: with plays at rest, with
-    the best.
+    """Best states at the first sample, and the rms error in um of the samples that depend on them: with plays at rest,
+    with the best.
 
     One number is sought, the position from which the input came straight to where the run begins.
     """
@@ -124,7 +125,7 @@ def start_states(model: Model, run: Recording) -> tuple[np.ndarray, float, float
 
     def miss_um(position: float) -> float:
         error = measured - _firmware(model, run, states_after(position, x[0], r)).forward(run.command_V[used], rate)
-        error -= np.mean(error[samples:])  # drift since the fit, and plays that never move, must not be taken for memory
+        error -= np.mean(error[samples:])  # drift since the fit, and plays that never move, are not to pass for memory
         return float(np.sqrt(np.mean(error[:samples] ** 2)))
 
     positions = x[0] + np.linspace(-r[-1], r[-1], 41)
@@ -138,19 +139,22 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     """The drive that makes the actuator follow a column of `run`, sample by sample as the firmware computes it.
 
     Before the first sample the plays are as the metadata `memory` says: reset, a decaying sweep ended at the first
-    reference; unknown, estimated if the run also has command and displacement, else the model's own. Engine "f32" is the
-    firmware library, "f64" the same in double, "numpy" the independent reference. Returns the steps and the offset in um
-    that was removed from the reference: with `remove_offset` the mean error of the model's prediction of this run.
+    reference; unknown, estimated if the run also has command and displacement, else the model's own. Engines "f32" and
+    "q31" are the firmware library, "f64" the first in double, "numpy" the independent reference. Returns the steps and
+    the offset in um that was removed from the reference: with `remove_offset` the mean error of the model's prediction
+    of this run.
     """
     reference = run.columns[column]
     usable = reference[np.abs(reference) <= MAX_REFERENCE_UM]
     if not len(usable):
-        raise BadInput(f"{run.path}: {column} has no value within ±{MAX_REFERENCE_UM:g} um, the largest reference; check its unit")
+        raise BadInput(f"{run.path}: {column} has no value within ±{MAX_REFERENCE_UM:g} um, the largest reference; "
+                       "check its unit")
     offset = 0.0
     recorded = run.command_V is not None and run.displacement_um is not None
     if remove_offset:
         if not recorded:
-            raise BadInput(f"{run.path}: an offset can only be removed from a recording (command_V and displacement_um)")
+            raise BadInput(f"{run.path}: an offset can only be removed from a recording "
+                           "(command_V and displacement_um)")
         offset = score(simulate(model, [run])[0].predicted_um, run.displacement_um).offset_um
     if run.memory == "reset":
         model = replace(model, memory=rest_at(model, float(usable[0] - offset)))
@@ -160,7 +164,7 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
         model = replace(model, memory=within_drive(model))
     if engine == "numpy":
         return Steps(*operators.step(model, reference - offset, run.sample_time_s)[0]), offset
-    return Firmware(model, run.sample_time_s, engine).step(reference - offset), offset
+    return firmware.engine(model, run.sample_time_s, engine).step(reference - offset), offset
 
 
 def rest_at(model: Model, displacement_um: float) -> Memory:
@@ -174,7 +178,9 @@ def rest_at(model: Model, displacement_um: float) -> Memory:
 def within_drive(model: Model) -> Memory:
     """The model's memory, its plays moved to the nearest drive that may be output."""
     low, high = sorted((model.x_of(model.drive.min_V), model.x_of(model.drive.max_V)))
-    states = firmware.plays(np.clip(model.memory.plays_um[:1], low, high), model.thresholds_um, model.memory.plays_um)[1]
+    states = model.memory.plays_um
+    nearest = np.clip(states[:1], low, high)
+    states = firmware.plays(nearest, model.thresholds_um, states)[1]
     return replace(model.memory, x_um=float(states[0]), plays_um=states)
 
 
@@ -224,7 +230,7 @@ def _predict(model: Model, run: Recording, states_um: np.ndarray, memory: str) -
 
 def _fixed_point(first: Prediction, forward: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
                  rate_of: Callable[[np.ndarray], np.ndarray], stroke_um: float) -> Prediction:
-    """Sweeps from prediction to rate to prediction, with Anderson's mixing because plain sweeps overshoot at reversals."""
+    """Sweeps from prediction to rate to prediction; Anderson's mixing, because plain sweeps overshoot at reversals."""
     predicted, end, rho = first.predicted_um, first.states_um, first.rate_um_per_s
     points: list[np.ndarray] = []
     misses: list[np.ndarray] = []

@@ -101,8 +101,8 @@ def _check_paths(context: click.Context) -> None:
             raise BadInput(f"{name}: there is no folder {folder}; make it first")
         for other in (*paths["in"], *paths["out"][:k]):
             if os.path.realpath(name) == os.path.realpath(other) and os.path.basename(name) and not _is_device(name):
-                raise BadInput(f"{name}: would be written over {'an input' if other in paths['in'] else 'another output'}; "
-                               "choose another name")
+                kind = "an input" if other in paths["in"] else "another output"
+                raise BadInput(f"{name}: would be written over {kind}; choose another name")
 
 
 def _is_device(path: str) -> bool:
@@ -284,8 +284,9 @@ def _targets(sources: tuple[str, ...], output: str) -> list[Path]:
 @click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=click.Path(dir_okay=False), help="The drive.")
 @click.option("--min-V", "min_V", type=float, default=0.0, show_default=True, help="Lowest voltage, V.")
 @click.option("--max-V", "max_V", type=float, default=10.0, show_default=True, help="Highest voltage, V.")
-@click.option("--rest-V", "rest_V", type=float, help="Voltage at which the drive starts and ends, V. Default: the middle, where a sweep can decay from both "
-                   "sides; one that ends near an edge leaves a branch behind (memory unknown, not reset).")
+@click.option("--rest-V", "rest_V", type=float,
+              help="Voltage at which the drive starts and ends, V. Default: the middle, where a sweep can decay from "
+                   "both sides; one that ends near an edge leaves a branch behind (memory unknown, not reset).")
 @click.option("--sample-rate", "sample_rate_hz", type=float, default=10_000.0, show_default=True, metavar="HZ",
               help="Samples per second.")
 @click.option("--slew", "slew_V_per_s", type=float, metavar="V/S",
@@ -340,31 +341,38 @@ def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | N
 @command("fit")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", required=True, metavar="MODEL.json", type=click.Path(dir_okay=False), help="The model.")
-@click.option("--operators", type=int, default=9, show_default=True, metavar="N", help="Plays with a positive threshold.")
-@click.option("--deadzones", type=int, default=2, show_default=True, metavar="M", help="Dead zones of the saturation stage.")
+@click.option("--operators", type=int, default=9, show_default=True, metavar="N",
+              help="Plays with a positive threshold.")
+@click.option("--deadzones", type=int, default=2, show_default=True, metavar="M",
+              help="Dead zones of the saturation stage.")
 @click.option("--thresholds", "thresholds_um", type=Numbers(), metavar="UM,UM,...",
               help="Thresholds r_1, r_2, ... in um instead of equal intervals.")
 @click.option("--rate-independent", is_flag=True, help="Fit no rate law: slopes do not depend on rate.")
-@click.option("--rate-source", type=click.Choice(["displacement", "control"]), default="displacement", show_default=True,
-              help="Whose rate modulates the slopes.")
+@click.option("--rate-source", type=click.Choice(["displacement", "control"]), default="displacement",
+              show_default=True, help="Whose rate modulates the slopes.")
 @click.option("--rate-window", "rate_window_s", type=float, default=0.0, show_default=True, metavar="S",
               help="The firmware's rate is a difference over this time, s; 0: one sample.")
 @click.option("--rate-filter", "rate_filter_s", type=float, default=0.0, show_default=True, metavar="S",
               help="Time constant of the firmware's low-pass on the rate, s; 0: none.")
 @click.option("--min-slope-ratio", type=float, default=0.2, show_default=True, metavar="RATIO",
               help="The guard clamps the rate where a slope has fallen to this share of its value at rest.")
-@click.option("--min-V", "min_V", type=float, metavar="V", help="Lowest drive the firmware may output. Default: lowest recorded.")
+@click.option("--min-V", "min_V", type=float, metavar="V",
+              help="Lowest drive the firmware may output. Default: lowest recorded.")
 @click.option("--max-V", "max_V", type=float, metavar="V", help="Highest drive. Default: highest recorded.")
-@click.option("--slew", "slew_V_per_s", type=float, metavar="V/S", help="Fastest change of the drive. Default: no limit.")
-@click.option("--dac-bits", type=int, metavar="BITS", help="Codes of the DAC span --min-V to --max-V. Default: no codes.")
+@click.option("--slew", "slew_V_per_s", type=float, metavar="V/S",
+              help="Fastest change of the drive. Default: no limit.")
+@click.option("--dac-bits", type=int, metavar="BITS",
+              help="Codes of the DAC span --min-V to --max-V. Default: no codes.")
 @click.option("--actuator", metavar="TEXT", help="Name kept in the model. Default: the first recording's.")
 @click.option("--hold-out", multiple=True, metavar="RUN", type=click.Path(dir_okay=False),
               help="A recording to score the model on, not fitted; may be given several times.")
 @click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
-              help="Exit with status 1 if any held-out run (without any: any run) is predicted worse than this, % of stroke.")
-@click.option("--report", metavar="DIR", type=click.Path(file_okay=False), help="Write fit.png (loops, slopes, residual) and fit.json there.")
-def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_percent: float | None, report: str | None,
-        **options: Any) -> dict[str, Any]:
+              help="Exit with status 1 if any held-out run (without any: any run) is predicted worse than this, "
+                   "% of stroke.")
+@click.option("--report", metavar="DIR", type=click.Path(file_okay=False),
+              help="Write fit.png (loops, slopes, residual) and fit.json there.")
+def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_percent: float | None,
+        report: str | None, **options: Any) -> dict[str, Any]:
     """Identify a model from recordings.
 
     One bounded least-squares problem over all samples of all runs. Recordings at several rates and amplitudes, with
@@ -397,8 +405,8 @@ def _print_fit(result: Any, output: str) -> None:
     from . import chain
 
     model = result.model
-    click.echo(f"{output}: {len(model.slopes) - 1} plays, {len(model.deadzones_um) - 1} dead zones, stroke {model.stroke_um:.5g} um, "
-               f"noise {result.noise_um:.2g} um rms")
+    click.echo(f"{output}: {len(model.slopes) - 1} plays, {len(model.deadzones_um) - 1} dead zones, "
+               f"stroke {model.stroke_um:.5g} um, noise {result.noise_um:.2g} um rms")
     _print_scores([(run.recording.path, run.score, "held out" if run.held_out else "fitted") for run in result.scores])
     bands = result.rate_slopes
     top = model.rate.identified_um_per_s
@@ -409,9 +417,11 @@ def _print_fit(result: Any, output: str) -> None:
         click.echo(f"  {label:>20}" + "".join(f"{'-' if np.isnan(slope) else f'{slope:.3f}':>7}" for slope in slopes))
     dependent, independent = (100 * residual for residual in result.residual)
     if dependent != independent:
-        click.echo(f"residual of the regression: {dependent:.3g} % rms of the stroke, without the rate law {independent:.3g} %")
+        click.echo(f"residual of the regression: {dependent:.3g} % rms of the stroke, "
+                   f"without the rate law {independent:.3g} %")
     low, high = chain.reachable_um(model)
-    click.echo(f"reachable displacement: {low:.5g} to {high:.5g} um; references are displacements as the sensor reads them")
+    click.echo(f"reachable displacement: {low:.5g} to {high:.5g} um; "
+               "references are displacements as the sensor reads them")
     singular = model.rate.singular_um_per_s
     click.echo(f"rates identified up to {top:.4g} um/s; guard at {model.rate.max_um_per_s:.4g} um/s"
                + (f"; a slope reaches zero at {singular:.4g} um/s" if singular else ""))
@@ -423,7 +433,8 @@ def _print_scores(rows: list[tuple[str, Any, str]]) -> None:
     width = max(len(path) for path, _, _ in rows)
     click.echo(f"  {'':{width}}  {'rms um':>9} {'max um':>9} {'rms %':>7} {'max %':>7}   (% of the run's stroke)")
     for path, score, remark in rows:
-        click.echo(f"  {path:{width}}  {score.rms_um:9.4g} {score.max_um:9.4g} {score.rms_percent:7.3f} {score.max_percent:7.3f}   {remark}")
+        click.echo(f"  {path:{width}}  {score.rms_um:9.4g} {score.max_um:9.4g} "
+                   f"{score.rms_percent:7.3f} {score.max_percent:7.3f}   {remark}")
 
 
 def _write_fit_report(result: Any, runs: list[Any], folder: Path, summary: dict[str, Any]) -> None:
@@ -438,26 +449,42 @@ def _write_fit_report(result: Any, runs: list[Any], folder: Path, summary: dict[
 
 @command("header")
 @click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
-@click.option("-o", "--output", required=True, metavar="rdpi_params.h", type=click.Path(dir_okay=False), help="The header.")
+@click.option("-o", "--output", required=True, metavar="rdpi_params.h", type=click.Path(dir_okay=False),
+              help="The header.")
 @click.option("--name", default="rdpi_params", show_default=True, metavar="NAME",
               help="C name of the parameters, for several actuators in one firmware.")
-def header(model: str, output: str, name: str) -> dict[str, Any]:
+@click.option("--sweep-end-V", "sweep_end_V", type=float, metavar="V",
+              help="Where rdpi_f32_sweep ends. Default: the model's, drive.sweep_end_V, or what holds its memory.")
+@click.option("--sweep-cycles", type=int, metavar="N", help="Cycles of that sweep. Default: the model's, or 20.")
+@click.option("--sweep-rate", "sweep_V_per_s", type=float, metavar="V/S",
+              help="Its speed. Default: the model's, or 20 Hz over the whole range, or what its slew limit allows.")
+def header(model: str, output: str, name: str, **sweep: float | None) -> dict[str, Any]:
     """Generate the C header that the firmware compiles in. The same model gives the same bytes."""
-    from .header import write_header
+    from dataclasses import replace
+
+    from .header import fixed_point, write_header
     from .model import read_model
 
     parameters = read_model(model)
+    parameters.drive = replace(parameters.drive, **{key: value for key, value in sweep.items() if value is not None})
     write_header(parameters, output, name, source=model)
     click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones, "
-               f"starts from {parameters.memory.x_um / parameters.gain_um_per_V + parameters.offset_V:.6g} V")
+               f"starts from {parameters.memory.x_um / parameters.gain_um_per_V + parameters.offset_V:.6g} V, "
+               f"start-up sweep ends at {parameters.sweep_end():.6g} V")
     for need, default, maximum in ((len(parameters.slopes), 16, "RDPI_MAX_PLAYS"),
                                    (len(parameters.deadzones_um), 8, "RDPI_MAX_DEADZONES")):
         if need > default:
             click.echo(f"note: compile the library and its users with -D{maximum}={need} (default {default})")
     if parameters.rate.window_s:
-        click.echo(f"note: the rate window spans {parameters.rate.window_s:g} s times the samples per second; above 16 samples "
-                   "compile with -DRDPI_MAX_WINDOW=...")
-    return {"file": output, "name": name, "digest": parameters.digest()}
+        click.echo(f"note: the rate window spans {parameters.rate.window_s:g} s times the samples per second; "
+                   "above 16 samples compile with -DRDPI_MAX_WINDOW=...")
+    if parameters.shortest_sample_s() > 1e-6:
+        click.echo(f"note: at {parameters.drive.sweep_speed():.4g} V/s the start-up sweep is too slow for more than "
+                   f"{1 / parameters.shortest_sample_s():.3g} samples per second; rdpi_f32_init refuses them")
+    q31, reason = fixed_point(parameters)
+    if q31 is None:
+        click.echo(f"note: single precision only, not fixed point: {reason}")
+    return {"file": output, "name": name, "digest": parameters.digest(), "q31": q31 is not None}
 
 
 @command("simulate")
@@ -497,14 +524,15 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
         low_V, high_V = parameters.drive.min_V, parameters.drive.max_V
         beyond = max(low_V - run.command_V.min(), run.command_V.max() - high_V)
         if beyond > 0.01 * (high_V - low_V):
-            click.echo(f"note: {run.path}: the command goes {beyond:.3g} V beyond the model's drive range, {low_V:g} to {high_V:g} V")
+            click.echo(f"note: {run.path}: the command goes {beyond:.3g} V beyond the model's drive range, "
+                       f"{low_V:g} to {high_V:g} V")
         guarded = float((prediction.rate_um_per_s > parameters.rate.max_um_per_s).mean())
         if guarded > 0.01:
             click.echo(f"note: {run.path}: in {100 * guarded:.2g} % of the samples the rate was beyond the guard, "
                        f"{parameters.rate.max_um_per_s:.4g} um/s, and clamped")
         if not prediction.settled:
-            click.echo(f"note: {run.path}: the prediction's own rate did not settle; treat it with care, or fit with a longer "
-                       "--rate-window")
+            click.echo(f"note: {run.path}: the prediction's own rate did not settle; treat it with care, "
+                       "or fit with a longer --rate-window")
     if not scores:
         return {"runs": [], "rms_percent": None, "max_percent": None, "gate_failed": False}
     _print_scores(scores)
@@ -516,8 +544,8 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
     if failed:
         click.echo(f"rdpi: above the {max_rms_percent:g} % rms allowed by --max-rms", err=True)
     return {"runs": [{"file": path, **score._asdict(), "memory": remark.split()[-1]} for path, score, remark in scores],
-            "rms_percent": (squares / sum(weights)) ** 0.5, "max_percent": max(score.max_percent for _, score, _ in scores),
-            "gate_failed": failed}
+            "rms_percent": (squares / sum(weights)) ** 0.5,
+            "max_percent": max(score.max_percent for _, score, _ in scores), "gate_failed": failed}
 
 
 @command("compensate")
@@ -525,19 +553,21 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
 @click.argument("reference", metavar="REFERENCE.csv", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=click.Path(dir_okay=False),
               help="The reference's columns and command_V, rate_um_per_s, flags and, with --dac-bits, dac_code.")
-@click.option("--engine", type=click.Choice(["f32", "f64", "numpy"]), default="f32", show_default=True,
-              help="f32: the firmware library; f64: the same in double; numpy: the independent reference.")
+@click.option("--engine", type=click.Choice(["f32", "q31", "f64", "numpy"]), default="f32", show_default=True,
+              help="f32: the firmware library; q31: the same in fixed point; f64: in double; numpy: the independent "
+                   "reference.")
 @click.option("--dac-bits", type=int, metavar="BITS", help="Output codes of this many bits. Default: the model's.")
 @click.option("--reference-column", default="reference_um", show_default=True, metavar="COLUMN",
               help="Column to follow; displacement_um of a recording shows how well its command is recovered.")
-@click.option("--remove-offset", is_flag=True, help="First remove the recording's mean deviation from the model (thermal drift).")
+@click.option("--remove-offset", is_flag=True,
+              help="First remove the recording's mean deviation from the model (thermal drift).")
 def compensate(model: str, reference: str, output: str, engine: str, dac_bits: int | None, reference_column: str,
                remove_offset: bool) -> dict[str, Any]:
     """Run the inverse as the firmware does: reference in um to drive in V.
 
     flags are the sum of 1 (rate clamped by the guard), 2 (drive clipped to its range), 4 (drive clipped by its slew
-    limit) and 8 (reference not usable, drive held). If REFERENCE.csv has a command_V it is kept as recorded_V, and the
-    computed drive is compared with it.
+    limit), 8 (reference not usable, drive held) and 16 (the first after such samples). If REFERENCE.csv has a command_V
+    it is kept as recorded_V, and the computed drive is compared with it.
     """
     from dataclasses import replace
 
@@ -545,12 +575,15 @@ def compensate(model: str, reference: str, output: str, engine: str, dac_bits: i
 
     from . import chain
     from .model import read_model
+    from .parameters import q31
     from .recording import read_recording, write_recording
 
     parameters = read_model(model)
     if dac_bits is not None:
         parameters.drive = replace(parameters.drive, dac_bits=dac_bits)
         parameters.validate(model)
+    if engine == "q31":
+        q31(parameters, model)  # refuses by the file's name
     run = read_recording(reference, required=("time_s", reference_column))
     with progress("compensating"):
         steps, offset = chain.follow(parameters, run, reference_column, engine, remove_offset)
@@ -561,15 +594,16 @@ def compensate(model: str, reference: str, output: str, engine: str, dac_bits: i
     if parameters.drive.dac_bits:
         columns["dac_code"] = steps.dac_code.astype(float)
     result: dict[str, Any] = {"file": output, "engine": engine, "samples": len(run)}
-    for name, bit in (("guard", 1), ("range", 2), ("slew", 4), ("input", 8)):
+    for name, bit in (("guard", 1), ("range", 2), ("slew", 4), ("input", 8), ("missed", 16)):
         result[f"{name}_count"] = int(((steps.flags & bit) > 0).sum())
     flagged = ", ".join(f"{result[f'{name}_count']} {name}" for name in ("guard", "range", "slew", "input"))
     if result["range_count"]:
         low, high = chain.reachable_um(parameters)
         reference_um = columns["reference_um"][np.isfinite(columns["reference_um"])] - offset
-        click.echo(f"note: the drive was clipped; reachable {low:.5g} to {high:.5g} um, asked for {reference_um.min():.5g} to "
-                   f"{reference_um.max():.5g} um")
-    click.echo(f"{output}: {len(run)} samples, {steps.drive_V.min():.6g} to {steps.drive_V.max():.6g} V, flagged: {flagged}")
+        click.echo(f"note: the drive was clipped; reachable {low:.5g} to {high:.5g} um, "
+                   f"asked for {reference_um.min():.5g} to {reference_um.max():.5g} um")
+    click.echo(f"{output}: {len(run)} samples, {steps.drive_V.min():.6g} to {steps.drive_V.max():.6g} V, "
+               f"flagged: {flagged}")
     if run.command_V is not None:
         columns["recorded_V"] = run.command_V
     if run.command_V is not None and np.ptp(run.command_V) > 0:
@@ -585,8 +619,8 @@ def compensate(model: str, reference: str, output: str, engine: str, dac_bits: i
 @command("plot")
 @click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
-@click.option("-o", "--output", default="rdpi.png", show_default=True, metavar="PICTURE", type=click.Path(dir_okay=False),
-              help="The picture, .png, .svg or .pdf.")
+@click.option("-o", "--output", default="rdpi.png", show_default=True, metavar="PICTURE",
+              type=click.Path(dir_okay=False), help="The picture, .png, .svg or .pdf.")
 def plot(model: str, runs: tuple[str, ...], output: str) -> dict[str, Any]:
     """Draw loops, slopes against rate, the prediction where it is worst, and the residual."""
     from . import chain, identify, report

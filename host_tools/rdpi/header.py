@@ -1,36 +1,37 @@
-"""The C header of one actuator: a model as the const parameters that rdpi_f32_init takes (lib/include/rdpi/rdpi.h)."""
+"""The C header of one actuator: a model as the const parameters that rdpi_f32_init and rdpi_q31_init take; see
+lib/include/rdpi/f32.h and q31.h."""
 
 from __future__ import annotations
 
 import os
 import re
 import unicodedata
-from operator import attrgetter
+from collections.abc import Callable
 from typing import Any
 
 import jinja2
 import numpy as np
 
-from . import version
+from . import firmware, parameters, version
 from .errors import BadInput
-from .firmware import Firmware, scalars
+from .firmware import Firmware, FixedPoint
 from .model import Model
+from .parameters import INT32_MAX, Q31
 from .recording import atomic_write
 
-SCHEMA = 1  # of rdpi_f32_params_t as the template fills it in; the header compares it with the library's
+SCHEMA = 2  # of the parameters as the template fills them in; the header compares it with the library's
 NAME = "rdpi_params"
 
-# Fields of rdpi_f32_params_t in its order, and what the header says of each; for arrays also key in the model and length.
-ARRAYS = {
-    "thresholds_um": ("thresholds_um", "PLAYS", "r_0 = 0 < r_1 < ... < r_n, um: play thresholds (eq. 1)"),
-    "slopes": ("slopes", "PLAYS", "W_0 ... W_n at rate 0: slopes of the loading curve, not play weights (eq. 15)"),
-    "slope_rate_s_per_um": ("slope_rate_s_per_um", "PLAYS", "c_0 ... c_n, s/um: W_i(rate) = W_i + c_i rate (eq. 14)"),
-    "deadzones_um": ("deadzones_um", "DEADZONES", "d_0 = 0 < d_1 < ... < d_m, um: dead-zone thresholds (eq. 7)"),
-    "deadzone_weights": ("deadzone_weights", "DEADZONES", "ws_0 ... ws_m: dead-zone weights (eq. 8)"),
-    "memory_um": ("memory.plays_um", "PLAYS", "y_0 ... y_n, um: the plays at power up; y_0 is x"),
+# What the header says of the fields of rdpi_f32_params_t, in its order. Tables: type, length, columns.
+TABLES = {
+    "play": ("rdpi_f32_play_t", "PLAYS", "r, um; W at rate 0; c, s/um; intercept at rate 0, um, and its change, s"),
+    "saturation": ("rdpi_f32_deadzone_t", "DEADZONES", "S (eq. 8): d, um; weight"),
+    "inverse_saturation": ("rdpi_f32_deadzone_t", "DEADZONES", "S^-1 (eq. 13): d, um; weight"),
+    "memory_um": ("rdpi_real_t", "PLAYS", "y_0 ... y_n, um: the plays at power up; y_0 is x"),
 }
 SCALARS = {
     "gain_um_per_V": "um/V: x = gain (V - offset_V)",
+    "V_per_um": "1 / gain",
     "offset_V": "V",
     "offset_um": "um: displacement = z + offset_um",
     "rate_window_s": "s: the rate is a difference over this time ...",
@@ -40,6 +41,39 @@ SCALARS = {
     "min_V": "V: output range",
     "max_V": "V",
     "slew_V_per_s": "V/s: largest change of the output; 0: unlimited",
+    "sweep_V_per_s": "V/s: speed of the start-up sweep ...",
+    "sweep_end_V": "V: ... and where it ends",
+}
+
+# The same for rdpi_q31_params_t; scalars also with what C has after a literal of their type.
+Q31_TABLES = {
+    "play": ("rdpi_q31_play_t", "PLAYS", "r; W at rate 0, and its change up to the guard; 2^30 is the largest W"),
+    "saturation": ("rdpi_q31_deadzone_t", "DEADZONES", "S (eq. 8): d; weight"),
+    "inverse_saturation": ("rdpi_q31_deadzone_t", "DEADZONES", "S^-1 (eq. 13): d; weight"),
+    "memory": ("int32_t", "PLAYS", "y_0 ... y_n: the plays at power up; y_0 is x"),
+}
+Q31_SCALARS = {
+    "slew_per_us": ("ull", "largest change of the output, drive units per us times 2^32; 0: unlimited"),
+    "sweep_per_us": ("ull", "speed of the start-up sweep, likewise"),
+    "plays": ("", ""),
+    "deadzones": ("", ""),
+    "dac_bits": ("", ""),
+    "sweep_cycles": ("", "of the start-up sweep"),
+    "saturation_shift": ("", "of the weights of S"),
+    "inverse_shift": ("", "of the weights of S^-1"),
+    "code_shift": ("", "of codes_per_drive"),
+    "drive_shift": ("", "of drive_per_code"),
+    "guard_exponent": ("", "the guard is guard_mantissa 2^guard_exponent reference units per ns"),
+    "min_slope_ratio": ("", "of 65536: what is left of every slope at the guard, at least"),
+    "guard_mantissa": ("u", ""),
+    "rate_window_ns": ("u", "ns: the rate is a difference over this time ..."),
+    "rate_filter_ns": ("u", "ns: ... through a low-pass of this time constant"),
+    "min_drive": ("", "output range"),
+    "max_drive": ("", ""),
+    "code_0_drive": ("", ""),
+    "codes_per_drive": ("", "times 2^code_shift"),
+    "drive_per_code": ("", "times 2^drive_shift"),
+    "sweep_end": ("", "drive at which the start-up sweep ends"),
 }
 
 # Of C and C++ to date and of GNU's compilers; types and macros of the headers that rdpi.h includes.
@@ -69,17 +103,18 @@ def render(model: Model, name: str = NAME, source: str = "") -> str:
     where = source or "model"
     model.validate(where)
     try:
-        Firmware(model, max(model.rate.window_s, 1e-3), "f32")  # at a sample time for which the window is short
+        Firmware(model, _sample_time_s(model), "f32")
     except BadInput as error:
         raise BadInput(f"{where}: rounded to single precision, {error}; move the model away from this limit") from None
-    fields = scalars(model)
+    single = parameters.f32(model)
     return _TEMPLATES.get_template("rdpi_params.h.j2").render(
         name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(_file_name(source)),
         actuator=comment(model.actuator), digest=model.digest(), rate_source=model.rate.source, runs=_runs(model.fit),
-        plays=len(model.thresholds_um), deadzones=len(model.deadzones_um), dac_bits=int(fields["dac_bits"]),
-        arrays=[(field, length, text, [literal(value) for value in attrgetter(key)(model)])
-                for field, (key, length, text) in ARRAYS.items()],
-        scalars=[(field, text, literal(fields[field])) for field, text in SCALARS.items()])
+        plays=single.plays, deadzones=single.deadzones, dac_bits=single.dac_bits, sweep_cycles=single.sweep_cycles,
+        params_digest=f"0x{firmware.digest(single):08X}u",
+        tables=[(field, *about, _rows(getattr(single, field), literal)) for field, about in TABLES.items()],
+        scalars=[(field, text, literal(getattr(single, field))) for field, text in SCALARS.items()],
+        **_q31_parts(*fixed_point(model)))
 
 
 def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "") -> None:
@@ -87,9 +122,46 @@ def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, s
     atomic_write(path, render(model, name, source))
 
 
+def fixed_point(model: Model) -> tuple[Q31 | None, str]:
+    """The parameters in fixed point, or None and the reason why this valid model has none."""
+    try:
+        return FixedPoint(model, _sample_time_s(model)).parameters, ""
+    except BadInput as error:
+        return None, str(error).rpartition("no fixed point: ")[2]
+
+
+def _sample_time_s(model: Model) -> float:
+    """One for which the rate window is short and the start-up sweep fast enough."""
+    return max(model.rate.window_s, 1e-3, 2 * model.shortest_sample_s())
+
+
+def _q31_parts(numbers: Q31 | None, reason: str) -> dict[str, Any]:
+    if numbers is None:
+        return {"q31": False, "q31_reason": comment(reason, 300)}
+    scale = numbers.scale
+    reach_um = INT32_MAX * scale.um_per_reference
+    return {
+        "q31": True, "q31_digest": f"0x{firmware.digest(numbers):08X}u",
+        "q31_tables": [(field, *about, _rows(getattr(numbers, field), str)) for field, about in Q31_TABLES.items()],
+        "q31_scalars": [(field, text, f"{getattr(numbers, field)}{suffix}")
+                        for field, (suffix, text) in Q31_SCALARS.items()],
+        "q31_scale": {key: f"({float(value)!r})" for key, value in (
+            ("per_um", 1 / scale.um_per_reference), ("um", scale.um_per_reference), ("offset_um", scale.offset_um),
+            ("V", scale.V_per_drive), ("offset_V", scale.offset_V))},
+        "q31_reach": [f"{scale.offset_um + sign * reach_um:.6g}" for sign in (-1, 1)]}
+
+
 def literal(value: float) -> str:
     """A C literal that reads back as the float32 nearest to `value`, bit for bit: nine significant digits do."""
     return f"{float(np.float32(value)):#.9g}f"
+
+
+def _rows(table: np.ndarray, text: Callable[[float], str]) -> list[str]:
+    """The rows of an initialiser: one struct each, or of a plain array six numbers each."""
+    if table.ndim == 2:
+        return ["{" + ", ".join(map(text, row)) + "}," for row in table]
+    numbers = list(map(text, table))
+    return [", ".join(numbers[k:k + 6]) + "," for k in range(0, len(numbers), 6)]
 
 
 def comment(text: str, length: int = 100) -> str:

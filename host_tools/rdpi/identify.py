@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,8 @@ import numpy as np
 from . import chain, firmware, operators, signals
 from .errors import BadInput
 from .intake import LARGEST_INPUT, check_run, check_together, correlation, reversals, stays_at_an_end
-from .model import MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, guard_rates
+from .model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate,
+                    guard_rates)
 from .recording import Recording
 
 SLOPE_FLOOR = 0.05  # no slope of a loading curve falls below this within the identified rates
@@ -31,13 +33,13 @@ GRID = np.linspace(0.12, 0.88, 20)  # candidate dead zones, as shares of the dis
 GRID_GAP = 3  # dead zones closer than this many candidates cannot be told apart
 # The prior: what the model cannot explain must not bend the slopes, so its strength follows the residual. Each weight
 # times the relative residual times a slope's departure (bend along the curve, bend and size of the rate law, saturation
-# away from a straight line) weighs as much as that residual in every sample. Chosen on the measured record's second file
-# and on the virtual benches, where they lie on a wide plateau.
+# away from a straight line) weighs as much as that residual in every sample. Chosen on the measured record's second
+# file and on the virtual benches, where they lie on a wide plateau.
 PRIOR_BEND, PRIOR_RATE_BEND, PRIOR_RATE, PRIOR_SATURATION = 2.5, 25.0, 0.75, 2.5
 MAX_RATE_TIME_S = 1e3
 MIN_SAMPLES_PER_UNKNOWN = 5
 POOR_PERCENT = 3.0  # rms of the stroke, from which a run is remarked on
-RESET_DOUBT = 0.7  # error of a run's beginning with the best state, relative to that at rest, from which reset is doubted
+RESET_DOUBT = 0.7  # error of a run's beginning with the best state, relative to that at rest; below it reset is doubted
 RATE_HEADROOM = 1.25  # the guard never lies beyond the highest identified rate times this
 OTHER_SOURCE = 0.6  # residual with the other rate source, relative to this one's, from which it is worth a remark
 RATE_BINS = 8
@@ -66,7 +68,7 @@ class Options:
 
 
 class RateSlopes(NamedTuple):
-    """Slopes fitted to narrow bands of rate one by one, to be compared with the lines of the model (Fig. 7 of the paper)."""
+    """Slopes fitted to narrow bands of rate one by one, to compare with the model's lines (Fig. 7 of the paper)."""
 
     rate_um_per_s: np.ndarray  # (bands,)
     slopes: np.ndarray  # (bands, n + 1); NaN where the band's data do not reach the interval
@@ -120,7 +122,7 @@ class _Plant(NamedTuple):
 
 def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Sequence[Recording] = (),
         progress: Callable[[float], None] = lambda fraction: None) -> Fit:
-    """Identify a model from `runs`, score it on them and on `hold_out`. Raises BadInput for runs that cannot be fitted."""
+    """Identify a model from `runs`, score it on them and on `hold_out`. BadInput is raised if they cannot be fitted."""
     for run in (*runs, *hold_out):
         check_run(run)
     _check_options(options)
@@ -144,14 +146,15 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     usable = np.concatenate([run.rate_um_per_s[run.first:] for run in prepared])
     top = float(np.percentile(usable, 99.9))
     if top <= 0:
-        raise BadInput(f"{runs[0].path}: the displacement never moves after warm-up; record a drive that moves the actuator")
+        raise BadInput(f"{runs[0].path}: the displacement never moves after warm-up; "
+                       "record a drive that moves the actuator")
     grid = low_um + GRID * (high_um - low_um)
     columns = _Columns(thresholds, grid, 0.0 if options.rate_independent else top)
     factor, means, samples = _reduce(prepared, columns, stroke, lambda share: progress(0.6 * share))
     unknowns = columns.plays + options.deadzones + len(runs)
     if samples < MIN_SAMPLES_PER_UNKNOWN * unknowns:
-        raise BadInput(f"{runs[0].path}: {samples} samples after warm-up for {unknowns} unknowns; record longer, state the memory, "
-                       "or use fewer --operators")
+        raise BadInput(f"{runs[0].path}: {samples} samples after warm-up for {unknowns} unknowns; "
+                       "record longer, state the memory, or use fewer --operators")
     plant = _search(factor, columns, options.deadzones, samples)
 
     if not options.rate_independent:
@@ -173,8 +176,8 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s, guard,
                   singular if np.isfinite(singular) else None, options.min_slope_ratio,
                   min(smoothing_s), top),
-        drive=Drive(low_V if options.min_V is None else options.min_V, high_V if options.max_V is None else options.max_V,
-                    options.slew_V_per_s, options.dac_bits),
+        drive=Drive(low_V if options.min_V is None else options.min_V,
+                    high_V if options.max_V is None else options.max_V, options.slew_V_per_s, options.dac_bits),
         memory=Memory(float(first.x_um[0]), first.states_um),
         actuator=options.actuator if options.actuator is not None else runs[0].metadata.get("actuator", ""),
     )
@@ -189,12 +192,14 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     model.fit = _record(scores, noise, warnings)
     bands = _rate_slopes(model, prepared)
     progress(1.0)
-    without = plant if options.rate_independent else _search(*_without_rate(factor, columns), options.deadzones, samples)
+    without = plant
+    if not options.rate_independent:
+        without = _search(*_without_rate(factor, columns), options.deadzones, samples)
     return Fit(model, (plant.residual, without.residual), scores, bands, noise, warnings)
 
 
-def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], columns: _Columns, options: Options, plant: _Plant,
-                     stroke: float, smoothing_s: Sequence[float], warnings: list[str]) -> None:
+def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], columns: _Columns, options: Options,
+                     plant: _Plant, stroke: float, smoothing_s: Sequence[float], warnings: list[str]) -> None:
     """Say so if the other source of the rate explains the recordings much better."""
     other = next(source for source in SOURCES if source != options.rate_source)
     rates = [_rate(run, used.x_um, other, options.rate_window_s, options.rate_filter_s, smoothing)
@@ -205,8 +210,8 @@ def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], column
     for _ in range(3):  # the prior follows the residual
         residual = _solve(factor, columns, plant.picks, samples, residual).residual
     if residual < OTHER_SOURCE * plant.residual:
-        warnings.append(f"the rate of the {other} explains these recordings better ({100 * residual:.2g} % rms of the stroke "
-                        f"against {100 * plant.residual:.2g} %): try --rate-source {other}")
+        warnings.append(f"the rate of the {other} explains these recordings better ({100 * residual:.2g} % rms of the "
+                        f"stroke against {100 * plant.residual:.2g} %): try --rate-source {other}")
 
 
 def _check_reset(model: Model, runs: Sequence[Recording], warnings: list[str]) -> None:
@@ -215,9 +220,9 @@ def _check_reset(model: Model, runs: Sequence[Recording], warnings: list[str]) -
         if run.memory == "reset":
             _, at_rest, best = chain.start_states(model, run)
             if best < RESET_DOUBT * at_rest and at_rest - best > 0.003 * model.stroke_um:
-                warnings.append(f"{run.path}: marked memory: reset, but its beginning is explained better by another state "
-                                f"({best:.2g} um rms against {at_rest:.2g}); did the sweep decay from both sides? "
-                                "Else mark it unknown")
+                warnings.append(f"{run.path}: marked memory: reset, but its beginning is explained better by another "
+                                f"state ({best:.2g} um rms against {at_rest:.2g}); did the sweep decay from both "
+                                "sides? Else mark it unknown")
 
 
 def _check_options(options: Options) -> None:
@@ -233,14 +238,14 @@ def _check_options(options: Options) -> None:
     for option, value in (("--min-V", options.min_V), ("--max-V", options.max_V)):
         if value is not None and not abs(value) <= LARGEST_INPUT:
             raise BadInput(f"{option} {value:g}: must be a voltage")
-    if options.slew_V_per_s is not None and not 0 < options.slew_V_per_s <= 1e12:
+    if options.slew_V_per_s is not None and not 0 < options.slew_V_per_s <= LARGEST:
         raise BadInput(f"--slew {options.slew_V_per_s:g}: must be positive, in V/s")
     if options.dac_bits is not None and not 1 <= options.dac_bits <= MAX_DAC_BITS:
         raise BadInput(f"--dac-bits {options.dac_bits}: must be 1 to {MAX_DAC_BITS}")
 
 
 def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> np.ndarray:
-    """r_0 = 0 ... r_n. A play with a threshold beyond half the largest excursion never moves: it cannot be identified."""
+    """r_0 = 0 ... r_n. A play with a threshold beyond half the largest excursion never moves: not to be identified."""
     reach = excursion_um / 2
     if options.thresholds_um is None:
         # n + 1 equal intervals up to the reach, so that the last slope is seen over as long a way as the others
@@ -252,8 +257,8 @@ def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> n
         raise BadInput(f"--thresholds: {len(wanted) - 1} of them; at most {MAX_PLAYS - 1}")
     hidden = wanted[wanted > 0.98 * reach]
     if len(hidden):
-        warnings.append(f"thresholds {', '.join(f'{r:g}' for r in hidden)} um not fitted: unobservable, beyond half the "
-                        f"largest excursion in the recordings ({reach:.4g} um)")
+        warnings.append(f"thresholds {', '.join(f'{r:g}' for r in hidden)} um not fitted: unobservable, "
+                        f"beyond half the largest excursion in the recordings ({reach:.4g} um)")
     return wanted[wanted <= 0.98 * reach]
 
 
@@ -273,14 +278,15 @@ def _prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds
         states = np.array(end) if carried else chain.states_after(x[0], x[0], thresholds)
         first = 0 if known else chain.warm_up(x, thresholds[-1])
         if first and reversals(x, 0.1, first) == 0:
-            raise BadInput(f"{run.path}: its memory is unknown, and the drive does not turn round any more once it has erased it; "
-                           "state the memory (reset, carried) or record longer")
+            raise BadInput(f"{run.path}: its memory is unknown, and the drive does not turn round any more once it has "
+                           "erased it; state the memory (reset, carried) or record longer")
         prepared.append(_Run(run, x, rate, states, first))
         end = firmware.plays(x, thresholds, states)[1]
     return prepared
 
 
-def _rate(run: Recording, x_um: np.ndarray, source: str, window_s: float, filter_s: float, smoothing_s: float) -> np.ndarray:
+def _rate(run: Recording, x_um: np.ndarray, source: str, window_s: float, filter_s: float,
+          smoothing_s: float) -> np.ndarray:
     """The rate that modulates the slopes; the command is free of noise and is not smoothed."""
     if source == "control":
         return signals.rate(x_um, run.sample_time_s, window_s, filter_s, 0.0)
@@ -310,13 +316,15 @@ class _Columns(NamedTuple):
                 share = (run.rate_um_per_s[part] / self.top_um_per_s)[:, None]
                 outputs = np.hstack([outputs * (1 - share), outputs * share])
             zone = np.maximum(z[part, None] - self.grid_um, 0)
-            block = np.hstack([np.ones((len(outputs), 1)), outputs, zone, z[part, None]])[max(0, run.first - start)::every]
+            block = np.hstack([np.ones((len(outputs), 1)), outputs, zone, z[part, None]])
+            block = block[max(0, run.first - start)::every]
             if len(block):
                 yield block
 
 
 def _reduce(runs: Sequence[_Run], columns: _Columns, stroke: float,
-            progress: Callable[[float], None] = lambda fraction: None, every: int = 1) -> tuple[np.ndarray, np.ndarray, int]:
+            progress: Callable[[float], None] = lambda fraction: None,
+            every: int = 1) -> tuple[np.ndarray, np.ndarray, int]:
     """Triangular factor of all columns with every run's mean removed (each run has its own offset), the means, samples.
 
     Displacements are in units of the stroke. Means are one row per run.
@@ -343,15 +351,18 @@ def _assemble(rows: np.ndarray, columns: _Columns, picks: Sequence[int]) -> tupl
     return np.hstack([rows[:, :columns.plays], -parts[:, 1:]]), parts[:, 0]
 
 
-def _prior(columns: _Columns, m: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and targets that keep the loading curve smooth, the rate law smooth and small, the saturation straight."""
-    n = len(columns.thresholds_um)
+@lru_cache(maxsize=16)
+def _prior(n: int, plays: int, m: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and targets that keep the loading curve smooth, the rate law smooth and small, the saturation straight.
+
+    For n slopes in as many columns, `plays`, or with a rate law twice as many, and m dead zones.
+    """
     bend, none = np.diff(np.eye(n), 2, axis=0), np.zeros
-    rows = [PRIOR_BEND * np.hstack([bend, none((len(bend), columns.plays + m - n))])]
-    if columns.plays > n:
+    rows = [PRIOR_BEND * np.hstack([bend, none((len(bend), plays + m - n))])]
+    if plays > n:
         rows.append(PRIOR_RATE_BEND * np.hstack([-bend, bend, none((len(bend), m))]))
         rows.append(PRIOR_RATE * np.hstack([-np.eye(n), np.eye(n), none((n, m))]))
-    straight = PRIOR_SATURATION * np.hstack([none((m, columns.plays)), np.eye(m)])
+    straight = PRIOR_SATURATION * np.hstack([none((m, plays)), np.eye(m)])
     rows.append(straight)
     return np.vstack(rows), np.r_[none(sum(map(len, rows)) - m), straight.sum(axis=1)]
 
@@ -362,7 +373,7 @@ def _solve(factor: np.ndarray, columns: _Columns, picks: tuple[int, ...], sample
 
     n, m = len(columns.thresholds_um), len(picks)
     design, target = _assemble(factor, columns, picks)
-    prior, wish = (residual * np.sqrt(samples) * part for part in _prior(columns, m))
+    prior, wish = (residual * np.sqrt(samples) * part for part in _prior(n, columns.plays, m))
     low = np.r_[np.full(columns.plays, SLOPE_FLOOR), np.full(m, PIECE_RANGE[0])]
     high = np.r_[np.full(columns.plays, np.inf), np.full(m, PIECE_RANGE[1])]
     both = np.vstack([design, prior]), np.r_[target, wish]
@@ -418,13 +429,14 @@ def _saturation(corners_um: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray,
     return deadzones, np.diff(1 / pieces, prepend=0.0)
 
 
-def _scores(model: Model, runs: Sequence[Recording], hold_out: Sequence[Recording], warnings: list[str]) -> list[RunScore]:
+def _scores(model: Model, runs: Sequence[Recording], hold_out: Sequence[Recording],
+            warnings: list[str]) -> list[RunScore]:
     scores = []
     everything = [*runs, *hold_out]
     for k, (run, prediction) in enumerate(zip(everything, chain.simulate(model, everything))):
         if not prediction.settled:
-            warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care, or fit with a "
-                            "longer --rate-window")
+            warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care, "
+                            "or fit with a longer --rate-window")
         score = chain.score(prediction.predicted_um, run.displacement_um, where=run.path)
         scores.append(RunScore(run, k >= len(runs), score, prediction.memory))
     return scores
@@ -465,7 +477,7 @@ def _rate_slopes(model: Model, runs: Sequence[_Run]) -> RateSlopes:
         factor[:, 1:] /= model.stroke_um
         residual = 1e-3
         for _ in range(3):  # the prior follows the residual, as in the fit itself
-            bend = residual * np.pad(_prior(columns, 0)[0], ((0, 0), (1, 0)))
+            bend = residual * np.pad(_prior(n, n, 0)[0], ((0, 0), (1, 0)))
             bound = np.eye(1, n + 1) * BAND_OFFSET  # runs drift, but hardly from one rate to the next
             design = np.vstack([factor[:, :-1], bend, bound])
             target = np.r_[factor[:, -1], np.zeros(len(bend) + 1)]
@@ -490,11 +502,12 @@ def _remark(plant: _Plant, scores: Sequence[RunScore], warnings: list[str]) -> N
             warnings.append(f"{path}: memory at the start unknown; estimated"
                             + ("" if run.held_out else ", and left out of the fit until the drive had erased it"))
         if stays:
-            warnings.append(f"{path}: {stays} samples stand at the very highest or lowest reading while the command moves: "
-                            "is the sensor clipped?")
+            warnings.append(f"{path}: {stays} samples stand at the very highest or lowest reading "
+                            "while the command moves: is the sensor clipped?")
         if run.score.rms_percent > POOR_PERCENT:
-            warnings.append(f"{path}: explained only to {run.score.rms_percent:.2g} % rms of its stroke: is it the same actuator, "
-                            "in the same units, without drift, delay or ringing? The model may not be fit for use")
+            warnings.append(f"{path}: explained only to {run.score.rms_percent:.2g} % rms of its stroke: "
+                            "is it the same actuator, in the same units, without drift, delay or ringing? "
+                            "The model may not be fit for use")
 
 
 def _record(scores: Sequence[RunScore], noise: float, warnings: Sequence[str]) -> dict:

@@ -25,10 +25,11 @@ def check_run(run: Recording) -> None:
         if largest > LARGEST_INPUT:
             raise BadInput(f"{run.path}: {name} reaches {largest:g}; check its unit")
     if np.ptp(command) == 0:
-        raise BadInput(f"{run.path}: command_V is constant at {command[0]:g} V; identification needs a drive that moves: "
-                       "leave this run out, or see `rdpi excite`")
+        raise BadInput(f"{run.path}: command_V is constant at {command[0]:g} V; "
+                       "identification needs a drive that moves: leave this run out, or see `rdpi excite`")
     if np.ptp(displacement) == 0:
-        raise BadInput(f"{run.path}: displacement_um is constant at {displacement[0]:g} um; check the sensor and its column")
+        raise BadInput(f"{run.path}: displacement_um is constant at {displacement[0]:g} um; "
+                       "check the sensor and its column")
     related = correlation(run)
     if abs(related) < MIN_CORRELATION:
         raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {related:.2f}); "
@@ -38,8 +39,8 @@ def check_run(run: Recording) -> None:
                        "record a drive that goes up and down, see `rdpi excite`")
     offset, stroke = float(np.mean(displacement)), float(np.ptp(displacement))
     if abs(offset) > MAX_OFFSET * stroke:
-        raise BadInput(f"{run.path}: displacement_um moves by {stroke:.3g} um at {offset:.6g} um; the firmware's single precision "
-                       "cannot carry both: subtract the offset first")
+        raise BadInput(f"{run.path}: displacement_um moves by {stroke:.3g} um at {offset:.6g} um; "
+                       "the firmware's single precision cannot carry both: subtract the offset first")
 
 
 def reversals(command: np.ndarray, share: float, first: int = 0) -> int:
@@ -57,12 +58,14 @@ def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> 
     digests = [run.digest for run in (*runs, *hold_out) if run.digest]
     for run in (*runs, *hold_out):
         if digests.count(run.digest) > 1:
-            raise BadInput(f"{run.path}: given twice (the same bytes); a run counts once, and one that is fitted is not held out")
+            raise BadInput(f"{run.path}: given twice (the same bytes); a run counts once, "
+                           "and one that is fitted is not held out")
     gains = [float(np.ptp(run.displacement_um) / np.ptp(run.command_V)) for run in runs]
     low, high = int(np.argmin(gains)), int(np.argmax(gains))
     if gains[high] > GAIN_SPREAD * gains[low]:
-        raise BadInput(f"{runs[high].path} moves {gains[high]:.3g} um/V and {runs[low].path} {gains[low]:.3g}: they are not in "
-                       "the same units, or not of the same actuator; check --command-gain and units of `rdpi import`")
+        raise BadInput(f"{runs[high].path} moves {gains[high]:.3g} um/V and {runs[low].path} {gains[low]:.3g}: "
+                       "they are not in the same units, or not of the same actuator; "
+                       "check --command-gain and units of `rdpi import`")
     largest = max(runs, key=lambda run: np.ptp(run.command_V))
     slope, zero = np.polyfit(largest.command_V, largest.displacement_um, 1)
     for run in runs:
@@ -70,8 +73,8 @@ def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> 
             raise BadInput(f"{run.path}: moves opposite to {largest.path}; one of them has the sign inverted")
         moved = float(np.mean(run.displacement_um) - slope * np.mean(run.command_V) - zero)
         if abs(moved) > np.ptp(largest.displacement_um) / 2:
-            raise BadInput(f"{run.path}: lies {moved:.4g} um from {largest.path} at the same command; the sensor's zero or the "
-                           "command's offset has changed: subtract it, or fit the runs apart")
+            raise BadInput(f"{run.path}: lies {moved:.4g} um from {largest.path} at the same command; "
+                           "the sensor's zero or the command's offset has changed: subtract it, or fit the runs apart")
 
 
 def correlation(run: Recording) -> float:

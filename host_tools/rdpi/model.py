@@ -24,19 +24,22 @@ from .recording import atomic_write
 SCHEMA = "rdpi-model/1"
 SOURCES = ("displacement", "control")
 MIN_SLOPE_RATIO = 0.2  # default of rate.min_slope_ratio
-TOLERANCE = 1e-5  # relative; what rounding to the firmware's float may cost (ROUNDING in lib/src/rdpi.c)
-LARGEST, TINY = float(np.finfo(np.float32).max), float(np.finfo(np.float32).tiny)
+TOLERANCE = 1e-5  # relative; what rounding to the firmware's float may cost (ROUNDING in lib/src/rdpi_f32.c)
+LARGEST, MIN_SPAN_V = 1e7, 1e-9  # MAX_NUMBER and MIN_SPAN_V there
+TINY, EPSILON = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).eps)
 MAX_OFFSET = 1000.0  # in ranges; leaves 0.01 % of the range to rounding
 MAX_PLAYS, MAX_DEADZONES = 129, 65  # of the library as firmware_build.py compiles it
 SECTIONS = "rate", "drive", "memory"
-NOT_NUMBERS = {*SECTIONS, "source", "extra", "actuator", "fit", "effects", "passport", "dac_bits", "singular_um_per_s",
-               "smoothing_s", "identified_um_per_s"}
+NOT_NUMBERS = {*SECTIONS, "source", "extra", "actuator", "fit", "effects", "passport", "dac_bits", "sweep_cycles",
+               "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
+WHOLE = "dac_bits", "sweep_cycles"
 MAX_DAC_BITS = 20  # RDPI_MAX_DAC_BITS
+SWEEP_CYCLES, MAX_SWEEP_CYCLES, SWEEP_HZ = 20, 10_000, 20.0  # of the start-up sweep
 
 
 @dataclass
 class Rate:
-    """How the rate is estimated and where the guard clamps it; see lib/include/rdpi/rate.h."""
+    """How the rate is estimated and where the guard clamps it; see rdpi_f32_params_t in lib/include/rdpi/f32.h."""
 
     source: str = "displacement"
     window_s: float = 0.0
@@ -57,7 +60,17 @@ class Drive:
     max_V: float = 1.0
     slew_V_per_s: float | None = None
     dac_bits: int | None = None
+    sweep_cycles: int = SWEEP_CYCLES  # of the start-up sweep
+    sweep_V_per_s: float | None = None  # its speed; None: SWEEP_HZ over the whole range, or what the slew limit allows
+    sweep_end_V: float | None = None  # where it ends; None: what holds the memory
     extra: dict[str, Any] = field(default_factory=dict)
+
+    def sweep_speed(self) -> float:
+        """Speed of the start-up sweep in V/s."""
+        if self.sweep_V_per_s is not None:
+            return self.sweep_V_per_s
+        usual = min(2 * (self.max_V - self.min_V) * SWEEP_HZ, LARGEST)
+        return usual if self.slew_V_per_s is None else min(usual, self.slew_V_per_s)
 
 
 @dataclass
@@ -71,7 +84,7 @@ class Memory:
 
 @dataclass
 class Model:
-    """One actuator. Arrays are float64: thresholds, slopes and slope rates (n + 1,), dead zones and weights (m + 1,)."""
+    """One actuator. Arrays are float64: thresholds, slopes, slope rates (n + 1,), dead zones and weights (m + 1,)."""
 
     gain_um_per_V: float
     offset_V: float
@@ -103,12 +116,20 @@ class Model:
         """Control input in um."""
         return self.gain_um_per_V * (command_V - self.offset_V)
 
+    def sweep_end(self) -> float:
+        """Drive in V at which the start-up sweep ends."""
+        if self.drive.sweep_end_V is not None:
+            return self.drive.sweep_end_V
+        end_V = self.memory.plays_um[0] / self.gain_um_per_V + self.offset_V
+        return float(min(max(end_V, self.drive.min_V), self.drive.max_V))
+
     def validate(self, where: str = "model") -> None:
         """Raise BadInput, naming the key and a remedy, unless the firmware would take these parameters."""
         self.validate_lengths(where)
         for key, maximum in (("thresholds_um", MAX_PLAYS), ("deadzones_um", MAX_DEADZONES)):
-            if len(getattr(self, key)) > maximum:
-                raise BadInput(f"{where}: {key}: has {len(getattr(self, key))} values, at most {maximum}; fit a smaller model")
+            length = len(getattr(self, key))
+            if length > maximum:
+                raise BadInput(f"{where}: {key}: has {length} values, at most {maximum}; fit a smaller model")
         self._validate_finite(where)
         self._validate_values(where)
         self._single_precision()._validate_values(f"{where}, in the firmware's single precision")
@@ -137,7 +158,8 @@ class Model:
         """Raise BadInput unless every array is as long as it must be."""
         n, m = len(self.thresholds_um), len(self.deadzones_um)
         for key, values, length, of in (
-                ("slopes", self.slopes, n, "threshold"), ("slope_rate_s_per_um", self.slope_rate_s_per_um, n, "threshold"),
+                ("slopes", self.slopes, n, "threshold"),
+                ("slope_rate_s_per_um", self.slope_rate_s_per_um, n, "threshold"),
                 ("deadzone_weights", self.deadzone_weights, m, "dead zone"),
                 ("memory.plays_um", self.memory.plays_um, n, "threshold")):
             if len(values) != length:
@@ -146,7 +168,7 @@ class Model:
     def _validate_finite(self, where: str) -> None:
         for key, value in self._numbers().items():
             if not np.all(np.abs(value) <= LARGEST):  # refuses NaN too
-                raise BadInput(f"{where}: {key}: must be finite, within ±{LARGEST:.3g}, the range of single precision")
+                raise BadInput(f"{where}: {key}: must be finite, within ±{LARGEST:g}, as the firmware requires")
 
     def _validate_values(self, where: str) -> None:
         def refuse(key: str, what: str) -> None:
@@ -156,27 +178,38 @@ class Model:
             if values[0] != 0 or np.any(np.diff(values) <= 0):
                 refuse(key, f"must start at 0 and increase, got {_short(values)}; sort the values, none twice")
 
-        if self.gain_um_per_V == 0:
-            refuse("gain_um_per_V", "is 0; x = gain (V - offset_V) needs a gain")
+        if not abs(self.gain_um_per_V) >= 1 / LARGEST:
+            refuse("gain_um_per_V", f"is {self.gain_um_per_V:g}; x = gain (V - offset_V) needs a gain, "
+                                    f"at least ±{1 / LARGEST:g} um/V")
         if not self.stroke_um > 0:
             refuse("stroke_um", f"is {self.stroke_um:g}; must be positive")
         ascending("thresholds_um", self.thresholds_um)
         if not np.all(self.slopes > 0):
             i = int(np.argmin(self.slopes))
             refuse(f"slopes[{i}]", f"is {self.slopes[i]:g}; every slope must be positive, or the model has no inverse")
+        for key, values in (("slopes", self.slopes), ("slope_rate_s_per_um", self.slope_rate_s_per_um)):
+            largest = np.max(np.abs(intercepts(self.thresholds_um, values)))
+            if largest > LARGEST:
+                refuse(key, f"with these thresholds_um its intercepts reach {largest:.3g}, beyond ±{LARGEST:g}, "
+                            "the firmware's limit; check the units of both")
         ascending("deadzones_um", self.deadzones_um)
         pieces = np.cumsum(self.deadzone_weights)
         if not np.all(pieces > 0):
             j = int(np.argmin(pieces))
-            refuse("deadzone_weights", f"the weights up to [{j}] sum to {pieces[j]:g}; every partial sum must be positive, "
-                                       "or the saturation stage has no inverse")
+            refuse("deadzone_weights", f"the weights up to [{j}] sum to {pieces[j]:g}; every partial sum must be "
+                                       "positive, or the saturation stage has no inverse")
+        with np.errstate(over="ignore"):
+            inverse = np.abs(inverse_saturation(self.deadzones_um, self.deadzone_weights))
+        if not np.all(inverse <= LARGEST):
+            refuse("deadzone_weights", f"partial sums of {pieces.min():.3g} to {pieces.max():.3g} make an inverse "
+                                       f"beyond ±{LARGEST:g}, the firmware's limit; fit with fewer dead zones")
         self._validate_rate(refuse)
         self._validate_drive(refuse)
         for key, offset, scale, unit in (("offset_um", self.offset_um, self.stroke_um, "um"),
                                          ("offset_V", self.offset_V, self.drive.max_V - self.drive.min_V, "V")):
             if abs(offset) > MAX_OFFSET * scale:
-                refuse(key, f"is {offset:g} {unit}, over {MAX_OFFSET:g} times the range of {scale:g} {unit}: single precision cannot "
-                            "carry both; subtract it before")
+                refuse(key, f"is {offset:g} {unit}, over {MAX_OFFSET:g} times the range of {scale:g} {unit}: "
+                            "single precision cannot carry both; subtract it before")
 
     def _validate_rate(self, refuse: Any) -> None:
         rate = self.rate
@@ -195,27 +228,52 @@ class Model:
             with np.errstate(over="ignore"):
                 i = int(np.argmin(fastest / self.slopes))
             limit = (1 - rate.min_slope_ratio) * guard_rates(self.slopes, self.slope_rate_s_per_um)[i]
-            refuse("rate.max_um_per_s", f"at {rate.max_um_per_s:g} um/s slope {i} has fallen to {fastest[i]:.3g}, below "
-                                        f"{rate.min_slope_ratio:g} of its {self.slopes[i]:.3g} at rest; use {limit:.4g} or less")
+            refuse("rate.max_um_per_s",
+                   f"at {rate.max_um_per_s:g} um/s slope {i} has fallen to {fastest[i]:.3g}, below "
+                   f"{rate.min_slope_ratio:g} of its {self.slopes[i]:.3g} at rest; use {limit:.4g} or less")
 
     def _validate_drive(self, refuse: Any) -> None:
         drive, memory = self.drive, self.memory
-        if not drive.min_V < drive.max_V or drive.max_V - drive.min_V > LARGEST:
-            refuse("drive", f"min_V {drive.min_V:g} must be below max_V {drive.max_V:g}, a finite span apart")
+        if not drive.max_V - drive.min_V >= MIN_SPAN_V:
+            refuse("drive", f"min_V {drive.min_V:g} must be below max_V {drive.max_V:g}, by {MIN_SPAN_V:g} V at least")
         if drive.slew_V_per_s is not None and not drive.slew_V_per_s > 0:
             refuse("drive.slew_V_per_s", f"is {drive.slew_V_per_s:g}; must be positive, or null for no limit")
         if drive.dac_bits is not None and not 1 <= drive.dac_bits <= MAX_DAC_BITS:
             refuse("drive.dac_bits", f"is {drive.dac_bits}; must be 1 to {MAX_DAC_BITS}, or null")
+        self._validate_sweep(refuse)
         if not math.isclose(memory.plays_um[0], memory.x_um, rel_tol=TOLERANCE, abs_tol=TOLERANCE * self.stroke_um):
-            refuse("memory.plays_um[0]", f"is {memory.plays_um[0]:g}, but must be x_um = {memory.x_um:g} (its threshold is 0)")
+            refuse("memory.plays_um[0]",
+                   f"is {memory.plays_um[0]:g}, but must be x_um = {memory.x_um:g} (its threshold is 0)")
         slack = TOLERANCE * (self.thresholds_um[-1] + np.abs(memory.plays_um[1:]))
         if np.any(np.abs(np.diff(memory.plays_um)) > np.diff(self.thresholds_um) + slack):
-            refuse("memory.plays_um", "no history leaves these states: neighbours may differ by no more than their thresholds do")
+            refuse("memory.plays_um",
+                   "no history leaves these states: neighbours may differ by no more than their thresholds do")
         with np.errstate(over="ignore"):
             start_V = memory.plays_um[0] / self.gain_um_per_V + self.offset_V
         slack = TOLERANCE * (drive.max_V - drive.min_V)
         if not drive.min_V - slack <= start_V <= drive.max_V + slack:
             refuse("memory.x_um", f"is held by {start_V:g} V, outside drive {drive.min_V:g} to {drive.max_V:g} V")
+
+    def _validate_sweep(self, refuse: Any) -> None:
+        drive, end_V, speed = self.drive, self.sweep_end(), self.drive.sweep_speed()
+        if not 1 <= drive.sweep_cycles <= MAX_SWEEP_CYCLES:
+            refuse("drive.sweep_cycles", f"is {drive.sweep_cycles}; must be 1 to {MAX_SWEEP_CYCLES}")
+        if not drive.min_V <= end_V <= drive.max_V:
+            refuse("drive.sweep_end_V", f"is {end_V:g} V, outside drive {drive.min_V:g} to {drive.max_V:g} V")
+        limited = "slew_V_per_s" if drive.slew_V_per_s else "max_V"
+        given = "drive." + (limited if drive.sweep_V_per_s is None else "sweep_V_per_s")
+        if not speed > 0:
+            refuse(given, f"is {speed:g}; must be positive")
+        if drive.slew_V_per_s is not None and speed > drive.slew_V_per_s:
+            refuse("drive.sweep_V_per_s", f"is {speed:g} V/s, above slew_V_per_s, {drive.slew_V_per_s:g}; "
+                                          "sweep no faster than the limit")
+        if self.shortest_sample_s() > 1:
+            refuse(given, f"a start-up sweep of {speed:g} V/s is too slow: in single precision the drive would not "
+                          "move from one sample to the next; allow a faster one or a wider range")
+
+    def shortest_sample_s(self) -> float:
+        """Sample time in s below which the firmware refuses: its drive could not move as slowly as the sweep."""
+        return 8 * EPSILON * float(abs(self.drive.min_V) + abs(self.drive.max_V)) / float(self.drive.sweep_speed())
 
     def to_json(self) -> dict[str, Any]:
         """The document as written, unknown keys included."""
@@ -234,6 +292,7 @@ class Model:
         """SHA-256 of what the firmware takes from the model: same behaviour, same digest."""
         bare = replace(self, extra={}, **{key: replace(getattr(self, key), extra={}) for key in SECTIONS})
         bare.rate = replace(bare.rate, smoothing_s=0.0, identified_um_per_s=None, singular_um_per_s=None)
+        bare.drive = replace(bare.drive, sweep_V_per_s=self.drive.sweep_speed(), sweep_end_V=self.sweep_end())
         document = bare.to_json()
         for key in ("tool", "actuator", "fit", "effects", "passport"):
             del document[key]
@@ -244,6 +303,18 @@ def guard_rates(slopes: np.ndarray, slope_rate_s_per_um: np.ndarray) -> np.ndarr
     """Rate in um/s at which each slope reaches zero, inf where it does not fall; shape (n + 1,)."""
     falling = slope_rate_s_per_um < 0
     return np.where(falling, slopes / np.where(falling, -slope_rate_s_per_um, 1), np.inf)
+
+
+def intercepts(thresholds_um: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """P_i of the loading curve W_i x - P_i: P_0 = 0, P_i = P_(i-1) + (W_i - W_(i-1)) r_i; or its change with c_i."""
+    return np.cumsum(np.diff(slopes, prepend=slopes[0]) * thresholds_um)
+
+
+def inverse_saturation(deadzones_um: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eq. 13: thresholds d'_j = S(d_j), and weights w'_j whose partial sums are one over those of the weights."""
+    slopes = np.cumsum(weights)
+    corners = np.concatenate([[0.0], np.cumsum(slopes[:-1] * np.diff(deadzones_um))])
+    return corners, np.diff(np.divide(1, slopes, out=np.zeros(len(slopes)), where=slopes != 0), prepend=0.0)
 
 
 def read_model(path: str | os.PathLike[str]) -> Model:
@@ -282,7 +353,7 @@ def _section_to_json(section: Rate | Drive | Memory) -> dict[str, Any]:
             continue
         if isinstance(value, np.ndarray):
             value = [float(v) for v in value]
-        elif value is not None and item.name not in ("source", "dac_bits"):
+        elif value is not None and item.name not in ("source", *WHOLE):
             value = float(value)
         document[item.name] = value
     return document
@@ -316,6 +387,12 @@ class _Reader:
             self.refuse(where + key, f"must be a finite number, got {json.dumps(value)[:40]}")
         return float(value)
 
+    def whole(self, document: dict[str, Any], key: str, where: str, default: int | None) -> int | None:
+        value = self.number(document, key, where, default=default)
+        if value is not None and value != int(value):
+            self.refuse(where + key, f"must be a whole number, got {value:g}")
+        return None if value is None else int(value)
+
     def numbers(self, document: dict[str, Any], key: str, where: str = "", **default: Any) -> np.ndarray:
         value = document.pop(key, default.get("default", ...))
         if value is ...:
@@ -336,16 +413,15 @@ class _Reader:
         document = dict(document)
         schema = document.pop("schema", None)
         if schema != SCHEMA:
-            self.refuse("schema", f'is {json.dumps(schema)}, expected "{SCHEMA}"; this is no model file, or one of another '
-                                  "version: fit again with this version of rdpi")
+            self.refuse("schema", f'is {json.dumps(schema)}, expected "{SCHEMA}"; this is no model file, '
+                                  "or one of another version: fit again with this version of rdpi")
         document.pop("tool", None)
         rate = dict(self.section(document, "rate", dict))
         drive = dict(self.section(document, "drive", dict))
         memory = dict(self.section(document, "memory", dict, {}))
         source = rate.pop("source", "displacement")
-        bits = self.number(drive, "dac_bits", "drive.", default=None)
-        if bits is not None and bits != int(bits):
-            self.refuse("drive.dac_bits", f"must be a whole number, got {bits:g}")
+        bits = self.whole(drive, "dac_bits", "drive.", default=None)
+        cycles = self.whole(drive, "sweep_cycles", "drive.", default=SWEEP_CYCLES)
         x_um = self.number(memory, "x_um", "memory.", default=0.0)
         plays_um = self.numbers(memory, "plays_um", "memory.", default=[])
         thresholds_um = self.numbers(document, "thresholds_um")
@@ -363,7 +439,8 @@ class _Reader:
                       self.number(rate, "identified_um_per_s", "rate.", default=None), extra=rate),
             drive=Drive(self.number(drive, "min_V", "drive."), self.number(drive, "max_V", "drive."),
                         self.number(drive, "slew_V_per_s", "drive.", default=None),
-                        None if bits is None else int(bits), extra=drive),
+                        bits, cycles, self.number(drive, "sweep_V_per_s", "drive.", default=None),
+                        self.number(drive, "sweep_end_V", "drive.", default=None), extra=drive),
             memory=Memory(x_um, plays_um if len(plays_um) else np.clip(0.0, x_um - thresholds_um, x_um + thresholds_um),
                           extra=memory),
             actuator=str(document.pop("actuator", "")),

@@ -41,12 +41,16 @@ class Plant:
     def slopes_at(self, rate_um_per_s: float) -> np.ndarray:
         return self.slopes + self.changes * rate_um_per_s
 
+    def weights_at(self, rate_um_per_s: np.ndarray) -> np.ndarray:
+        """Of the plays, for each rate; shape (samples, n + 1)."""
+        return np.diff(self.slopes_at(np.asarray(rate_um_per_s)[:, None]), prepend=0.0)
+
     def respond(self, command_V: np.ndarray, rate_um_per_s: np.ndarray) -> np.ndarray:
         """Displacement in um, going on from the present state."""
         v = np.empty(len(command_V))
-        for k, (u, rate) in enumerate(zip(self.input(command_V), rate_um_per_s)):
+        for k, (u, weights) in enumerate(zip(self.input(command_V), self.weights_at(rate_um_per_s))):
             self.states = np.maximum(u - self.thresholds_V, np.minimum(u + self.thresholds_V, self.states))
-            v[k] = np.diff(self.slopes_at(rate), prepend=0.0) @ self.states
+            v[k] = weights @ self.states
         return self._saturate(v) + self.offset_um
 
     def drive(self, displacement_um: np.ndarray, rate_um_per_s: np.ndarray) -> np.ndarray:
@@ -55,8 +59,7 @@ class Plant:
         far = 1e4
         knots = np.r_[-far, self.deadzones_um, far]
         wanted_um = np.interp(displacement_um - self.offset_um, self._saturate(knots), knots)
-        for k, (v, rate) in enumerate(zip(wanted_um, rate_um_per_s)):
-            weights = np.diff(self.slopes_at(rate), prepend=0.0)
+        for k, (v, weights) in enumerate(zip(wanted_um, self.weights_at(rate_um_per_s))):
             # v is piecewise linear in u, with these corners
             corners = np.sort(np.r_[-far, self.states - self.thresholds_V, self.states + self.thresholds_V, far])
             moved = np.clip(self.states, corners[:, None] - self.thresholds_V, corners[:, None] + self.thresholds_V)
@@ -135,7 +138,8 @@ def model_of(plant: Plant, gain_um_per_V: float = 0.13, **changes: object) -> Mo
     thresholds = plant.thresholds_V * gain_um_per_V
     return Model(**{**dict(
         gain_um_per_V=gain, offset_V=plant.offset_V, offset_um=plant.offset_um, stroke_um=12.0,
-        thresholds_um=thresholds, slopes=plant.slopes / gain_um_per_V, slope_rate_s_per_um=plant.changes / gain_um_per_V,
+        thresholds_um=thresholds, slopes=plant.slopes / gain_um_per_V,
+        slope_rate_s_per_um=plant.changes / gain_um_per_V,
         deadzones_um=plant.deadzones_um, deadzone_weights=plant.weights, rate=Rate(max_um_per_s=1000.0),
         drive=Drive(plant.offset_V - below, plant.offset_V + above),
         memory=Memory(0.0, np.zeros(len(thresholds))), actuator="stack 7"), **changes})

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import re
+import struct
 import subprocess
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,16 +14,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from models import random_model
 
+from rdpi import firmware, operators, parameters
 from rdpi._f32 import lib
 from rdpi.errors import BadInput
-from rdpi.firmware import scalars
-from rdpi.header import ARRAYS, SCALARS, SCHEMA, comment, literal, render, write_header
+from rdpi.firmware import FixedPoint
+from rdpi.header import (Q31_SCALARS, Q31_TABLES, SCALARS, SCHEMA, TABLES, comment, literal, render,
+                         write_header)
 from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
 
 ROOT = Path(__file__).resolve().parents[2]
 STRICT_C = "cc -x c -std=c99 -Wall -Wextra -Wconversion -Wdouble-promotion -Wshadow -Wpedantic -Werror".split()
-STRICT_CXX = "c++ -x c++ -std=c++11 -Wall -Wextra -Wpedantic -Werror".split()
+STRICT_CXX = "c++ -x c++ -std=c++11 -Wall -Wextra -Wconversion -Wpedantic -Werror".split()
 DIGESTS = ["sha256:" + "ab" * 32, "sha256:" + "cd" * 32]
 HOSTILE = "evil */ #error out ??/ /* \\\n\r\t\x00\x1b µm ♥ \u2028 // \"quoted\" %s {{ name }} ??'"
 
@@ -69,6 +74,14 @@ int main(void)
     return -(int)rdpi_f32_init(&axis, &rdpi_params, 1e-4f);
 }
 """
+INIT_Q31 = """
+#include "rdpi_params.h"
+int main(void)
+{
+    static rdpi_q31_t axis;
+    return RDPI_PARAMS_Q31 == 1 ? -(int)rdpi_q31_init(&axis, &rdpi_params_q31, 100000u) : 99;
+}
+"""
 
 
 def edited(model: Model, key: str, value: object) -> Model:
@@ -110,15 +123,21 @@ def test_an_odd_fit_section_does_no_harm(model: Model, fit: dict) -> None:
     assert "static const rdpi_f32_params_t rdpi_params" in render(replace(model, fit=fit))
 
 
+@pytest.mark.parametrize("main", [INIT, INIT_Q31], ids=["f32", "q31"])
 @pytest.mark.parametrize("compiler", [STRICT_C, STRICT_CXX], ids=["C99", "C++11"])
-def test_it_compiles_without_warnings_and_init_takes_it(model: Model, compiled: Callable, compiler: list[str]) -> None:
+def test_it_compiles_without_warnings_and_init_takes_it(model: Model, compiled: Callable, compiler: list[str],
+                                                        main: str) -> None:
     model.fit["runs"][0] |= {"file": HOSTILE, "digest": HOSTILE}
-    done = compiled(INIT, {"rdpi_params.h": render(replace(model, actuator=HOSTILE), source=HOSTILE)}, compiler=compiler)
+    header = render(replace(model, actuator=HOSTILE), source=HOSTILE)
+    done = compiled(main, {"rdpi_params.h": header}, compiler=compiler)
     assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_the_compiler_reads_every_value_back_to_the_bit(model: Model, compiled: Callable) -> None:
-    arrays = "".join(f"print({len(values)}, rdpi_params.{field});" for field, values in arrays_of(model).items())
+    single = parameters.f32(model)
+    tables = {field: getattr(single, field) for field in TABLES}
+    prints = "".join(f"print({values.size}, (const rdpi_real_t *)rdpi_params.{field});"
+                     for field, values in tables.items())
     numbers = "".join(f"print(1, &rdpi_params.{field});" for field in SCALARS)
     done = compiled(f"""
         #include <stdio.h>
@@ -134,19 +153,106 @@ def test_the_compiler_reads_every_value_back_to_the_bit(model: Model, compiled: 
         }}
         int main(void)
         {{
-            printf("%lu %d %d %d ", (unsigned long)rdpi_params.schema, rdpi_params.plays, rdpi_params.deadzones,
-                   rdpi_params.dac_bits);
-            {arrays} {numbers}
+            printf("%lu %lu %d %d %d %d ", (unsigned long)rdpi_params.schema, (unsigned long)rdpi_params.digest,
+                   rdpi_params.plays, rdpi_params.deadzones, rdpi_params.dac_bits, rdpi_params.sweep_cycles);
+            {prints} {numbers}
             return 0;
         }}""", {"rdpi_params.h": render(model)})
-    expected = [SCHEMA, len(model.slopes), len(model.deadzones_um), model.drive.dac_bits]
-    for values in (*arrays_of(model).values(), *(scalars(model)[field] for field in SCALARS)):
-        expected += bits(values)
+    expected = [SCHEMA, firmware.digest(single), len(model.slopes), len(model.deadzones_um), model.drive.dac_bits, 20]
+    for values in (*tables.values(), *(getattr(single, field) for field in SCALARS)):
+        expected += bits(np.ravel(values))
     assert [int(word) for word in done.stdout.split()] == expected, done.stderr
 
 
-def arrays_of(model: Model) -> dict[str, np.ndarray]:
-    return {field: model.memory.plays_um if field == "memory_um" else getattr(model, field) for field in ARRAYS}
+def test_the_compiler_reads_every_integer_back(model: Model, compiled: Callable) -> None:
+    q31 = parameters.q31(model)
+    tables = {field: getattr(q31, field) for field in Q31_TABLES}
+    prints = "".join(f"print({values.size}, (const int32_t *)rdpi_params_q31.{field});"
+                     for field, values in tables.items())
+    numbers = "".join('printf("%lld ", (long long)rdpi_params_q31.' + f"{field});" for field in Q31_SCALARS)
+    done = compiled(f"""
+        #include <stdio.h>
+        #include "rdpi_params.h"
+        static void print(int count, const int32_t *values)
+        {{
+            for (int i = 0; i < count; i++) {{
+                printf("%ld ", (long)values[i]);
+            }}
+        }}
+        int main(void)
+        {{
+            printf("%lu %lu ", (unsigned long)rdpi_params_q31.schema, (unsigned long)rdpi_params_q31.digest);
+            {numbers} {prints}
+            return 0;
+        }}""", {"rdpi_params.h": render(model)})
+    expected = [SCHEMA, firmware.digest(q31), *(getattr(q31, field) for field in Q31_SCALARS)]
+    for values in tables.values():
+        expected += np.ravel(values).tolist()
+    assert [int(word) for word in done.stdout.split()] == expected, done.stderr
+
+
+@pytest.mark.parametrize(("compiler", "constant"), [(STRICT_C, "static const"), (STRICT_CXX, "constexpr")])
+def test_conversions_are_constant_expressions(model: Model, compiled: Callable, compiler: list[str],
+                                              constant: str) -> None:
+    fixed = FixedPoint(model, 1e-4)
+    wanted_um = [-0.7, -0.7000001, 3.3, -5.1, 7]
+    scale = fixed.parameters.scale
+    macros = ", ".join(f"RDPI_PARAMS_Q31_REFERENCE({um!r})" for um in (*wanted_um, "1.5f"))
+    done = compiled(f"""
+        #include <stdio.h>
+        #include "rdpi_params.h"
+        {constant} int32_t references[] = {{{macros}}};
+        {constant} double others[] = {{RDPI_PARAMS_Q31_VOLT(1000), RDPI_PARAMS_Q31_UM(-3)}};
+        int main(void)
+        {{
+            for (int i = 0; i < 6; i++) {{
+                printf("%ld ", (long)references[i]);
+            }}
+            printf("%.17g %.17g", others[0], others[1]);
+            return 0;
+        }}""".replace("'1.5f'", "1.5f"), {"rdpi_params.h": render(model)}, compiler=compiler)
+    words = done.stdout.split()
+    assert [int(word) for word in words[:6]] == fixed.references([*wanted_um, 1.5]).tolist(), done.stderr
+    assert float(words[6]) == pytest.approx(scale.offset_V + 1000 * scale.V_per_drive, rel=1e-15)
+    assert float(words[7]) == pytest.approx(scale.offset_um - 3 * scale.um_per_reference, rel=1e-15)
+
+
+def test_a_model_beyond_fixed_point_has_floats_alone_and_says_why(model: Model, compiled: Callable) -> None:
+    steep = replace(model, slopes=np.array([0.01, 0.7, 0.9, 1.1]), slope_rate_s_per_um=np.zeros(4))
+    text = render(steep)
+    assert "rdpi_q31" not in text and "#define RDPI_PARAMS_Q31 0" in text
+    assert "No:\n * slopes: at rest or at the guard they span 0.01 to 1.1, more than 1 : 64; raise" in text
+    assert max(map(len, text.splitlines())) <= 120
+    main = "#if RDPI_PARAMS_Q31\n#error fixed point\n#endif\n"
+    done = compiled(INIT.replace("int main", main + "int main"), {"rdpi_params.h": text})
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_digest_is_the_crc_of_the_fields_in_their_order(seed: int) -> None:
+    single = parameters.f32(random_model(seed, plays=seed, deadzones=seed % 3))
+    data = struct.pack("<4H13f", single.plays, single.deadzones, single.dac_bits, single.sweep_cycles,
+                       *(getattr(single, field) for field in SCALARS))
+    data += b"".join(getattr(single, field).astype("<f4").tobytes() for field in TABLES)
+    assert firmware.digest(single) == zlib.crc32(data)
+
+
+def test_what_follows_from_other_fields_follows_from_them_as_rounded(model: Model) -> None:
+    """By other formulas than parameters.py uses: P_i from the loading curve's corners, S^-1 by putting S into it."""
+    single = parameters.f32(model)
+    r, slopes, slope_rates, intercept, intercept_rate = single.play.T.astype(float)
+    assert bits(r) == bits(model.thresholds_um) and bits(slopes) == bits(model.slopes)
+    for values, theirs in ((slopes, intercept), (slope_rates, intercept_rate)):
+        at_corner = np.concatenate([[0.0], np.cumsum(values[:-1] * np.diff(r))])  # the curve at r_i
+        np.testing.assert_allclose(theirs, values * r - at_corner, rtol=1e-6, atol=1e-7 * np.abs(values).max())
+    for gain in np.random.default_rng(1).normal(size=50):
+        numbers = parameters.f32(replace(model, gain_um_per_V=gain))
+        assert numbers.V_per_um == np.float32(1 / float(np.float32(gain)))
+    v = np.linspace(-3, 9, 50)
+    z = operators.saturation(v, *single.saturation.T.astype(float))
+    np.testing.assert_allclose(operators.saturation(z, *single.inverse_saturation.T.astype(float)), v, atol=2e-6)
+    assert (single.sweep_end_V, single.sweep_cycles) == (pytest.approx(98.1), 20)
+    assert single.sweep_V_per_s == pytest.approx(2 * 140.5 * 20)
 
 
 def test_the_compiler_reads_literals_of_every_magnitude_back(compiled: Callable) -> None:
@@ -183,7 +289,7 @@ def test_a_library_of_another_schema_is_an_error(model: Model, compiled: Callabl
     assert SCHEMA == lib.RDPI_PARAMS_SCHEMA
     other = '#include "rdpi/rdpi.h"\n#undef RDPI_PARAMS_SCHEMA\n#define RDPI_PARAMS_SCHEMA 99u\n'
     done = compiled(other + INIT, {"rdpi_params.h": render(model)})
-    assert done.returncode == 1 and "these parameters have schema 1" in done.stderr
+    assert done.returncode == 1 and "these parameters have schema 2" in done.stderr
 
 
 @pytest.mark.parametrize("flag", ["RDPI_MAX_PLAYS=3", "RDPI_MAX_DEADZONES=1"])
@@ -196,10 +302,19 @@ def test_a_library_that_is_too_small_is_an_error(model: Model, compiled: Callabl
 
 def test_an_array_that_lost_a_value_is_an_error(model: Model, compiled: Callable) -> None:
     text = render(model)
-    shorter = text.replace(f"{literal(model.slopes[1])}, ", "", 1)
+    shorter = re.sub(rf"    {{.* {literal(model.slopes[1])}, .*\n", "", text, count=1)
     assert shorter != text
     done = compiled(INIT, {"rdpi_params.h": shorter})
-    assert done.returncode == 1 and "rdpi_params_slopes_check" in done.stderr
+    assert done.returncode == 1 and "rdpi_params_play_check" in done.stderr
+
+
+def test_a_number_that_was_changed_is_an_error(model: Model, compiled: Callable) -> None:
+    text = render(model)
+    rest = str(parameters.q31(model).play[1, 1])
+    for main, old, new in ((INIT, literal(model.slopes[2]), literal(model.slopes[2] * 1.001)),
+                           (INIT_Q31, rest, rest[:-1] + str((int(rest[-1]) + 1) % 10))):
+        assert text.count(old) == 1
+        assert compiled(main, {"rdpi_params.h": text.replace(old, new)}).returncode == -lib.RDPI_ERR_DIGEST
 
 
 def test_two_actuators_in_one_firmware(model: Model, compiled: Callable) -> None:
@@ -224,18 +339,21 @@ def test_names_that_c_cannot_use_are_refused(model: Model, name: str) -> None:
 
 
 @pytest.mark.parametrize("key, value, message", [
-    ("gain_um_per_V", 1e-40, r", in the firmware's single precision: gain_um_per_V: is 0"),
+    ("gain_um_per_V", 1e-40, r": gain_um_per_V: is 1e-40; .* needs a gain, at least"),
     ("slopes", np.array([1e-50, 0.7, 0.9, 1.1]), r", in the firmware's single precision: slopes\[0\]: is 0"),
-    ("drive.slew_V_per_s", 1e-46, r", in the firmware's single precision: drive.slew_V_per_s: is 0"),
+    ("drive.slew_V_per_s", 1e-46, r": drive.slew_V_per_s: a start-up sweep of 1e-46 V/s is too slow"),
     ("rate.max_um_per_s", 1e-39, r", in the firmware's single precision: rate.max_um_per_s: is 0"),
-    ("offset_um", 1e39, r": offset_um: must be finite, within .*single precision"),
+    ("offset_um", 1e39, r": offset_um: must be finite, within .*as the firmware requires"),
     ("slope_rate_s_per_um", np.array([0, 1e300, 0, 0]), r": slope_rate_s_per_um: must be finite, within"),
-    ("thresholds_um", np.array([0, 0.1, 4.7, 4.7 + 1e-9]), r", in the firmware's single precision: thresholds_um: must start"),
+    ("thresholds_um", np.array([0, 0.1, 4.7, 4.7 + 1e-9]),
+     r", in the firmware's single precision: thresholds_um: must start"),
     ("thresholds_um", np.array([0, 1e-46, 4.7, 5]), r", in the firmware's single precision: thresholds_um: must start"),
     ("deadzones_um", np.array([0, 1e-60]), r", in the firmware's single precision: deadzones_um: must start"),
-    ("drive", Drive(100.0, 100.0 + 1e-6, None, 16), r": offset_V: is 100 V, over 1000 times"),
+    ("drive", Drive(100.0, 100.0 + 1e-6, None, 16), r": drive.max_V: a start-up sweep of 4e-05 V/s is too slow"),
+    ("drive", Drive(100.0, 100.05, None, 16), r": offset_V: is 100 V, over 1000 times"),
     ("rate.min_slope_ratio", 1 - 1e-9, r", in the firmware's single precision: rate.min_slope_ratio: is 1"),
-    ("deadzone_weights", np.array([1, -1 + 1e-12]), r", in the firmware's single precision: deadzone_weights:"),
+    ("deadzone_weights", np.array([1, -1 + 1e-12]), r": deadzone_weights: partial sums of 1e-12 to 1 make an inverse"),
+    ("deadzone_weights", np.array([1e3, 3e-5 - 1e3]), r", in the firmware's single precision: deadzone_weights: the w"),
 ])
 def test_what_a_float_cannot_hold_is_refused(model: Model, tmp_path: Path, key: str, value: object,
                                              message: str) -> None:

@@ -16,7 +16,7 @@ from hypothesis import assume, given, settings, strategies as st
 from models import MODELS, SAMPLE_TIME_S, SEEDS, random_model
 
 from rdpi.errors import BadInput
-from rdpi.firmware import Firmware
+from rdpi.firmware import Firmware, FixedPoint
 from rdpi.model import Memory, Model, guard_rates, read_model, write_model
 
 GOOD: dict[str, Any] = {
@@ -84,7 +84,7 @@ REQUIRED = ["gain_um_per_V", "offset_V", "offset_um", "stroke_um", "thresholds_u
             "deadzones_um", "deadzone_weights", "rate.max_um_per_s", "drive.min_V", "drive.max_V"]
 NUMBERS = ["gain_um_per_V", "offset_V", "offset_um", "stroke_um", "rate.window_s", "rate.filter_s", "rate.max_um_per_s",
            "rate.singular_um_per_s", "rate.min_slope_ratio", "drive.min_V", "drive.max_V", "drive.slew_V_per_s",
-           "drive.dac_bits", "memory.x_um"]
+           "drive.dac_bits", "drive.sweep_cycles", "drive.sweep_V_per_s", "drive.sweep_end_V", "memory.x_um"]
 LISTS = ["thresholds_um", "slopes", "slope_rate_s_per_um", "deadzones_um", "deadzone_weights", "memory.plays_um"]
 
 
@@ -105,7 +105,8 @@ def test_no_number_where_one_is_due(key: str, value: object, complaint: Callable
     assert complaint(changed(key, value)) == f"{key}: must be a finite number, got {json.dumps(value)}"
 
 
-@pytest.mark.parametrize("key", set(NUMBERS) - {"rate.singular_um_per_s", "drive.slew_V_per_s", "drive.dac_bits"})
+@pytest.mark.parametrize("key", set(NUMBERS) - {"rate.singular_um_per_s", "drive.slew_V_per_s", "drive.dac_bits",
+                                               "drive.sweep_V_per_s", "drive.sweep_end_V"})
 def test_null_where_a_number_is_due(key: str, complaint: Callable) -> None:
     assert complaint(changed(key, None)) == f"{key}: must be a finite number, got null"
 
@@ -207,6 +208,18 @@ BAD_VALUES = {
     "no DAC bits": ("drive.dac_bits", 0, "drive.dac_bits: is 0; must be 1 to 20, or null"),
     "DAC bits too many": ("drive.dac_bits", 21, "drive.dac_bits: is 21; must be 1 to 20, or null"),
     "DAC bits broken": ("drive.dac_bits", 12.5, "drive.dac_bits: must be a whole number, got 12.5"),
+    "sweep cycles none": ("drive.sweep_cycles", 0, "drive.sweep_cycles: is 0; must be 1 to 10000"),
+    "sweep cycles many": ("drive.sweep_cycles", 10001, "drive.sweep_cycles: is 10001; must be 1 to 10000"),
+    "sweep cycles broken": ("drive.sweep_cycles", 2.5, "drive.sweep_cycles: must be a whole number, got 2.5"),
+    "sweep end": ("drive.sweep_end_V", 121, "drive.sweep_end_V: is 121 V, outside drive -20 to 120 V"),
+    "sweep backwards": ("drive.sweep_V_per_s", -1, "drive.sweep_V_per_s: is -1; must be positive"),
+    "sweep slow": ("drive.sweep_V_per_s", 1e-5, "drive.sweep_V_per_s: a start-up sweep of 1e-05 V/s is too slow"),
+    "sweep fast": ("drive.sweep_V_per_s", 6e4, "drive.sweep_V_per_s: is 60000 V/s, above slew_V_per_s, 50000; sweep"),
+    "slew slow": ("drive.slew_V_per_s", 1e-5, "drive.slew_V_per_s: a start-up sweep of 1e-05 V/s is too slow"),
+    "gain tiny": ("gain_um_per_V", 1e-8, "gain_um_per_V: is 1e-08; x = gain (V - offset_V) needs a gain, at least"),
+    "large": ("rate.filter_s", 1.1e7, "rate.filter_s: must be finite, within ±1e+07, as the firmware requires"),
+    "intercepts large": ("slopes.2", 5e6, "slopes: with these thresholds_um its intercepts reach 2.25e+07, beyond"),
+    "inverse large": ("deadzone_weights", [1e-8, 1], "deadzone_weights: partial sums of"),
     "plays too few": ("memory.plays_um", [2, 1], "memory.plays_um: has 2 values, expected 3, one per threshold"),
     "play apart from its neighbour": ("memory.plays_um", [2, 1, -2], "memory.plays_um: no history leaves these states"),
     "play not at x": ("memory.plays_um.0", 1.5, "memory.plays_um[0]: is 1.5, but must be x_um = 2"),
@@ -260,6 +273,7 @@ def test_unknown_keys_are_kept(written: Callable, tmp_path: Path) -> None:
     again = json.loads((tmp_path / "again.json").read_text())
     document["tool"] = again["tool"]
     document["rate"].update(smoothing_s=0.0, identified_um_per_s=None)  # optional keys appear with their defaults
+    document["drive"].update(sweep_cycles=20, sweep_V_per_s=None, sweep_end_V=None)
     assert again == document
 
 
@@ -298,6 +312,20 @@ def test_digest_is_that_of_the_behaviour(written: Callable) -> None:
         assert digest(key, value) == same
     for key, value in (("offset_V", -1.4), ("slopes.1", 0.81), ("drive.dac_bits", None), ("memory.plays_um.2", 0.6)):
         assert digest(key, value) != same
+    for key, value, default in (("sweep_V_per_s", 6000.0, 5600.0), ("sweep_end_V", 1.0, 2.0 / 0.12 - 1.5),
+                                ("sweep_cycles", 21, 20)):
+        assert digest(f"drive.{key}", default) == same != digest(f"drive.{key}", value)
+
+
+def test_start_up_sweep(written: Callable) -> None:
+    model = read_model(written(GOOD))
+    assert (model.drive.sweep_cycles, model.drive.sweep_speed()) == (20, 2 * 140 * 20)
+    assert model.sweep_end() == pytest.approx(2.0 / 0.12 - 1.5)
+    assert replace(model.drive, slew_V_per_s=100.0).sweep_speed() == 100
+    assert replace(model.drive, sweep_V_per_s=7.0).sweep_speed() == 7
+    widest = replace(model.drive, min_V=-1e6, max_V=1e6, slew_V_per_s=None)
+    assert widest.sweep_speed() == 1e7, "the firmware's largest number"
+    assert replace(model, drive=replace(model.drive, sweep_end_V=3.0)).sweep_end() == 3
 
 
 # ---- slopes ----
@@ -319,7 +347,8 @@ ARRAYS = ("thresholds_um", "slopes", "slope_rate_s_per_um", "deadzones_um", "dea
 PLACES = st.one_of(
     st.tuples(st.just("model"), st.sampled_from(["gain_um_per_V", "offset_V", "offset_um", "stroke_um"])),
     st.tuples(st.just("rate"), st.sampled_from(["window_s", "filter_s", "max_um_per_s", "min_slope_ratio"])),
-    st.tuples(st.just("drive"), st.sampled_from(["min_V", "max_V", "slew_V_per_s", "dac_bits"])),
+    st.tuples(st.just("drive"), st.sampled_from([
+        "min_V", "max_V", "slew_V_per_s", "dac_bits", "sweep_cycles", "sweep_V_per_s", "sweep_end_V"])),
     st.tuples(st.just("memory"), st.just("x_um")),
     st.tuples(st.sampled_from([*ARRAYS, "plays_um"]), st.integers(0, 12)))
 VALUES = st.one_of(
@@ -338,7 +367,7 @@ def corrupt(model: Model, place: tuple[str, Any], change: Callable[[float], floa
         return
     target = model if holder == "model" else getattr(model, holder)
     value = change(1.0 if getattr(target, key) is None else getattr(target, key))
-    if key == "dac_bits":
+    if key in ("dac_bits", "sweep_cycles"):
         assume(math.isfinite(value))
         value = int(min(value, 1e6))
     setattr(target, key, value)
@@ -347,7 +376,7 @@ def corrupt(model: Model, place: tuple[str, Any], change: Callable[[float], floa
 
 
 def assert_refused_or_flashed(model: Model) -> None:
-    """Only what depends on the sample time is left for the library to refuse: a long rate window, a slew below rounding."""
+    """The library is left to refuse only what depends on the sample time: a long rate window, a slow sweep."""
     try:
         model.validate()
     except BadInput:
@@ -356,9 +385,13 @@ def assert_refused_or_flashed(model: Model) -> None:
         try:
             Firmware(model, SAMPLE_TIME_S, real)
         except BadInput as error:
-            slow = "not too slow" in str(error) and model.drive.slew_V_per_s * SAMPLE_TIME_S < 1e-4 * (
-                abs(model.drive.min_V) + abs(model.drive.max_V))
+            slow = "start-up sweep" in str(error) and SAMPLE_TIME_S < model.shortest_sample_s()
             assert "rate window spans" in str(error) or slow, f"{real}: {error}"
+    try:
+        FixedPoint(model, SAMPLE_TIME_S)
+    except BadInput as error:  # the host says what 32 bits do not hold
+        at_this_rate = ("rate window spans", "start-up sweep", "max_um_per_s out of range")
+        assert any(text in str(error) for text in ("no fixed point", *at_this_rate)), error
 
 
 @settings(max_examples=500)

@@ -13,7 +13,7 @@ from models import MODELS, SAMPLE_TIME_S, SEEDS, random_model, random_reference
 from rdpi import firmware, operators
 from rdpi.firmware import Firmware
 from rdpi.model import Drive, Memory, Model, Rate
-from rdpi.operators import GUARD, INPUT, RANGE, SLEW
+from rdpi.operators import GUARD, INPUT, MISSED, RANGE, SLEW
 
 
 def small_model(**changes: object) -> Model:
@@ -245,11 +245,30 @@ def test_step_by_hand() -> None:
     model = small_model()
     steps, states = operators.step(model, np.array([1.0, 3.0, np.nan, 3.0]), 0.1)
     # z = 2 from x = 0: 0.96 up to x = 2, then slope 1. At rate 0 the states y = (3.04, 1.04) make v = 2.04: back by
-    # 0.04 / 0.5. The sample between changes nothing.
+    # 0.04 / 0.5. The sample between holds.
     np.testing.assert_allclose(steps.drive_V, [0, 30.4, 30.4, 29.6], atol=1e-9)
     np.testing.assert_allclose(steps.rate_um_per_s, [0, 20, 20, 0], atol=1e-9)
-    assert steps.flags.tolist() == [0, 0, INPUT, 0] and steps.dac_code.tolist() == [0, 0, 0, 0]
+    assert steps.flags.tolist() == [0, 0, INPUT, MISSED] and steps.dac_code.tolist() == [0, 0, 0, 0]
     np.testing.assert_allclose(states, [2.96, 1.04])
+
+
+@pytest.mark.parametrize(("gap", "rate"), [(1, 10.0), (3, 5.0), (16, 20 / 17), (17, 0.0)])
+def test_a_gap_counts_its_time(gap: int, rate: float) -> None:
+    """2 um in gap + 1 steps of 0.1 s; after a longer gap the estimator starts afresh."""
+    steps, _ = operators.step(small_model(), np.array([1.0, *[np.nan] * gap, 3.0, 3.0]), 0.1)
+    assert steps.flags.tolist() == [0, *[INPUT] * gap, MISSED, 0]
+    np.testing.assert_allclose(steps.rate_um_per_s, [*[0.0] * (gap + 1), rate, 0.0], atol=1e-12)
+
+
+@given(SEEDS, st.sampled_from([1, 2, 5]), st.sampled_from([0.0, 2e-4]), st.integers(0, 16))
+def test_a_gap_on_a_straight_line_goes_unnoticed(seed: int, window: int, filter_s: float, gap: int) -> None:
+    z = np.random.default_rng(seed).normal(size=40)
+    z[20:20 + gap + 2] = np.linspace(z[20], z[20 + gap + 1], gap + 2)
+    holes = z.copy()
+    holes[21:21 + gap] = np.nan
+    whole = operators.rate(z, 1e-4, window * 1e-4, filter_s)
+    whole[21:21 + gap] = np.nan
+    np.testing.assert_allclose(operators.rate_with_gaps(holes, 1e-4, window * 1e-4, filter_s), whole, rtol=1e-9)
 
 
 def test_step_commits_what_was_output() -> None:
@@ -306,7 +325,7 @@ def test_step_against_the_library(model: Model, seed: int, broken: float) -> Non
     np.testing.assert_allclose(ours.drive_V, theirs.drive_V, rtol=0, atol=1e-9 * range_V)
     np.testing.assert_allclose(ours.rate_um_per_s, theirs.rate_um_per_s, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(states, library.memory_um, rtol=0, atol=1e-9 * model.stroke_um)
-    flagged = {"guard": GUARD, "clip": RANGE | SLEW, "input": INPUT}
+    flagged = {"guard": GUARD, "clip": RANGE | SLEW, "input": INPUT, "missed": 0}
     assert library.counts == {name: np.count_nonzero(ours.flags & bits) for name, bits in flagged.items()}
 
 
@@ -334,6 +353,7 @@ def test_single_precision_round_trip(model: Model, seed: int) -> None:
     with np.errstate(over="ignore"):  # an absurd reference is infinite in single precision
         steps = Firmware(model, SAMPLE_TIME_S, "f32").step(reference)
     drive_V, rate = (column.astype(float) for column in steps[:2])
+    steps.flags[:] &= ~np.uint32(MISSED)
     moved = operators.forward(model, drive_V, rate, model.memory.plays_um)[0]
     followed = steps.flags & ~np.uint32(GUARD) == 0
     np.testing.assert_allclose(moved[followed], reference[followed], rtol=0, atol=1e-5 * model.stroke_um)

@@ -22,7 +22,8 @@ from rdpi.recording import Recording
 @lru_cache(maxsize=None)
 def fitted() -> Fit:
     command = np.r_[waves(90, 20, 2, 5000), waves(90, 4, 1, 5000)]
-    run = recording(command, stack().respond(command, 0.13 * rate_of(command, 5000)), 5000, "folder/run.csv", noise_um=0.004)
+    response = stack().respond(command, 0.13 * rate_of(command, 5000))
+    run = recording(command, response, 5000, "folder/run.csv", noise_um=0.004)
     return fit([run], Options(rate_source="control"))
 
 
@@ -64,7 +65,8 @@ def test_loops() -> None:
     run = fitted().scores[0].recording
     measured, predicted = panels(draw([run]))[0].lines
     assert measured.get_label() == "run.csv" and predicted.get_label() == "predicted, last wide cycle"
-    assert np.isin(measured.get_ydata(), run.displacement_um).all() and np.ptp(measured.get_xdata()) == pytest.approx(90, rel=0.01)
+    assert np.isin(measured.get_ydata(), run.displacement_um).all()
+    assert np.ptp(measured.get_xdata()) == pytest.approx(90, rel=0.01)
     expected = chain.simulate(fitted().model, [run])[0].predicted_um
     sample = {point: i for i, point in enumerate(zip(run.command_V, expected))}
     at = [sample[point] for point in zip(predicted.get_xdata(), predicted.get_ydata())]  # what the model predicts,
@@ -92,7 +94,8 @@ def test_slopes_against_rate() -> None:
     top = model.rate.identified_um_per_s
     for i, (line, dot) in enumerate(zip(lines, dots)):
         assert line.get_xdata()[-1] == pytest.approx(top)
-        assert line.get_ydata() == pytest.approx([model.slopes[i], model.slopes[i] + top * model.slope_rate_s_per_um[i]])
+        rest, change = model.slopes[i], top * model.slope_rate_s_per_um[i]
+        assert line.get_ydata() == pytest.approx([rest, rest + change])
         assert dot.get_xdata() == pytest.approx(bands.rate_um_per_s)
         assert dot.get_ydata() == pytest.approx(bands.slopes[:, i], nan_ok=True)
     texts = [text.get_text() for text in axes.texts]
@@ -130,9 +133,9 @@ def test_labels_stay_inside_and_apart(slopes: int, guard: float, spacing: float)
     assert min(slopes, 10) < len(boxes) <= report.LABELS + 1
     for i, box in enumerate(boxes):
         assert frame.x0 <= box.x0 < box.x1 <= frame.x1 and frame.y0 <= box.y0 < box.y1 <= frame.y1, axes.texts[i]
-        centre = (box.y0 + box.y1) / 2
+        centre, letters = (box.y0 + box.y1) / 2, 8 * figure.dpi / 72
         for other in boxes[:i]:
-            assert abs(centre - (other.y0 + other.y1) / 2) > 8 * figure.dpi / 72, axes.texts[i]  # the size of the letters
+            assert abs(centre - (other.y0 + other.y1) / 2) > letters, axes.texts[i]
 
 
 def test_time_shows_the_worst_moment_of_the_worst_run() -> None:
@@ -160,7 +163,8 @@ def test_residual_of_both_directions() -> None:
     shifted = replace(good, columns={**good.columns, "displacement_um": good.displacement_um + 0.5 * rising})
     axes = panels(draw([shifted]))[3]
     means = {line.get_label(): np.median(line.get_ydata()) for line in axes.lines if "mean" in str(line.get_label())}
-    assert means["rising, mean"] == pytest.approx(0.5, abs=0.05) and means["falling, mean"] == pytest.approx(0, abs=0.05)
+    assert means["rising, mean"] == pytest.approx(0.5, abs=0.05)
+    assert means["falling, mean"] == pytest.approx(0, abs=0.05)
 
 
 def test_long_recordings_are_thinned() -> None:
@@ -174,8 +178,10 @@ def test_long_recordings_are_thinned() -> None:
 
 def test_many_runs_have_no_names_in_the_legend() -> None:
     runs = [replace(fitted().scores[0].recording, path=f"{i}.csv") for i in range(9)]
-    few, many = ({text.get_text() for text in panels(draw(runs[:count]))[0].get_legend().get_texts()} for count in (8, 9))
-    assert few == {f"{i}.csv" for i in range(8)} | {"predicted, last wide cycle"} and many == {"predicted, last wide cycle"}
+    legends = (panels(draw(runs[:count]))[0].get_legend() for count in (8, 9))
+    few, many = ({text.get_text() for text in legend.get_texts()} for legend in legends)
+    assert few == {f"{i}.csv" for i in range(8)} | {"predicted, last wide cycle"}
+    assert many == {"predicted, last wide cycle"}
 
 
 def test_a_constant_command_can_be_drawn(caplog: pytest.LogCaptureFixture) -> None:
@@ -212,7 +218,8 @@ def empty() -> Figure:
     return figure
 
 
-@pytest.mark.parametrize("name, start", [("a.png", b"\x89PNG"), ("a.PNG", b"\x89PNG"), ("a.svg", b"<?xml"), ("a.pdf", b"%PDF"), ("a", b"\x89PNG")])
+@pytest.mark.parametrize("name, start", [("a.png", b"\x89PNG"), ("a.PNG", b"\x89PNG"), ("a.svg", b"<?xml"),
+                                         ("a.pdf", b"%PDF"), ("a", b"\x89PNG")])
 def test_formats(name: str, start: bytes, tmp_path: Path) -> None:
     report.write_picture(empty(), tmp_path / name)
     assert (tmp_path / name).read_bytes().startswith(start)

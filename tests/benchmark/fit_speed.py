@@ -24,7 +24,7 @@ SHOWN = 0.02  # parts that take less of the whole are left out
 
 
 def synthesise(samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """Commands in V and displacements in um, both (runs, samples): ten plays, a rate law, one dead zone, 4 nm of noise."""
+    """Commands in V, displacements in um, both (runs, samples): ten plays, a rate law, one dead zone, 4 nm of noise."""
     random = np.random.default_rng(1)
     phase = np.arange(samples) * (np.array(WAVES_HZ) / RATES_HZ)[:, None]
     size = random.uniform(0.3, 1, (len(RATES_HZ), int(phase.max()) + 1))  # a new amplitude every period
@@ -67,9 +67,10 @@ def print_parts(profile: str) -> None:
     print(f"\nparts, from a second run under cProfile, {stats.total_tt:.1f} s (each includes what it calls):")
     parts = sorted(((cumulative, Path(file).stem, name, calls)
                     for (file, _, name), (_, calls, _, cumulative, _) in stats.stats.items()
-                    if Path(file).parent.name == "rdpi" and name[0] != "<" and cumulative > SHOWN * stats.total_tt), reverse=True)
+                    if Path(file).parent.name == "rdpi" and name[0] != "<"), reverse=True)
     for seconds, module, name, calls in parts:
-        print(f"  {seconds:7.2f} s  {calls:6} x  {module}.{name}")
+        if seconds > SHOWN * stats.total_tt:
+            print(f"  {seconds:7.2f} s  {calls:6} x  {module}.{name}")
 
 
 def main() -> None:

@@ -5,26 +5,28 @@
 #ifndef RDPI_FORMULA_INVERSE_H
 #define RDPI_FORMULA_INVERSE_H
 
-#include "rdpi/play.h"
+#include "play.h"
 
 typedef struct {
     rdpi_real_t y_um[RDPI_MAX_PLAYS]; /* the second bank's states; all 0 at rest */
 } formula_inverse_t;
 
-/* One sample: the input x in um for the bank output `v_um` = S^-1(z). `r_um` and `slopes` are the thresholds and, at
- * the present rate, the slopes W_i of the forward bank. */
-static inline rdpi_real_t formula_inverse_step(formula_inverse_t *self, const rdpi_real_t *r_um,
-                                               const rdpi_real_t *slopes, size_t count, rdpi_real_t v_um)
+/* One sample: the input x in um for the bank output `v_um` = S^-1(z), at the present rate. */
+static inline rdpi_real_t formula_inverse_step(formula_inverse_t *self, const rdpi_f32_play_t *play, size_t count,
+                                               rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
-    rdpi_real_t thresholds_um[RDPI_MAX_PLAYS], inverse_slopes[RDPI_MAX_PLAYS];
+    rdpi_real_t x_um = 0, threshold_um = 0, slope = 0, inverse_slope = 0;
     for (size_t i = 0; i < count; i++) {
         /* eq. 12: r'_i = sum over j <= i of w_j (r_i - r_j), here as the loading curve's height at r_i */
-        thresholds_um[i] = i == 0 ? 0 : thresholds_um[i - 1] + slopes[i - 1] * (r_um[i] - r_um[i - 1]);
+        threshold_um += i == 0 ? 0 : slope * (play[i].r_um - play[i - 1].r_um);
+        slope = rdpi_f32_slope(&play[i], rate_um_per_s);
         /* eq. 18: w'_0 + ... + w'_i = 1 / W_i */
-        inverse_slopes[i] = 1 / slopes[i];
+        rdpi_real_t weight = 1 / slope - inverse_slope;
+        inverse_slope += weight;
+        self->y_um[i] = rdpi_f32_play(v_um, threshold_um, self->y_um[i]);
+        x_um += weight * self->y_um[i];
     }
-    rdpi_f32_plays_move(self->y_um, thresholds_um, count, v_um);
-    return rdpi_f32_plays_sum(self->y_um, inverse_slopes, count);
+    return x_um;
 }
 
 #endif

@@ -93,8 +93,8 @@ def test_inverse(run: str, measured_rms: float, measured_max: float, folder: Pat
     drive = folder / "drive.csv"
     recorded = rdpi("compensate", folder / "window.json", folder / run, "--reference-column", "displacement_um",
                     "--remove-offset", "-o", drive)["recorded"]
-    print(f"\ninverse on {run}: rms {recorded['rms_percent']:.3f} %, max {recorded['max_percent']:.2f} % of the command's "
-          "peak-to-peak")
+    print(f"\ninverse on {run}: rms {recorded['rms_percent']:.3f} %, max {recorded['max_percent']:.2f} % of the "
+          "command's peak-to-peak")
     assert recorded["rms_percent"] == pytest.approx(measured_rms, rel=0.12)
     assert recorded["max_percent"] == pytest.approx(measured_max, rel=0.2)
 

@@ -1,24 +1,22 @@
 #include "unity.h"
 
-#include "rdpi/deadzone.h"
-
-TEST_SOURCE_FILE("lib/src/deadzone.c")
+#include "deadzone.h"
 
 #define COUNT 3
 #define EQUAL_REAL(expected, actual) TEST_ASSERT_FLOAT_WITHIN(1e-6f, (float)(expected), (float)(actual))
 
-/* Slopes of the pieces: 1 up to v = 2, 0.5 up to v = 4, 2 beyond. */
-static const rdpi_real_t d_um[COUNT] = {0, 2, 4};
-static const rdpi_real_t weights[COUNT] = {1, (rdpi_real_t)-0.5, (rdpi_real_t)1.5};
+/* Slopes of the pieces: 1 up to v = 2, 0.5 up to v = 4, 2 beyond; S bends at z = 2 and 3. */
+static const rdpi_f32_deadzone_t stage[COUNT] = {{0, 1}, {2, (rdpi_real_t)-0.5}, {4, (rdpi_real_t)1.5}};
+static const rdpi_f32_deadzone_t inverse_stage[COUNT] = {{0, 1}, {2, 1}, {3, (rdpi_real_t)-1.5}};
 
 static rdpi_real_t saturation(rdpi_real_t v_um)
 {
-    return rdpi_f32_saturation(d_um, weights, COUNT, v_um);
+    return rdpi_f32_saturation(stage, COUNT, v_um);
 }
 
 static rdpi_real_t inverse(rdpi_real_t z_um)
 {
-    return rdpi_f32_saturation_inverse(d_um, weights, COUNT, z_um);
+    return rdpi_f32_saturation(inverse_stage, COUNT, z_um);
 }
 
 void setUp(void)
@@ -58,7 +56,16 @@ void test_saturation_bends_at_each_threshold(void)
 
 void test_saturation_of_one_piece_is_a_gain(void)
 {
-    EQUAL_REAL(-1.5, rdpi_f32_saturation(d_um, &weights[1], 1, 3));
+    const rdpi_f32_deadzone_t gain = {0, (rdpi_real_t)-0.5};
+    EQUAL_REAL(-1.5, rdpi_f32_saturation(&gain, 1, 3));
+}
+
+/* The first term has no max: its threshold is not read. */
+void test_the_first_term_is_linear_on_both_sides_of_zero(void)
+{
+    const rdpi_f32_deadzone_t gain = {9, 2};
+    EQUAL_REAL(-6, rdpi_f32_saturation(&gain, 1, -3));
+    EQUAL_REAL(6, rdpi_f32_saturation(&gain, 1, 3));
 }
 
 void test_inverse_on_the_first_piece(void)
@@ -87,11 +94,6 @@ void test_inverse_at_each_corner_is_the_threshold(void)
 {
     EQUAL_REAL(2, inverse(2));
     EQUAL_REAL(4, inverse(3));
-}
-
-void test_inverse_of_one_piece_is_a_division(void)
-{
-    EQUAL_REAL(-1.5, rdpi_f32_saturation_inverse(d_um, &weights[2], 1, (rdpi_real_t)-2.25));
 }
 
 void test_inverse_undoes_saturation_on_every_piece(void)

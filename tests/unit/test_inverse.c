@@ -1,47 +1,243 @@
 #include "unity.h"
 
-#include "rdpi/inverse.h"
-#include "rdpi/play.h"
+#include <string.h>
 
-TEST_SOURCE_FILE("lib/src/inverse.c")
-TEST_SOURCE_FILE("lib/src/play.c")
+#include "actuator.h"
+#include "inverse.h"
+
+TEST_SOURCE_FILE("lib/src/rdpi_f32.c")
 
 #define COUNT 4
 #define EQUAL_REAL(expected, actual) TEST_ASSERT_FLOAT_WITHIN(1e-6f, (float)(expected), (float)(actual))
 
-/* Loading curve: v = 0.5 at x = 1, 1.5 at 2, 5.5 at 4, and 4 per um from there. */
-static const rdpi_real_t r_um[COUNT] = {0, 1, 2, 4};
-static const rdpi_real_t hardening[COUNT] = {(rdpi_real_t)0.5, 1, 2, 4};
-static const rdpi_real_t softening[COUNT] = {4, 2, 1, (rdpi_real_t)0.5}; /* every play weight but w_0 negative */
-static rdpi_real_t y_um[COUNT];
+/* Loading curve at rate 0: v = 0.5 at x = 1, 1.5 at 2, 5.5 at 4, and 4 per um from there. At rate 1 every slope of
+ * `halving` is half of that; those of `softening` have changed to 4, 2, 1, 0.5: every play weight but w_0 negative. */
+static rdpi_f32_play_t halving[COUNT], softening[COUNT];
+static rdpi_f32_bank_t bank;
+static rdpi_real_t plain_um[COUNT]; /* the same plays, each for itself (eq. 1) */
+
+static void fill(rdpi_f32_play_t *play, const rdpi_real_t *at_rate_1)
+{
+    const rdpi_real_t r_um[COUNT] = {0, 1, 2, 4}, slopes[COUNT] = {(rdpi_real_t)0.5, 1, 2, 4};
+    for (size_t i = 0; i < COUNT; i++) {
+        play[i] = (rdpi_f32_play_t){r_um[i], slopes[i], at_rate_1[i] - slopes[i], 0, 0};
+    }
+    actuator_derive_intercepts(play, COUNT);
+}
+
+static void move_with_guess(rdpi_real_t x_um, size_t guess)
+{
+    const rdpi_f32_target_t target = {x_um, guess, false};
+    rdpi_f32_bank_move(&bank, halving, COUNT, target);
+    for (size_t i = 0; i < COUNT; i++) {
+        plain_um[i] = rdpi_f32_play(x_um, halving[i].r_um, plain_um[i]);
+    }
+}
 
 static void move(rdpi_real_t x_um)
 {
-    rdpi_f32_plays_move(y_um, r_um, COUNT, x_um);
+    move_with_guess(x_um, 0);
+}
+
+/* Solved on a copy: nothing moves. */
+static rdpi_real_t solution(const rdpi_f32_play_t *play, size_t count, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
+{
+    rdpi_f32_bank_t copy = bank;
+    return rdpi_f32_bank_solve(&copy, play, count, rate_um_per_s, v_um).x_um;
 }
 
 static void solves(rdpi_real_t x_um, rdpi_real_t v_um)
 {
-    EQUAL_REAL(x_um, rdpi_f32_plays_solve(y_um, r_um, hardening, COUNT, v_um));
+    EQUAL_REAL(x_um, solution(halving, COUNT, 0, v_um));
+}
+
+static rdpi_real_t output(void)
+{
+    return rdpi_f32_bank_at(&bank, halving, COUNT, 0, bank.y_um[0]);
+}
+
+static void equal_states(rdpi_real_t y0, rdpi_real_t y1, rdpi_real_t y2, rdpi_real_t y3)
+{
+    EQUAL_REAL(y0, rdpi_f32_bank_state(&bank, halving, 0));
+    EQUAL_REAL(y1, rdpi_f32_bank_state(&bank, halving, 1));
+    EQUAL_REAL(y2, rdpi_f32_bank_state(&bank, halving, 2));
+    EQUAL_REAL(y3, rdpi_f32_bank_state(&bank, halving, 3));
 }
 
 void setUp(void)
 {
-    for (size_t i = 0; i < COUNT; i++) {
-        y_um[i] = 0;
-    }
+    const rdpi_real_t halves[COUNT] = {(rdpi_real_t)0.25, (rdpi_real_t)0.5, 1, 2};
+    const rdpi_real_t falling[COUNT] = {4, 2, 1, (rdpi_real_t)0.5};
+    const rdpi_real_t rest[COUNT] = {0, 0, 0, 0};
+    fill(halving, halves);
+    fill(softening, falling);
+    memset(plain_um, 0, sizeof plain_um);
+    rdpi_f32_bank_set(&bank, halving, COUNT, rest);
 }
 
 void tearDown(void)
 {
 }
 
+/* ---- moving ---- */
+
+void test_each_play_of_a_bank_lags_by_its_own_threshold(void)
+{
+    move(3);
+    equal_states(3, 2, 1, 0);
+    move(-5);
+    equal_states(-5, -4, -3, -1);
+}
+
+void test_after_a_reversal_the_plays_let_go_one_by_one(void)
+{
+    move(5);
+    equal_states(5, 4, 3, 1);
+    move(4);
+    equal_states(4, 4, 3, 1);
+    move(2);
+    equal_states(2, 3, 3, 1);
+    move(0);
+    equal_states(0, 1, 2, 1);
+}
+
+void test_moving_to_where_the_bank_is_changes_nothing(void)
+{
+    move(5);
+    move(2);
+    rdpi_f32_bank_t before = bank;
+    move(2);
+    TEST_ASSERT_EQUAL_MEMORY(&before, &bank, sizeof bank);
+}
+
+void test_a_closed_minor_loop_is_forgotten(void)
+{
+    move(5);
+    move(0);
+    move(3);
+    move(0);
+    equal_states(0, 1, 2, 1);
+}
+
+void test_move_touches_count_plays_and_no_more(void)
+{
+    const rdpi_f32_target_t target = {5, 0, false};
+    bank.y_um[2] = 77;
+    rdpi_f32_bank_move(&bank, halving, 2, target);
+    equal_states(5, 4, 77, 0);
+}
+
+void test_plays_that_move_with_the_input_are_counted(void)
+{
+    move(3);
+    TEST_ASSERT_EQUAL_UINT(2, bank.engaged);
+    move(5);
+    TEST_ASSERT_EQUAL_UINT(3, bank.engaged);
+    move((rdpi_real_t)4.5);
+    TEST_ASSERT_EQUAL_UINT(0, bank.engaged);
+    move(2);
+    TEST_ASSERT_EQUAL_UINT(1, bank.engaged);
+}
+
+void test_a_play_reached_but_not_pushed_yet_is_not_engaged(void)
+{
+    move(2);
+    TEST_ASSERT_EQUAL_UINT(1, bank.engaged);
+    equal_states(2, 1, 0, 0);
+    move(5);
+    move(3);
+    TEST_ASSERT_EQUAL_UINT(0, bank.engaged);
+    equal_states(3, 4, 3, 1);
+}
+
+void test_the_guess_how_many_plays_engage_does_not_matter(void)
+{
+    const rdpi_real_t path_um[] = {3, 2, 5, 4, -1, -1, 0, -6, 6};
+    for (size_t guess = 0; guess < COUNT; guess++) {
+        setUp();
+        for (size_t k = 0; k < sizeof path_um / sizeof path_um[0]; k++) {
+            move_with_guess(path_um[k], guess);
+            equal_states(plain_um[0], plain_um[1], plain_um[2], plain_um[3]);
+        }
+    }
+}
+
+void test_turning_round_moves_no_play(void)
+{
+    move(5);
+    rdpi_f32_bank_turn(&bank, halving);
+    TEST_ASSERT_TRUE(bank.falling);
+    TEST_ASSERT_EQUAL_UINT(0, bank.engaged);
+    equal_states(5, 4, 3, 1);
+    rdpi_f32_bank_turn(&bank, halving);
+    TEST_ASSERT_FALSE(bank.falling);
+    equal_states(5, 4, 3, 1);
+}
+
+void test_states_taken_on_are_those_given(void)
+{
+    const rdpi_real_t y_um[COUNT] = {5, 4, 3, 1};
+    move(-3);
+    rdpi_f32_bank_set(&bank, halving, COUNT, y_um);
+    equal_states(5, 4, 3, 1);
+    solves(4, 9);
+    solves(6, (rdpi_real_t)13.5);
+}
+
+/* ---- the output ---- */
+
+/* w = (0.5, 0.5, 1, 2) */
+void test_the_sum_weighs_each_play_by_the_difference_of_slopes(void)
+{
+    const rdpi_real_t y_um[COUNT] = {5, (rdpi_real_t)5.5, 4, 6};
+    rdpi_f32_bank_set(&bank, halving, COUNT, y_um);
+    EQUAL_REAL(0.5 * 5 + 0.5 * 5.5 + 1 * 4 + 2 * 6, output());
+    EQUAL_REAL(0.25 * 5 + 0.25 * 5.5 + 0.5 * 4 + 1 * 6, rdpi_f32_bank_at(&bank, halving, COUNT, 1, 5));
+}
+
+void test_the_sum_of_one_play_is_slope_times_state(void)
+{
+    EQUAL_REAL(-3, rdpi_f32_bank_at(&bank, halving, 1, 0, -6));
+}
+
+/* Eq. 15: on the first rise the output climbs along the loading curve. */
+void test_first_rise_follows_the_loading_curve(void)
+{
+    const rdpi_real_t corners[] = {0, 1, 2, 4, 5}, curve[] = {0, (rdpi_real_t)0.5, (rdpi_real_t)1.5, (rdpi_real_t)5.5,
+                                                              (rdpi_real_t)9.5};
+    for (size_t k = 0; k < 5; k++) {
+        EQUAL_REAL(curve[k], rdpi_f32_bank_at(&bank, halving, COUNT, 0, corners[k]));
+        EQUAL_REAL(-curve[k], rdpi_f32_bank_at(&bank, halving, COUNT, 0, -corners[k]));
+    }
+    equal_states(0, 0, 0, 0);
+    for (size_t k = 0; k < 5; k++) {
+        move(corners[k]);
+        EQUAL_REAL(curve[k], output());
+    }
+}
+
+/* What the solution starts from: W_k x + rest + rate * (change of rest per rate), kept up from move to move. */
+void test_slope_and_rest_make_the_output_that_the_definition_gives(void)
+{
+    const rdpi_real_t path_um[] = {0, 1, 3, 5, 6, 5, 2, 4, -1, -6, -6, -5, 0, (rdpi_real_t)-0.5, 7};
+    for (size_t k = 0; k < sizeof path_um / sizeof path_um[0]; k++) {
+        move(path_um[k]);
+        for (int rate = 0; rate < 2; rate++) {
+            rdpi_real_t v_um = rdpi_f32_slope(&halving[bank.engaged], (rdpi_real_t)rate) * path_um[k] + bank.rest_um +
+                               (rdpi_real_t)rate * bank.rest_rate_s;
+            EQUAL_REAL(rdpi_f32_bank_at(&bank, halving, COUNT, (rdpi_real_t)rate, path_um[k]), v_um);
+        }
+    }
+}
+
+/* ---- solving ---- */
+
 void test_asking_for_the_present_output_gives_the_present_input(void)
 {
     solves(0, 0);
     move(5);
     move(2);
-    solves(2, rdpi_f32_plays_sum(y_um, hardening, COUNT));
+    solves(2, output());
 }
 
 void test_rising_from_rest_on_every_piece(void)
@@ -120,33 +316,72 @@ void test_leaving_a_minor_loop_passes_a_corner_shared_by_two_plays(void)
 /* At (5, 4, 3, 1) half the slopes give 4.75. */
 void test_slopes_that_changed_since_the_last_sample_are_solved_with_the_states_as_they_are(void)
 {
-    const rdpi_real_t halved[COUNT] = {(rdpi_real_t)0.25, (rdpi_real_t)0.5, 1, 2};
     move(5);
-    EQUAL_REAL(5, rdpi_f32_plays_solve(y_um, r_um, halved, COUNT, (rdpi_real_t)4.75));
-    EQUAL_REAL(7.375, rdpi_f32_plays_solve(y_um, r_um, halved, COUNT, (rdpi_real_t)9.5));
-    EQUAL_REAL(3, rdpi_f32_plays_solve(y_um, r_um, halved, COUNT, (rdpi_real_t)4.25));
+    EQUAL_REAL(5, solution(halving, COUNT, 1, (rdpi_real_t)4.75));
+    EQUAL_REAL(7.375, solution(halving, COUNT, 1, (rdpi_real_t)9.5));
+    EQUAL_REAL(3, solution(halving, COUNT, 1, (rdpi_real_t)4.25));
 }
 
 void test_slopes_that_fall_along_the_loading_curve(void)
 {
-    EQUAL_REAL(0.5, rdpi_f32_plays_solve(y_um, r_um, softening, COUNT, 2));
-    EQUAL_REAL(3, rdpi_f32_plays_solve(y_um, r_um, softening, COUNT, 7));
-    EQUAL_REAL(-6, rdpi_f32_plays_solve(y_um, r_um, softening, COUNT, -9));
+    EQUAL_REAL(0.5, solution(softening, COUNT, 1, 2));
+    EQUAL_REAL(3, solution(softening, COUNT, 1, 7));
+    EQUAL_REAL(-6, solution(softening, COUNT, 1, -9));
 }
 
 void test_one_play_is_a_division(void)
 {
-    y_um[0] = 3;
-    EQUAL_REAL(8, rdpi_f32_plays_solve(y_um, r_um, hardening, 1, 4));
-    EQUAL_REAL(-8, rdpi_f32_plays_solve(y_um, r_um, hardening, 1, -4));
+    move(3);
+    rdpi_f32_bank_set(&bank, halving, 1, bank.y_um);
+    EQUAL_REAL(8, solution(halving, 1, 0, 4));
+    EQUAL_REAL(-8, solution(halving, 1, 0, -4));
 }
 
 void test_solving_moves_no_play(void)
 {
-    const rdpi_real_t before[COUNT] = {5, 4, 3, 1};
     move(5);
-    solves(-4, (rdpi_real_t)-5.5);
-    TEST_ASSERT_EQUAL_MEMORY(before, y_um, sizeof before);
+    rdpi_f32_bank_solve(&bank, halving, COUNT, 0, (rdpi_real_t)9.25); /* down, with the first play alone */
+    equal_states(5, 4, 3, 1);
+    setUp();
+    move(5);
+    rdpi_f32_bank_solve(&bank, halving, COUNT, 0, (rdpi_real_t)-5.5);
+    equal_states(5, 4, 3, 1);
+}
+
+void test_solution_says_how_many_plays_it_engages_and_whether_it_turned(void)
+{
+    rdpi_f32_target_t target = rdpi_f32_bank_solve(&bank, halving, COUNT, 0, (rdpi_real_t)3.5);
+    TEST_ASSERT_EQUAL_UINT(2, target.engaged);
+    TEST_ASSERT_FALSE(target.turned);
+    move(5);
+    target = rdpi_f32_bank_solve(&bank, halving, COUNT, 0, (rdpi_real_t)7.5);
+    TEST_ASSERT_EQUAL_UINT(1, target.engaged);
+    TEST_ASSERT_TRUE(target.turned);
+}
+
+/* ---- solving, then moving ---- */
+
+void test_after_solving_the_bank_can_move_anywhere(void)
+{
+    const rdpi_real_t asked_um[] = {9, -9, 1, -1};
+    for (int from = -5; from <= 5; from++) {
+        for (int to = -6; to <= 6; to++) {
+            for (size_t k = 0; k < 4; k++) {
+                setUp();
+                move(5);
+                move((rdpi_real_t)from);
+                rdpi_f32_target_t target = rdpi_f32_bank_solve(&bank, halving, COUNT, 0, output() + asked_um[k]);
+                target.x_um = (rdpi_real_t)to;
+                rdpi_f32_bank_move(&bank, halving, COUNT, target);
+                for (size_t i = 0; i < COUNT; i++) {
+                    plain_um[i] = rdpi_f32_play((rdpi_real_t)to, halving[i].r_um, plain_um[i]);
+                }
+                equal_states(plain_um[0], plain_um[1], plain_um[2], plain_um[3]);
+                EQUAL_REAL(rdpi_f32_bank_at(&bank, halving, COUNT, 0, bank.y_um[0]),
+                           rdpi_f32_slope(&halving[bank.engaged], 0) * bank.y_um[0] + bank.rest_um);
+            }
+        }
+    }
 }
 
 void test_the_solution_put_into_the_bank_gives_what_was_asked_through_reversals_and_changing_slopes(void)
@@ -154,10 +389,10 @@ void test_the_solution_put_into_the_bank_gives_what_was_asked_through_reversals_
     uint32_t seed = 1;
     for (int k = 0; k < 2000; k++) {
         seed = seed * 1664525u + 1013904223u;
-        rdpi_real_t v_um = (rdpi_real_t)(seed >> 16) / 4096 - 8;
-        const rdpi_real_t *slopes = k % 3 == 0 ? softening : hardening;
-        rdpi_real_t x_um = rdpi_f32_plays_solve(y_um, r_um, slopes, COUNT, v_um);
-        move(x_um);
-        TEST_ASSERT_FLOAT_WITHIN(1e-5f, (float)v_um, (float)rdpi_f32_plays_sum(y_um, slopes, COUNT));
+        rdpi_real_t v_um = (rdpi_real_t)(seed >> 16) / 4096 - 8, rate = k % 3 == 0;
+        rdpi_f32_target_t target = rdpi_f32_bank_solve(&bank, softening, COUNT, rate, v_um);
+        rdpi_f32_bank_move(&bank, softening, COUNT, target);
+        TEST_ASSERT_FLOAT_WITHIN(1e-5f, (float)v_um,
+                                 (float)rdpi_f32_bank_at(&bank, softening, COUNT, rate, bank.y_um[0]));
     }
 }

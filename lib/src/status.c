@@ -10,7 +10,7 @@ const char *rdpi_status_text(rdpi_status_t status)
     case RDPI_ERR_SCHEMA:
         return "parameters of another schema: generate the header again";
     case RDPI_ERR_NOT_FINITE:
-        return "a value is NaN or infinite";
+        return "a number is NaN, infinite or beyond 1e7";
     case RDPI_ERR_COUNT:
         return "number of plays or dead zones is 0 or above the compile-time maximum";
     case RDPI_ERR_GAIN:
@@ -18,23 +18,27 @@ const char *rdpi_status_text(rdpi_status_t status)
     case RDPI_ERR_THRESHOLDS:
         return "thresholds_um must start at 0 and increase";
     case RDPI_ERR_SLOPES:
-        return "a slope is not positive at rate 0";
+        return "a slope is not positive, or outside its format";
     case RDPI_ERR_GUARD:
         return "min_slope_ratio not in (0, 1), or a slope falls below that ratio before max_um_per_s";
     case RDPI_ERR_DEADZONES:
         return "deadzones_um must start at 0 and increase";
     case RDPI_ERR_SATURATION:
-        return "a piece of the saturation stage has no positive slope";
+        return "a piece of the saturation stage has no positive slope, or weights are outside their format";
     case RDPI_ERR_SAMPLE_TIME:
-        return "sample time must be positive, finite and not absurdly short";
+        return "sample time must be positive and within range";
     case RDPI_ERR_RATE:
         return "rate window, filter time or max_um_per_s out of range";
     case RDPI_ERR_WINDOW:
         return "rate window spans more samples than RDPI_MAX_WINDOW";
     case RDPI_ERR_DRIVE:
-        return "drive limits: need min_V < max_V, slew_V_per_s 0 or not too slow, at most 20 dac_bits";
+        return "drive limits: need min < max, slew not negative, at most 20 dac_bits, codes that fit the range";
     case RDPI_ERR_MEMORY:
         return "memory is not a state one history can leave inside the drive range";
+    case RDPI_ERR_SWEEP:
+        return "start-up sweep: needs 1 to 10000 cycles, an end in range, a speed within the slew and not too slow";
+    case RDPI_ERR_DIGEST:
+        return "the parameters differ from those that were generated: generate or flash them again";
     }
     return "unknown status";
 }

@@ -1,0 +1,24 @@
+/* The saturation stage, a sum of one-sided dead zones: Ang et al., IROS 2003, eq. 7, 8 and 13. */
+#ifndef RDPI_DEADZONE_H
+#define RDPI_DEADZONE_H
+
+#include "rdpi/f32.h"
+
+/* Eq. 7: the one-sided dead zone of threshold `d_um` > 0. */
+static inline rdpi_real_t rdpi_f32_deadzone(rdpi_real_t v_um, rdpi_real_t d_um)
+{
+    return v_um > d_um ? v_um - d_um : 0;
+}
+
+/* Eq. 8: S(v) = sum of ws_j S_dj(v), S_0(v) = v. Its inverse is another such sum (eq. 13), so this is also S^-1(z).
+ * O(count), count >= 1. */
+static inline rdpi_real_t rdpi_f32_saturation(const rdpi_f32_deadzone_t *term, size_t count, rdpi_real_t v_um)
+{
+    rdpi_real_t z_um = term[0].weight * v_um;
+    for (size_t j = 1; j < count; j++) {
+        z_um += term[j].weight * rdpi_f32_deadzone(v_um, term[j].d_um);
+    }
+    return z_um;
+}
+
+#endif

@@ -1,0 +1,106 @@
+/* The rate estimator of rate.h in fixed point. It works on distances per window, so that a jump of any size passes
+ * through the low-pass undistorted; only what comes out is divided by the guard's distance. */
+#ifndef RDPI_Q31_RATE_H
+#define RDPI_Q31_RATE_H
+
+#include "q31_math.h"
+
+/* Forgets the samples seen. */
+static inline void rdpi_q31_rate_reset(rdpi_q31_rate_t *rate)
+{
+    rate->oldest = rate->window; /* none yet */
+    rate->filtered = 0;
+}
+
+/* The low-pass's blend E = 1 - exp(-u), u = time / filter > 0: a series where u is small, then E(2 u) = E (2 - E). E is
+ * mantissa 2^-exponent, so that the mantissa of 2 E is that of E and a doubling is one subtraction. Within
+ * 2^-27 of itself. */
+static inline void rdpi_q31_rate_blend(rdpi_q31_rate_t *rate, uint32_t time_ns, uint32_t filter_ns)
+{
+    unsigned zeros = rdpi_q31_clz(time_ns);
+    uint64_t quotient = ((uint64_t)(time_ns << zeros) << 31) / filter_ns; /* u 2^(31 + zeros), >= 2^30 */
+    unsigned surplus = 32u - rdpi_q31_clz64(quotient | UINT32_MAX);
+    uint32_t mantissa = (uint32_t)(quotient >> surplus);
+    unsigned last = 31u + zeros - surplus; /* exponent of u */
+
+    unsigned exponent = last < 44u ? 44u : last; /* begin at u < 2^-12 */
+    uint32_t inner = UINT32_MAX - ((mantissa / 3u) >> (exponent - 32u)); /* 1 - u / 3 */
+    uint64_t half_square = ((uint64_t)mantissa * mantissa) >> 33;        /* u^2 / 2 */
+    mantissa -= (uint32_t)(((half_square * inner) >> 32) >> (exponent - 32u));
+    for (; exponent > last && exponent > 32u; exponent--) {
+        mantissa -= (uint32_t)((((uint64_t)mantissa * mantissa) >> 1) >> exponent);
+    }
+    uint32_t kept = 0u - mantissa; /* if exponent is 32: exp(-u), whose error shrinks as it is squared */
+    for (; exponent > last; last++) {
+        kept = rdpi_q31_mulh(kept, kept);
+        mantissa = 0u - kept; /* 0: kept is less than 2^-32; no filter */
+    }
+    rate->blend = mantissa;
+    rate->blend_shift = (uint8_t)(exponent - 32u);
+}
+
+/* Sets up `rate` for samples `sample_time_ns` apart, no sample seen yet; see rdpi_q31_init for what it refuses. */
+static inline rdpi_status_t rdpi_q31_rate_init(rdpi_q31_rate_t *rate, const rdpi_q31_params_t *params,
+                                               uint32_t sample_time_ns)
+{
+    if (sample_time_ns == 0u) {
+        return RDPI_ERR_SAMPLE_TIME;
+    }
+    uint64_t window = ((uint64_t)params->rate_window_ns + sample_time_ns / 2u) / sample_time_ns;
+    window = window < 1u ? 1u : window;
+    uint64_t window_ns = window * sample_time_ns;
+    if (window > RDPI_MAX_WINDOW || window_ns > UINT32_MAX) {
+        return RDPI_ERR_WINDOW;
+    }
+    /* guard distance times 2^31 = guard 2^guard_shift */
+    uint64_t distance = params->guard_mantissa * window_ns;
+    unsigned zeros = rdpi_q31_clz64(distance);
+    int shift = 63 - (int)zeros + params->guard_exponent;
+    if (shift < 0 || shift > 62) {
+        return RDPI_ERR_RATE;
+    }
+    rate->window = (uint16_t)window;
+    rate->guard = (uint32_t)((distance << zeros) >> 32);
+    rate->guard_shift = (uint8_t)shift;
+    rate->per_guard = (uint32_t)(((uint64_t)1 << 62) / rate->guard);
+    rate->blend = 0;
+    rate->blend_shift = 0;
+    if (params->rate_filter_ns > sample_time_ns / 64u) { /* or exp(-64) is left */
+        rdpi_q31_rate_blend(rate, sample_time_ns, params->rate_filter_ns);
+    }
+    rdpi_q31_rate_reset(rate);
+    return RDPI_OK;
+}
+
+/* As rdpi_f32_rate_step; returns the rate, RDPI_Q31_ONE at the guard, and beyond it more than that.
+ * Scaling and overflow: distances are < 2^32; in 63 bits they carry 31 bits of fraction. */
+static inline int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, unsigned missed)
+{
+    if (rate->oldest == rate->window || missed > RDPI_MAX_MISSED) {
+        rdpi_q31_rate_reset(rate);
+        for (size_t k = 0; k < rate->window; k++) {
+            rate->z[k] = z;
+        }
+        rate->oldest = 0;
+        missed = 0;
+    }
+    int32_t last = rate->z[(rate->oldest > 0u ? rate->oldest : rate->window) - 1u];
+    for (unsigned left = missed + 1u; left > 0u; left--) {
+        last = left > 1u ? (int32_t)(last + ((int64_t)z - last) / (int32_t)left) : z;
+        int32_t oldest = rate->z[rate->oldest];
+        rate->z[rate->oldest] = last;
+        rate->oldest = (uint16_t)(rate->oldest + 1u < rate->window ? rate->oldest + 1u : 0u);
+
+        uint32_t moved = last > oldest ? (uint32_t)last - (uint32_t)oldest : (uint32_t)oldest - (uint32_t)last;
+        int64_t raw = (int64_t)((uint64_t)moved << 31);
+        if (rate->blend == 0u) {
+            rate->filtered = raw;
+        } else {
+            rate->filtered += rdpi_q31_mul_wide(raw - rate->filtered, rate->blend) >> rate->blend_shift;
+        }
+    }
+    uint64_t distance = (uint64_t)rate->filtered >> rate->guard_shift;
+    return distance > rate->guard ? INT32_MAX : (int32_t)rdpi_q31_mulh((uint32_t)distance, rate->per_guard);
+}
+
+#endif

@@ -1,0 +1,432 @@
+#include "rdpi/f32.h"
+
+#include <string.h>
+#include <tgmath.h> /* fabs and isfinite for whichever type rdpi_real_t is; compilers inline both */
+
+#include "crc.h"
+#include "deadzone.h"
+#include "inverse.h"
+#include "play.h"
+#include "rate.h"
+
+/* Relative: states and parameters that were printed, parsed or read back must pass although rounded. */
+#define ROUNDING ((rdpi_real_t)1e-5)
+
+/* A number beyond this is refused: then no sum or product of the step can overflow. */
+#define MAX_NUMBER ((rdpi_real_t)1e7)
+
+/* The narrowest output range, V. */
+#define MIN_SPAN_V ((rdpi_real_t)1e-9)
+
+#define MAX_SWEEP_CYCLES 10000u
+
+/* NaN becomes `low`. */
+static rdpi_real_t clamp(rdpi_real_t value, rdpi_real_t low, rdpi_real_t high)
+{
+    return value > low ? (value < high ? value : high) : low;
+}
+
+static rdpi_real_t x_of_drive(const rdpi_f32_params_t *params, rdpi_real_t drive_V)
+{
+    return params->gain_um_per_V * (drive_V - params->offset_V);
+}
+
+static rdpi_real_t drive_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
+{
+    return x_um * params->V_per_um + params->offset_V;
+}
+
+/* ---- what init checks ---- */
+
+/* Of the struct, the part that holds nothing but numbers, and the part that the digest covers. */
+#define NUMBERS_BEGIN offsetof(rdpi_f32_params_t, gain_um_per_V)
+#define NUMBERS_END (offsetof(rdpi_f32_params_t, sweep_end_V) + sizeof(rdpi_real_t))
+#define DIGEST_BEGIN offsetof(rdpi_f32_params_t, plays)
+
+/* Whether a block of memory that holds nothing but numbers holds no NaN and none too large. */
+static bool all_usable(const void *block, size_t bytes)
+{
+    for (size_t offset = 0; offset < bytes; offset += sizeof(rdpi_real_t)) {
+        rdpi_real_t value;
+        memcpy(&value, (const unsigned char *)block + offset, sizeof value);
+        if (!(fabs(value) <= MAX_NUMBER)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+static rdpi_status_t check_pointers(const rdpi_f32_t *self, const rdpi_f32_params_t *params)
+{
+    if (self == NULL || params == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    if (params->schema != RDPI_PARAMS_SCHEMA) {
+        return RDPI_ERR_SCHEMA;
+    }
+    if (params->plays < 1 || params->plays > RDPI_MAX_PLAYS || params->deadzones < 1 ||
+        params->deadzones > RDPI_MAX_DEADZONES) {
+        return RDPI_ERR_COUNT;
+    }
+    if (params->play == NULL || params->saturation == NULL || params->inverse_saturation == NULL ||
+        params->memory_um == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    return RDPI_OK;
+}
+
+static bool check_numbers(const rdpi_f32_params_t *params)
+{
+    size_t deadzones = params->deadzones * sizeof *params->saturation;
+    return all_usable((const unsigned char *)params + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN) &&
+           all_usable(params->play, params->plays * sizeof *params->play) &&
+           all_usable(params->saturation, deadzones) && all_usable(params->inverse_saturation, deadzones);
+}
+
+static rdpi_status_t check_plays(const rdpi_f32_params_t *params)
+{
+    rdpi_real_t below_um = -1; /* the threshold before; r_0 is 0 */
+    if (params->play[0].r_um != 0) {
+        return RDPI_ERR_THRESHOLDS;
+    }
+    for (size_t i = 0; i < params->plays; i++) {
+        const rdpi_f32_play_t *play = &params->play[i];
+        if (play->r_um <= below_um) {
+            return RDPI_ERR_THRESHOLDS;
+        }
+        if (play->slope <= 0) {
+            return RDPI_ERR_SLOPES;
+        }
+        /* W_i is linear in the rate: both ends of the range decide. Compared to rounding. */
+        if (rdpi_f32_slope(play, params->max_um_per_s) < params->min_slope_ratio * (1 - ROUNDING) * play->slope) {
+            return RDPI_ERR_GUARD;
+        }
+        below_um = play->r_um;
+    }
+    return RDPI_OK;
+}
+
+static rdpi_status_t check_saturation(const rdpi_f32_params_t *params)
+{
+    rdpi_real_t slope = 0, below_um = -1;
+    if (params->saturation[0].d_um != 0) {
+        return RDPI_ERR_DEADZONES;
+    }
+    for (size_t j = 0; j < params->deadzones; j++) {
+        const rdpi_f32_deadzone_t *term = &params->saturation[j];
+        if (term->d_um <= below_um) {
+            return RDPI_ERR_DEADZONES;
+        }
+        slope += term->weight;
+        if (slope <= 0) {
+            return RDPI_ERR_SATURATION;
+        }
+        below_um = term->d_um;
+    }
+    return RDPI_OK;
+}
+
+static rdpi_status_t check_drive(const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
+{
+    if (params->max_V - params->min_V < MIN_SPAN_V || params->slew_V_per_s < 0 ||
+        params->dac_bits > RDPI_MAX_DAC_BITS) {
+        return RDPI_ERR_DRIVE;
+    }
+    /* What the drive moves per sample must survive rounding anywhere in its range, or it would never arrive. */
+    rdpi_real_t largest_V = fabs(params->min_V) + fabs(params->max_V);
+    rdpi_real_t moved_V = largest_V + params->sweep_V_per_s * sample_time_s / 16;
+    if (params->sweep_cycles - 1u >= MAX_SWEEP_CYCLES || params->sweep_end_V < params->min_V ||
+        params->sweep_end_V > params->max_V || moved_V <= largest_V ||
+        (params->slew_V_per_s > 0 && params->slew_V_per_s < params->sweep_V_per_s)) {
+        return RDPI_ERR_SWEEP;
+    }
+    return RDPI_OK;
+}
+
+/* Whether one history can have left these states, with a drive inside the range. Comparisons are such that NaN
+ * fails, and infinity beside a finite state. */
+static rdpi_status_t check_memory(const rdpi_f32_params_t *params, const rdpi_real_t *y_um)
+{
+    rdpi_real_t drive_V = drive_of_x(params, y_um[0]);
+    rdpi_real_t slack_V = ROUNDING * (params->max_V - params->min_V);
+    bool possible = drive_V >= params->min_V - slack_V && drive_V <= params->max_V + slack_V;
+    for (size_t i = 1; i < params->plays; i++) {
+        rdpi_real_t gap_um = params->play[i].r_um - params->play[i - 1u].r_um;
+        rdpi_real_t slack_um = ROUNDING * (params->play[params->plays - 1u].r_um + fabs(y_um[i - 1u]));
+        possible = possible && fabs(y_um[i] - y_um[i - 1u]) <= gap_um + slack_um;
+    }
+    return possible ? RDPI_OK : RDPI_ERR_MEMORY;
+}
+
+/* And sets up the rate estimator: check_drive relies on the sample time that it accepts. */
+static rdpi_status_t check_params(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
+{
+    if (params->digest != rdpi_f32_digest(params)) {
+        return RDPI_ERR_DIGEST;
+    }
+    if (!check_numbers(params)) {
+        return RDPI_ERR_NOT_FINITE;
+    }
+    if (params->gain_um_per_V == 0) {
+        return RDPI_ERR_GAIN;
+    }
+    if (params->max_um_per_s <= 0) {
+        return RDPI_ERR_RATE;
+    }
+    if (params->min_slope_ratio <= 0 || params->min_slope_ratio >= 1) {
+        return RDPI_ERR_GUARD;
+    }
+    rdpi_status_t status = check_plays(params);
+    if (status == RDPI_OK) {
+        status = check_saturation(params);
+    }
+    if (status == RDPI_OK) {
+        status = rdpi_f32_rate_init(&self->rate, params->rate_window_s, params->rate_filter_s, sample_time_s);
+    }
+    if (status == RDPI_OK) {
+        status = check_drive(params, sample_time_s);
+    }
+    return status == RDPI_OK ? check_memory(params, params->memory_um) : status;
+}
+
+uint32_t rdpi_f32_digest(const rdpi_f32_params_t *params)
+{
+    size_t deadzones = params->deadzones * sizeof *params->saturation;
+    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, NUMBERS_END - DIGEST_BEGIN);
+    crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
+    crc = rdpi_crc32(crc, params->saturation, deadzones);
+    crc = rdpi_crc32(crc, params->inverse_saturation, deadzones);
+    return rdpi_crc32(crc, params->memory_um, params->plays * sizeof *params->memory_um);
+}
+
+rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
+{
+    rdpi_status_t status = check_pointers(self, params);
+    if (status == RDPI_OK) {
+        status = check_params(self, params, sample_time_s);
+    }
+    if (status == RDPI_OK) {
+        rdpi_real_t last_code = (rdpi_real_t)((1uL << params->dac_bits) - 1u);
+        self->params = params;
+        self->sample_time_s = sample_time_s;
+        self->codes_per_V = last_code / (params->max_V - params->min_V);
+        self->V_per_code = params->dac_bits > 0u ? (params->max_V - params->min_V) / last_code : 0;
+        rdpi_f32_reset(self);
+    }
+    return status;
+}
+
+/* ---- memory ---- */
+
+/* What has happened since the latest sample does not matter to the next. */
+static void forget_samples(rdpi_f32_t *self)
+{
+    rdpi_f32_rate_reset(&self->rate);
+    self->missed = 0;
+}
+
+/* The code nearest to a drive inside the range. */
+static uint32_t code_of_drive(const rdpi_f32_t *self, rdpi_real_t drive_V)
+{
+    return (uint32_t)((drive_V - self->params->min_V) * self->codes_per_V + (rdpi_real_t)0.5);
+}
+
+/* Takes checked states, as they are: what rdpi_f32_get_memory gave comes back bit for bit. */
+static void put_memory(rdpi_f32_t *self, const rdpi_real_t *y_um)
+{
+    const rdpi_f32_params_t *params = self->params;
+    rdpi_f32_bank_set(&self->bank, params->play, params->plays, y_um);
+    self->drive_V = clamp(drive_of_x(params, self->bank.y_um[0]), params->min_V, params->max_V);
+    self->ramp_V = self->drive_V;
+    self->dac_code = code_of_drive(self, self->drive_V);
+    self->sweep_turns = 0;
+}
+
+void rdpi_f32_reset(rdpi_f32_t *self)
+{
+    put_memory(self, self->params->memory_um);
+    forget_samples(self);
+    self->rate_um_per_s = 0;
+    self->flags = 0;
+    self->guard_count = 0;
+    self->clip_count = 0;
+    self->input_count = 0;
+    self->missed_count = 0;
+}
+
+rdpi_status_t rdpi_f32_set_memory(rdpi_f32_t *self, const rdpi_real_t *y_um)
+{
+    rdpi_status_t status = self == NULL || y_um == NULL ? RDPI_ERR_NULL : check_memory(self->params, y_um);
+    if (status == RDPI_OK) {
+        put_memory(self, y_um);
+    }
+    return status;
+}
+
+void rdpi_f32_get_memory(const rdpi_f32_t *self, rdpi_real_t *y_um)
+{
+    for (size_t i = 0; i < self->params->plays; i++) {
+        y_um[i] = rdpi_f32_bank_state(&self->bank, self->params->play, i);
+    }
+}
+
+/* ---- the step ---- */
+
+static void set_flag(rdpi_f32_t *self, uint32_t flag, uint32_t *count)
+{
+    self->flags |= flag;
+    if (*count < UINT32_MAX) {
+        (*count)++;
+    }
+}
+
+/* The input is not usable: the sample passes with everything held. */
+static void refuse_input(rdpi_f32_t *self)
+{
+    set_flag(self, RDPI_FLAG_INPUT, &self->input_count);
+    if (self->missed < UINT16_MAX) {
+        self->missed++;
+    }
+}
+
+/* The singularity guard. */
+static rdpi_real_t limit_rate(rdpi_f32_t *self, rdpi_real_t rate_um_per_s)
+{
+    if (rate_um_per_s > self->params->max_um_per_s) {
+        rate_um_per_s = self->params->max_um_per_s;
+        set_flag(self, RDPI_FLAG_GUARD, &self->guard_count);
+    }
+    self->rate_um_per_s = rate_um_per_s;
+    return rate_um_per_s;
+}
+
+/* Range and slew: what may be output of the drive wished for. */
+static rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V)
+{
+    const rdpi_f32_params_t *params = self->params;
+    uint32_t clipped = 0;
+    rdpi_real_t drive_V = clamp(wish_V, params->min_V, params->max_V);
+    if (drive_V != wish_V) {
+        clipped |= RDPI_FLAG_RANGE;
+    }
+    if (params->slew_V_per_s > 0) {
+        rdpi_real_t slew_V = params->slew_V_per_s * self->sample_time_s;
+        rdpi_real_t reached_V = clamp(drive_V, self->ramp_V - slew_V, self->ramp_V + slew_V);
+        if (reached_V != drive_V) {
+            clipped |= RDPI_FLAG_SLEW;
+            drive_V = reached_V;
+        }
+    }
+    if (clipped != 0u) {
+        set_flag(self, clipped, &self->clip_count);
+    }
+    return drive_V;
+}
+
+/* Outputs a drive inside the range, to a code if there are codes, and moves the plays there. `target` is where the
+ * plays would go for `wish_V`, which spares working it out again if that is what is output. */
+static void output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t wish_V, rdpi_f32_target_t target)
+{
+    const rdpi_f32_params_t *params = self->params;
+    self->ramp_V = drive_V;
+    if (params->dac_bits > 0u) {
+        self->dac_code = code_of_drive(self, drive_V);
+        drive_V = params->min_V + (rdpi_real_t)self->dac_code * self->V_per_code;
+        if (drive_V > params->max_V) { /* the last code, rounded */
+            drive_V = params->max_V;
+        }
+    }
+    self->drive_V = drive_V;
+    if (drive_V != wish_V) {
+        target.x_um = x_of_drive(params, drive_V);
+    }
+    rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
+}
+
+rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
+{
+    const rdpi_f32_params_t *params = self->params;
+
+    self->flags = 0;
+    if (!(fabs(reference_um) <= RDPI_MAX_REFERENCE_UM)) {
+        refuse_input(self);
+        return self->drive_V;
+    }
+    if (self->missed > 0u) {
+        self->flags = RDPI_FLAG_MISSED;
+    }
+    rdpi_real_t z_um = reference_um - params->offset_um;
+    /* From the reference, which is exact, and not from z, which is rounded: the offset cancels. */
+    rdpi_real_t rate_um_per_s = limit_rate(self, rdpi_f32_rate_step(&self->rate, reference_um, self->missed));
+    rdpi_real_t v_um = rdpi_f32_saturation(params->inverse_saturation, params->deadzones, z_um);
+    self->missed = 0;
+    rdpi_f32_target_t target = rdpi_f32_bank_solve(&self->bank, params->play, params->plays, rate_um_per_s, v_um);
+    rdpi_real_t wish_V = drive_of_x(params, target.x_um);
+    output(self, limit_drive(self, wish_V), wish_V, target);
+    return self->drive_V;
+}
+
+void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks)
+{
+    uint32_t missed = self->missed + (ticks < UINT16_MAX ? ticks : UINT16_MAX);
+    self->missed = (uint16_t)(missed < UINT16_MAX ? missed : UINT16_MAX);
+    self->missed_count += ticks < UINT32_MAX - self->missed_count ? ticks : UINT32_MAX - self->missed_count;
+}
+
+bool rdpi_f32_sweep(rdpi_f32_t *self)
+{
+    const rdpi_f32_params_t *params = self->params;
+    if (self->sweep_turns == 0u) {
+        self->sweep_turns = (uint16_t)(2u * params->sweep_cycles + 1u);
+    }
+    /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to the end */
+    unsigned cycles_left = self->sweep_turns / 2u;
+    rdpi_real_t left = (rdpi_real_t)cycles_left / (rdpi_real_t)params->sweep_cycles;
+    rdpi_real_t limit_V = self->sweep_turns % 2u != 0u ? params->max_V : params->min_V;
+    rdpi_real_t turn_V = clamp(params->sweep_end_V + left * (limit_V - params->sweep_end_V), params->min_V,
+                               params->max_V);
+    rdpi_real_t step_V = params->sweep_V_per_s * self->sample_time_s;
+    rdpi_real_t drive_V = clamp(turn_V, self->ramp_V - step_V, self->ramp_V + step_V);
+
+    self->flags = 0;
+    self->rate_um_per_s = 0;
+    forget_samples(self);
+    if (drive_V == turn_V) {
+        self->sweep_turns--;
+    }
+    rdpi_f32_target_t target = {x_of_drive(params, drive_V), 0, false};
+    output(self, drive_V, drive_V, target);
+    return self->sweep_turns > 0u;
+}
+
+rdpi_real_t rdpi_f32_predict(const rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s)
+{
+    const rdpi_f32_params_t *params = self->params;
+    if (!(rate_um_per_s >= 0)) {
+        return (rdpi_real_t)NAN;
+    }
+    rdpi_real_t rate = rate_um_per_s < params->max_um_per_s ? rate_um_per_s : params->max_um_per_s;
+    rdpi_real_t v_um = rdpi_f32_bank_at(&self->bank, params->play, params->plays, rate, x_of_drive(params, drive_V));
+    return rdpi_f32_saturation(params->saturation, params->deadzones, v_um) + params->offset_um;
+}
+
+rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s)
+{
+    const rdpi_f32_params_t *params = self->params;
+    rdpi_real_t displacement_um = rdpi_f32_predict(self, drive_V, rate_um_per_s);
+
+    self->flags = 0;
+    if (!isfinite(displacement_um) || !isfinite(rate_um_per_s)) {
+        refuse_input(self);
+        return rdpi_f32_predict(self, self->drive_V, self->rate_um_per_s);
+    }
+    rdpi_f32_target_t target = {x_of_drive(params, drive_V), 0, false};
+    (void)limit_rate(self, rate_um_per_s);
+    forget_samples(self);
+    rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
+    self->drive_V = clamp(drive_V, params->min_V, params->max_V);
+    self->ramp_V = self->drive_V;
+    self->dac_code = code_of_drive(self, self->drive_V);
+    self->sweep_turns = 0;
+    return displacement_um;
+}

@@ -1,0 +1,429 @@
+#include "rdpi/q31.h"
+
+#include "crc.h"
+#include "q31_deadzone.h"
+#include "q31_inverse.h"
+#include "q31_math.h"
+#include "q31_play.h"
+#include "q31_rate.h"
+
+#define MAX_SWEEP_CYCLES 10000u
+#define MAX_V RDPI_Q31_ONE /* bank output, saturated: twice what a drive in range reaches */
+
+typedef char right_shift_is_arithmetic[(-1 >> 1) == -1 ? 1 : -1];
+
+static bool in_format(int32_t drive)
+{
+    return drive >= -RDPI_Q31_MAX_DRIVE && drive <= RDPI_Q31_MAX_DRIVE;
+}
+
+/* A drive in the fractions that slopes of time need: times 2^32. */
+static int64_t widen(int32_t drive)
+{
+    return drive * ((int64_t)1 << 32);
+}
+
+static int64_t drive_of_code(const rdpi_q31_params_t *params, int64_t code)
+{
+    int64_t half = (int64_t)1 << (params->drive_shift - 1u);
+    return params->code_0_drive + ((code * params->drive_per_code + half) >> params->drive_shift);
+}
+
+/* The code nearest to a drive inside the range. */
+static int64_t code_of_drive(const rdpi_q31_params_t *params, int32_t drive)
+{
+    int64_t half = (int64_t)1 << (params->code_shift - 1u);
+    return ((int64_t)(drive - params->code_0_drive) * params->codes_per_drive + half) >> params->code_shift;
+}
+
+/* The end of the range that is not code 0's: where max_V is. */
+static int32_t last_code_drive(const rdpi_q31_params_t *params)
+{
+    return params->min_drive + params->max_drive - params->code_0_drive;
+}
+
+/* The largest code. */
+static int32_t last_code(const rdpi_q31_params_t *params)
+{
+    return (int32_t)(((uint32_t)1 << params->dac_bits) - 1u);
+}
+
+/* ---- what init checks ---- */
+
+/* Of the struct, the part that holds nothing but numbers. */
+#define NUMBERS_BEGIN offsetof(rdpi_q31_params_t, slew_per_us)
+#define NUMBERS_END (offsetof(rdpi_q31_params_t, sweep_end) + sizeof(int32_t))
+
+static rdpi_status_t check_pointers(const rdpi_q31_t *self, const rdpi_q31_params_t *params)
+{
+    if (self == NULL || params == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    if (params->schema != RDPI_PARAMS_SCHEMA) {
+        return RDPI_ERR_SCHEMA;
+    }
+    if (params->plays < 1u || params->plays > RDPI_MAX_PLAYS || params->deadzones < 1u ||
+        params->deadzones > RDPI_MAX_DEADZONES) {
+        return RDPI_ERR_COUNT;
+    }
+    if (params->play == NULL || params->saturation == NULL || params->inverse_saturation == NULL ||
+        params->memory == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    return RDPI_OK;
+}
+
+static rdpi_status_t check_plays(const rdpi_q31_params_t *params)
+{
+    int32_t below = -1; /* the threshold before; r_0 is 0 */
+    if (params->play[0].r != 0) {
+        return RDPI_ERR_THRESHOLDS;
+    }
+    for (size_t i = 0; i < params->plays; i++) {
+        const rdpi_q31_play_t *play = &params->play[i];
+        int64_t fastest = (int64_t)play->slope + play->slope_rate;
+        if (play->r <= below || play->r > RDPI_Q31_MAX_DRIVE) {
+            return RDPI_ERR_THRESHOLDS;
+        }
+        if (play->slope < RDPI_Q31_MIN_SLOPE || play->slope > RDPI_Q31_ONE) {
+            return RDPI_ERR_SLOPES;
+        }
+        if (fastest < RDPI_Q31_MIN_SLOPE || fastest > RDPI_Q31_ONE ||
+            fastest * 65536 < (int64_t)params->min_slope_ratio * play->slope) {
+            return RDPI_ERR_GUARD;
+        }
+        below = play->r;
+    }
+    return RDPI_OK;
+}
+
+/* One stage: S or its inverse. */
+static rdpi_status_t check_saturation(const rdpi_q31_deadzone_t *term, size_t count, unsigned shift)
+{
+    int64_t slope = 0, size = 0;
+    int32_t below = -1;
+    if (term[0].d != 0) {
+        return RDPI_ERR_DEADZONES;
+    }
+    for (size_t j = 0; j < count; j++) {
+        if (term[j].d <= below) {
+            return RDPI_ERR_DEADZONES;
+        }
+        slope += term[j].weight;
+        size += term[j].weight < 0 ? -(int64_t)term[j].weight : term[j].weight;
+        if (slope <= 0 || size > (int64_t)1 << 31 || shift > 62u) {
+            return RDPI_ERR_SATURATION;
+        }
+        below = term[j].d;
+    }
+    return RDPI_OK;
+}
+
+/* Whether codes go from one end of the range to the other; drive_per_code may be off by what its 31 bits resolve. */
+static bool codes_fit(const rdpi_q31_params_t *params)
+{
+    if (params->code_shift - 1u > 61u || params->drive_shift - 1u > 61u) {
+        return false;
+    }
+    bool rising = params->code_0_drive == params->min_drive;
+    int64_t beyond = drive_of_code(params, last_code(params)) - last_code_drive(params);
+    return rising == (params->codes_per_drive > 0) && beyond >= -2 && beyond <= 2 &&
+           code_of_drive(params, last_code_drive(params)) == last_code(params);
+}
+
+static rdpi_status_t check_drive(const rdpi_q31_params_t *params)
+{
+    if (params->min_drive >= params->max_drive || !in_format(params->min_drive) || !in_format(params->max_drive) ||
+        (params->code_0_drive != params->min_drive && params->code_0_drive != params->max_drive) ||
+        params->dac_bits > RDPI_MAX_DAC_BITS) {
+        return RDPI_ERR_DRIVE;
+    }
+    if (params->dac_bits > 0u && !codes_fit(params)) {
+        return RDPI_ERR_DRIVE;
+    }
+    if (params->sweep_cycles - 1u >= MAX_SWEEP_CYCLES || params->sweep_end < params->min_drive ||
+        params->sweep_end > params->max_drive || params->sweep_per_us < 1u ||
+        (params->slew_per_us > 0u && params->slew_per_us < params->sweep_per_us)) {
+        return RDPI_ERR_SWEEP;
+    }
+    return RDPI_OK;
+}
+
+/* Whether one history can have left these states, with a drive inside the range. */
+static rdpi_status_t check_memory(const rdpi_q31_params_t *params, const int32_t *y)
+{
+    for (size_t i = 0; i < params->plays; i++) {
+        int64_t lag = i > 0u ? (int64_t)y[i] - y[i - 1u] : 0;
+        int32_t gap = i > 0u ? params->play[i].r - params->play[i - 1u].r : 0;
+        if (lag > gap || lag < -gap || !in_format(y[i])) {
+            return RDPI_ERR_MEMORY;
+        }
+    }
+    return y[0] < params->min_drive || y[0] > params->max_drive ? RDPI_ERR_MEMORY : RDPI_OK;
+}
+
+static rdpi_status_t check_params(const rdpi_q31_params_t *params)
+{
+    if (params->digest != rdpi_q31_digest(params)) {
+        return RDPI_ERR_DIGEST;
+    }
+    if (params->guard_mantissa < (uint32_t)1 << 31) {
+        return RDPI_ERR_RATE;
+    }
+    if (params->min_slope_ratio < 1u) {
+        return RDPI_ERR_GUARD;
+    }
+    rdpi_status_t status = check_plays(params);
+    if (status == RDPI_OK) {
+        status = check_saturation(params->saturation, params->deadzones, params->saturation_shift);
+    }
+    if (status == RDPI_OK) {
+        status = check_saturation(params->inverse_saturation, params->deadzones, params->inverse_shift);
+    }
+    if (status == RDPI_OK) {
+        status = check_drive(params);
+    }
+    return status == RDPI_OK ? check_memory(params, params->memory) : status;
+}
+
+uint32_t rdpi_q31_digest(const rdpi_q31_params_t *params)
+{
+    size_t deadzones = params->deadzones * sizeof *params->saturation;
+    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN);
+    crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
+    crc = rdpi_crc32(crc, params->saturation, deadzones);
+    crc = rdpi_crc32(crc, params->inverse_saturation, deadzones);
+    return rdpi_crc32(crc, params->memory, params->plays * sizeof *params->memory);
+}
+
+/* What a speed per us is per sample, saturated: no drive is further than 2^30 from another. */
+static int64_t per_sample(uint64_t per_us, uint32_t sample_time_ns)
+{
+    const uint64_t most = (uint64_t)1 << 62;
+    uint64_t whole = per_us / 1000u; /* per ns; the product of what is left does not overflow */
+    return whole >= most / sample_time_ns
+               ? (int64_t)most
+               : (int64_t)(whole * sample_time_ns + per_us % 1000u * sample_time_ns / 1000u);
+}
+
+rdpi_status_t rdpi_q31_init(rdpi_q31_t *self, const rdpi_q31_params_t *params, uint32_t sample_time_ns)
+{
+    rdpi_status_t status = check_pointers(self, params);
+    if (status == RDPI_OK) {
+        status = check_params(params);
+    }
+    if (status == RDPI_OK) {
+        status = rdpi_q31_rate_init(&self->rate_estimator, params, sample_time_ns);
+    }
+    if (status == RDPI_OK) {
+        self->params = params;
+        self->slew = per_sample(params->slew_per_us, sample_time_ns);
+        self->sweep_step = per_sample(params->sweep_per_us, sample_time_ns);
+        rdpi_q31_reset(self);
+        if (self->sweep_step < 1) { /* it would never arrive */
+            status = RDPI_ERR_SWEEP;
+        }
+    }
+    return status;
+}
+
+/* ---- memory ---- */
+
+/* What has happened since the latest sample does not matter to the next. */
+static void forget_samples(rdpi_q31_t *self)
+{
+    rdpi_q31_rate_reset(&self->rate_estimator);
+    self->missed = 0;
+}
+
+/* The drive is what someone else, or the memory, says it is. */
+static void put_drive(rdpi_q31_t *self, int32_t drive)
+{
+    const rdpi_q31_params_t *params = self->params;
+    self->drive = rdpi_q31_clamp(drive, params->min_drive, params->max_drive);
+    self->ramp = widen(self->drive);
+    self->dac_code = params->dac_bits > 0u ? (uint32_t)code_of_drive(params, self->drive) : 0u;
+    self->sweep_turns = 0;
+}
+
+void rdpi_q31_reset(rdpi_q31_t *self)
+{
+    rdpi_q31_bank_set(&self->bank, self->params->play, self->params->plays, self->params->memory);
+    put_drive(self, self->bank.y[0]);
+    forget_samples(self);
+    self->rate = 0;
+    self->flags = 0;
+    self->guard_count = 0;
+    self->clip_count = 0;
+    self->input_count = 0;
+    self->missed_count = 0;
+}
+
+rdpi_status_t rdpi_q31_set_memory(rdpi_q31_t *self, const int32_t *y)
+{
+    rdpi_status_t status = self == NULL || y == NULL ? RDPI_ERR_NULL : check_memory(self->params, y);
+    if (status == RDPI_OK) {
+        rdpi_q31_bank_set(&self->bank, self->params->play, self->params->plays, y);
+        put_drive(self, y[0]);
+    }
+    return status;
+}
+
+void rdpi_q31_get_memory(const rdpi_q31_t *self, int32_t *y)
+{
+    for (size_t i = 0; i < self->params->plays; i++) {
+        y[i] = rdpi_q31_bank_state(&self->bank, self->params->play, i);
+    }
+}
+
+/* ---- the step ---- */
+
+static void set_flag(rdpi_q31_t *self, uint32_t flag, uint32_t *count)
+{
+    self->flags |= flag;
+    if (*count < UINT32_MAX) {
+        (*count)++;
+    }
+}
+
+/* The input is not usable: the sample passes with everything held. */
+static void refuse_input(rdpi_q31_t *self)
+{
+    set_flag(self, RDPI_FLAG_INPUT, &self->input_count);
+    if (self->missed < UINT16_MAX) {
+        self->missed++;
+    }
+}
+
+/* The singularity guard. */
+static int32_t limit_rate(rdpi_q31_t *self, int32_t rate)
+{
+    if (rate > RDPI_Q31_ONE) {
+        rate = RDPI_Q31_ONE;
+        set_flag(self, RDPI_FLAG_GUARD, &self->guard_count);
+    }
+    self->rate = rate;
+    return rate;
+}
+
+/* Range and slew: moves `ramp` to what may be output of the drive wished for. */
+static void limit_drive(rdpi_q31_t *self, int32_t wish)
+{
+    uint32_t clipped = 0;
+    int32_t drive = rdpi_q31_clamp(wish, self->params->min_drive, self->params->max_drive);
+    int64_t reached = widen(drive);
+    if (drive != wish) {
+        clipped |= RDPI_FLAG_RANGE;
+    }
+    if (self->slew > 0) {
+        int64_t change = reached - self->ramp;
+        if (change > self->slew || change < -self->slew) {
+            clipped |= RDPI_FLAG_SLEW;
+            reached = change > 0 ? self->ramp + self->slew : self->ramp - self->slew;
+        }
+    }
+    self->ramp = reached;
+    if (clipped != 0u) {
+        set_flag(self, clipped, &self->clip_count);
+    }
+}
+
+/* Outputs the ramp, to a code if there are codes, and moves the plays there. */
+static void output(rdpi_q31_t *self, size_t engaged)
+{
+    const rdpi_q31_params_t *params = self->params;
+    self->drive = (int32_t)(self->ramp >> 32);
+    if (params->dac_bits > 0u) {
+        int64_t code = code_of_drive(params, self->drive);
+        self->dac_code = (uint32_t)code;
+        /* clamped because the last code may round past the end of the range */
+        self->drive = rdpi_q31_clamp(drive_of_code(params, code), params->min_drive, params->max_drive);
+    }
+    rdpi_q31_target_t target = {self->drive, engaged};
+    rdpi_q31_bank_move(&self->bank, params->play, params->plays, target);
+}
+
+int32_t rdpi_q31_step(rdpi_q31_t *self, int32_t reference)
+{
+    const rdpi_q31_params_t *params = self->params;
+
+    self->flags = 0;
+    if (reference == RDPI_Q31_NO_REFERENCE) {
+        refuse_input(self);
+        return self->drive;
+    }
+    if (self->missed > 0u) {
+        self->flags = RDPI_FLAG_MISSED;
+    }
+    int32_t rate = limit_rate(self, rdpi_q31_rate_step(&self->rate_estimator, reference, self->missed));
+    self->missed = 0;
+    int32_t v = rdpi_q31_saturation(params->inverse_saturation, params->deadzones, params->inverse_shift, MAX_V,
+                                    reference);
+    rdpi_q31_target_t target = rdpi_q31_bank_solve(&self->bank, params->play, params->plays, rate, v);
+    limit_drive(self, target.x);
+    output(self, target.engaged);
+    return self->drive;
+}
+
+void rdpi_q31_missed(rdpi_q31_t *self, uint32_t ticks)
+{
+    uint32_t missed = self->missed + (ticks < UINT16_MAX ? ticks : UINT16_MAX);
+    self->missed = (uint16_t)(missed < UINT16_MAX ? missed : UINT16_MAX);
+    self->missed_count += ticks < UINT32_MAX - self->missed_count ? ticks : UINT32_MAX - self->missed_count;
+}
+
+bool rdpi_q31_sweep(rdpi_q31_t *self)
+{
+    const rdpi_q31_params_t *params = self->params;
+
+    if (self->sweep_turns == 0u) {
+        self->sweep_turns = (uint16_t)(2u * params->sweep_cycles + 1u);
+    }
+    /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to the end */
+    int32_t limit = self->sweep_turns % 2u != 0u ? last_code_drive(params) : params->code_0_drive;
+    int64_t swing = widen(limit) - widen(params->sweep_end);
+    int64_t turn = widen(params->sweep_end) + swing / params->sweep_cycles * (self->sweep_turns / 2u);
+    int64_t change = turn - self->ramp;
+
+    self->flags = 0;
+    self->rate = 0;
+    forget_samples(self);
+    if (change > self->sweep_step) {
+        self->ramp += self->sweep_step;
+    } else if (change < -self->sweep_step) {
+        self->ramp -= self->sweep_step;
+    } else {
+        self->ramp = turn;
+        self->sweep_turns--;
+    }
+    output(self, 0);
+    return self->sweep_turns > 0u;
+}
+
+int32_t rdpi_q31_predict(const rdpi_q31_t *self, int32_t drive, int32_t rate)
+{
+    const rdpi_q31_params_t *params = self->params;
+    if (rate < 0 || !in_format(drive)) {
+        return RDPI_Q31_NO_REFERENCE;
+    }
+    int32_t guarded = rate < RDPI_Q31_ONE ? rate : RDPI_Q31_ONE;
+    int32_t v = rdpi_q31_bank_at(&self->bank, params->play, params->plays, guarded, drive);
+    return rdpi_q31_saturation(params->saturation, params->deadzones, params->saturation_shift, INT32_MAX, v);
+}
+
+int32_t rdpi_q31_forward(rdpi_q31_t *self, int32_t drive, int32_t rate)
+{
+    int32_t displacement = rdpi_q31_predict(self, drive, rate);
+
+    self->flags = 0;
+    if (displacement == RDPI_Q31_NO_REFERENCE) {
+        refuse_input(self);
+        return rdpi_q31_predict(self, self->drive, self->rate);
+    }
+    rdpi_q31_target_t target = {drive, 0};
+    (void)limit_rate(self, rate);
+    forget_samples(self);
+    rdpi_q31_bank_move(&self->bank, self->params->play, self->params->plays, target);
+    put_drive(self, drive);
+    return displacement;
+}
