@@ -25,7 +25,7 @@ SCHEMA = "rdpi-model/1"
 SOURCES = ("displacement", "control")
 MIN_SLOPE_RATIO = 0.2  # default of rate.min_slope_ratio
 TOLERANCE = 1e-5  # relative; what rounding to the firmware's float may cost (ROUNDING in lib/src/rdpi_f32.c)
-LARGEST, MIN_SPAN_V = 1e7, 1e-9  # MAX_NUMBER and MIN_SPAN_V there
+LARGEST, LEAST_SLOPE, MIN_SPAN_V = 1e7, 1e-7, 1e-9  # MAX_NUMBER, MIN_SLOPE and MIN_SPAN_V there
 TINY, EPSILON = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).eps)
 MAX_OFFSET = 1000.0  # in ranges; leaves 0.01 % of the range to rounding
 MAX_PLAYS, MAX_DEADZONES = 129, 65  # of the library as firmware_build.py compiles it
@@ -184,9 +184,10 @@ class Model:
         if not self.stroke_um > 0:
             refuse("stroke_um", f"is {self.stroke_um:g}; must be positive")
         ascending("thresholds_um", self.thresholds_um)
-        if not np.all(self.slopes > 0):
+        if not np.all(self.slopes >= LEAST_SLOPE):
             i = int(np.argmin(self.slopes))
-            refuse(f"slopes[{i}]", f"is {self.slopes[i]:g}; every slope must be positive, or the model has no inverse")
+            refuse(f"slopes[{i}]", f"is {self.slopes[i]:g}; every slope must be positive, at least {LEAST_SLOPE:g}, or "
+                                   "the model has no inverse")
         for key, values in (("slopes", self.slopes), ("slope_rate_s_per_um", self.slope_rate_s_per_um)):
             largest = np.max(np.abs(intercepts(self.thresholds_um, values)))
             if largest > LARGEST:
@@ -222,7 +223,7 @@ class Model:
             refuse("rate.max_um_per_s", f"is {rate.max_um_per_s:g}; must be positive")
         if not 0 < rate.min_slope_ratio < 1:
             refuse("rate.min_slope_ratio", f"is {rate.min_slope_ratio:g}; must lie between 0 and 1")
-        floor = rate.min_slope_ratio * (1 - TOLERANCE) * self.slopes
+        floor = np.maximum(rate.min_slope_ratio * (1 - TOLERANCE) * self.slopes, LEAST_SLOPE)
         fastest = self.slopes_at(rate.max_um_per_s)
         if np.any(fastest < floor):
             with np.errstate(over="ignore"):

@@ -15,12 +15,14 @@
 /* A number beyond this is refused: then no sum or product of the step can overflow. */
 #define MAX_NUMBER ((rdpi_real_t)1e7)
 
+/* Slopes below this are refused: the step divides by them. */
+#define MIN_SLOPE ((rdpi_real_t)1e-7)
+
 /* The narrowest output range, V. */
 #define MIN_SPAN_V ((rdpi_real_t)1e-9)
 
 #define MAX_SWEEP_CYCLES 10000u
 
-/* NaN becomes `low`. */
 static rdpi_real_t clamp(rdpi_real_t value, rdpi_real_t low, rdpi_real_t high)
 {
     return value > low ? (value < high ? value : high) : low;
@@ -94,11 +96,12 @@ static rdpi_status_t check_plays(const rdpi_f32_params_t *params)
         if (play->r_um <= below_um) {
             return RDPI_ERR_THRESHOLDS;
         }
-        if (play->slope <= 0) {
+        if (play->slope < MIN_SLOPE) {
             return RDPI_ERR_SLOPES;
         }
-        /* W_i is linear in the rate: both ends of the range decide. Compared to rounding. */
-        if (rdpi_f32_slope(play, params->max_um_per_s) < params->min_slope_ratio * (1 - ROUNDING) * play->slope) {
+        /* W_i is linear in the rate: both ends of the range decide. The ratio is compared to rounding. */
+        rdpi_real_t fastest = rdpi_f32_slope(play, params->max_um_per_s);
+        if (fastest < MIN_SLOPE || fastest < params->min_slope_ratio * (1 - ROUNDING) * play->slope) {
             return RDPI_ERR_GUARD;
         }
         below_um = play->r_um;

@@ -1,9 +1,12 @@
-# Cross-compiles with arm-none-eabi-gcc. RDPI_CPU holds the flags that choose the core; the presets set it.
+# Cross-compiles with arm-none-eabi-gcc. RDPI_CPU holds the flags that choose the core, RDPI_MACHINE the board that
+# qemu-system-arm runs tests on; the presets set both.
 set(CMAKE_SYSTEM_NAME Generic)
 set(CMAKE_SYSTEM_PROCESSOR arm)
 set(CMAKE_C_COMPILER arm-none-eabi-gcc)
 set(CMAKE_TRY_COMPILE_TARGET_TYPE STATIC_LIBRARY) # no board yet, so nothing to link a program with
 set(CMAKE_TRY_COMPILE_PLATFORM_VARIABLES RDPI_CPU)
+set(CMAKE_CROSSCOMPILING_EMULATOR
+  qemu-system-arm -M ${RDPI_MACHINE} -nographic -monitor none -serial none -semihosting -kernel)
 set(CMAKE_C_FLAGS_INIT "${RDPI_CPU} -mthumb -ffunction-sections -fdata-sections")
 set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
 set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)

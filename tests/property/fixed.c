@@ -347,7 +347,8 @@ static int32_t profile_next(profile_t *self)
     if (self->left-- <= 0) {
         self->kind = choose(4);
         self->left = 1 + choose(60);
-        self->step = any_size(0, 26) * (one_in(2) ? -1 : 1);
+        self->step = any_size(0, 26);
+        self->step *= one_in(2) ? -1 : 1;
     }
     switch (self->kind) {
     case 0: /* jumps */

@@ -1,4 +1,5 @@
-/* Random integers for the tests, the same everywhere. A test seeds them with random_state before it begins. */
+/* Random integers for the tests, the same everywhere, if no expression asks for two of them. A test seeds them with
+ * random_state before it begins. */
 #ifndef RDPI_TEST_RANDOM_BITS_H
 #define RDPI_TEST_RANDOM_BITS_H
 
@@ -20,6 +21,20 @@ static inline int32_t random_between(int32_t low, int32_t high)
 {
     uint64_t count = (uint64_t)((int64_t)high - low) + 1u;
     return (int32_t)(low + (int64_t)((random_bits() * count) >> 32));
+}
+
+/* Every length of word alike. */
+static inline uint32_t random_length(void)
+{
+    uint32_t bits = random_bits();
+    return bits >> random_bits() % 32u;
+}
+
+/* Within +-limit, and within +-limit / 2, limit / 4, ... limit / 2^shifts alike. */
+static inline int32_t random_size(int32_t limit, int32_t shifts)
+{
+    int32_t size = random_between(-limit, limit);
+    return size >> random_between(0, shifts);
 }
 
 #endif

@@ -164,6 +164,8 @@ void test_init_refuses_another_schema(void)
 {
     given.params.schema = RDPI_PARAMS_SCHEMA + 1u;
     refused_as_they_are(RDPI_ERR_SCHEMA);
+    given.params.schema = RDPI_PARAMS_SCHEMA - 1u;
+    refused_as_they_are(RDPI_ERR_SCHEMA);
 }
 
 void test_init_refuses_no_plays(void)
@@ -276,6 +278,25 @@ void test_init_refuses_a_slope_of_zero(void)
 {
     given.play[2].slope = 0;
     refused(RDPI_ERR_SLOPES);
+}
+
+void test_init_refuses_a_slope_too_small_to_divide_by(void)
+{
+    given.play[0].slope_rate_s_per_um = 0;
+    given.play[0].slope = (rdpi_real_t)0.9e-7;
+    refused(RDPI_ERR_SLOPES);
+    given.play[0].slope = (rdpi_real_t)1.1e-7;
+    start();
+}
+
+void test_init_refuses_a_slope_too_small_to_divide_by_at_the_guard(void)
+{
+    given.params.min_slope_ratio = (rdpi_real_t)1e-30;
+    given.play[0].slope = (rdpi_real_t)1e-3;
+    given.play[0].slope_rate_s_per_um = (rdpi_real_t)(-1e-3 / 256);
+    refused(RDPI_ERR_GUARD);
+    given.play[0].slope_rate_s_per_um = (rdpi_real_t)(-0.99e-3 / 256);
+    start();
 }
 
 void test_init_refuses_a_negative_slope(void)

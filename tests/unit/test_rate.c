@@ -164,7 +164,7 @@ void test_before_the_window_is_full_the_first_sample_stands_in(void)
 
 void test_filter_is_a_first_order_low_pass_that_starts_at_zero(void)
 {
-    const double tau_s = 8.0 / 1024, blend = 1 - exp(-1.0 / 8);
+    const double tau_s = 8.0 / 1024, blend = 1 - (exp)(-1.0 / 8);
     double expected = 0;
     init(1, (rdpi_real_t)tau_s);
     EQUAL_REAL(0, sample(0));

@@ -39,7 +39,7 @@ typedef RDPI_REAL rdpi_real_t; /**< the number type of the rdpi_f32 functions */
  * curve from r_i to r_(i+1) is W_i(rho) x - P_i(rho), W_i(rho) = slope + slope_rate rho, P_i likewise. */
 typedef struct {
     rdpi_real_t r_um;                /**< threshold r_i; 0 = r_0 < r_1 < ... */
-    rdpi_real_t slope;               /**< W_i at rate 0, > 0: cumulative slope, not play weight */
+    rdpi_real_t slope;               /**< W_i at rate 0, >= 1e-7: cumulative slope, not play weight */
     rdpi_real_t slope_rate_s_per_um; /**< c_i: change of W_i per unit rate */
     rdpi_real_t intercept_um;        /**< P_i at rate 0: P_0 = 0, P_i = P_(i-1) + (W_i - W_(i-1)) r_i */
     rdpi_real_t intercept_rate_s;    /**< change of P_i per unit rate: the same sum with c_i */

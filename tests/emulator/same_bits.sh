@@ -1,0 +1,55 @@
+#!/usr/bin/env bash
+# The fixed-point library gives the same bits whatever compiles and runs it: tests/property/fixed.c on this machine with
+# both compilers, word sizes, and the portable paths, and on emulated Cortex-M, all with one checksum.
+set -uo pipefail
+cd "$(dirname "$0")/../.." || exit
+build=build/same_bits
+mkdir -p $build
+steps=500 # of 5000 per actuator: the emulated cores have no double-precision unit for the reference
+sources=(tests/property/fixed.c lib/src/rdpi_q31.c lib/src/status.c)
+common=(-std=gnu99 -DSTEPS=$steps -Ilib/include -Ilib/src)
+expected=
+passed=0
+failed=0
+
+check() { # check NAME: reads the program's output
+    local output checksum
+    output=$(cat)
+    checksum=$(sed -n 's/^checksum of all results: //p' <<<"$output")
+    expected=${expected:-$checksum}
+    if [ -n "$checksum" ] && [ "$checksum" = "$expected" ]; then
+        passed=$((passed + 1))
+    else
+        failed=$((failed + 1))
+        printf '%s\n' "$output"
+    fi
+    printf '%-44s %s\n' "$1" "${checksum:-no checksum}"
+}
+
+host() { # host COMPILER FLAGS...
+    "$@" "${common[@]}" "${sources[@]}" -lm -o $build/host 2>&1 && $build/host
+}
+
+core() { # core MACHINE FLASH RAM FLAGS...
+    local machine=$1 flash=$2 ram=$3
+    shift 3
+    arm-none-eabi-gcc -mthumb "$@" "${common[@]}" --specs=rdimon.specs -nostartfiles -T tests/emulator/board.ld \
+        -Wl,--defsym=flash_size="$flash" -Wl,--defsym=ram_size="$ram" -ffunction-sections -Wl,--gc-sections \
+        tests/emulator/board.c "${sources[@]}" -lm -o $build/core.elf 2>&1 &&
+        timeout 300 qemu-system-arm -M "$machine" -nographic -monitor none -serial none -semihosting \
+            -kernel $build/core.elf
+}
+
+for compiler in gcc clang; do
+    for flags in "-m64 -O2" "-m32 -O2" "-m64 -O0" "-m32 -Os" "-m64 -O2 -DRDPI_Q31_PORTABLE"; do
+        # shellcheck disable=SC2086 # several flags
+        check "$compiler $flags" < <(host $compiler $flags)
+    done
+done
+# Code for the M0 runs on the M3's machine as well, which has memory for the reference's history.
+check "Cortex-M0 -Os" < <(core mps2-an385 4M 4M -mcpu=cortex-m0 -Os)
+check "Cortex-M3 -O2" < <(core mps2-an385 4M 4M -mcpu=cortex-m3 -O2)
+check "Cortex-M4F -O2" < <(core mps2-an386 4M 4M -mcpu=cortex-m4 -mfpu=fpv4-sp-d16 -mfloat-abi=hard -O2)
+check "Cortex-M7 -O2" < <(core mps2-an500 4M 4M -mcpu=cortex-m7 -mfpu=fpv5-d16 -mfloat-abi=hard -O2)
+echo "same-bits: $passed passed, $failed failed"
+[ $failed = 0 ]
