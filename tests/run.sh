@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Every test: C under CTest and Ceedling, Python under pytest. Installs what is missing first.
 #
-#   ./tests/run.sh           everything: also sanitizers, coverage, slow tests
+#   ./tests/run.sh           everything: also sanitizers, coverage, analysers, fuzzing, mutation, slow tests
 #   ./tests/run.sh --quick   CTest and the fast pytests
 #
 # All runners run even when one fails; their own closing lines come last, whole outputs are in build/logs.
@@ -29,7 +29,7 @@ run() { # run NAME PATTERN COMMAND...: PATTERN picks the runner's closing lines 
     if ! "$@" >"$log" 2>&1 </dev/null; then
         status=failed
         failed+=("$name")
-        { grep -E ':FAIL|error:|^E  |ERROR:' "$log" | head -n 20; echo ...; tail -n 20 "$log"; } | sed 's/^/    /'
+        { grep -E '^FAIL|:FAIL|error:|^E  |ERROR:' "$log" | head -n 20; echo ...; tail -n 20 "$log"; } | sed 's/^/    /'
     fi
     echo "$name: $status in $((SECONDS - begin)) s"
     closing+=("$(grep -E "$pattern" "$log" | tail -n 4)")
@@ -56,6 +56,14 @@ if [ -z "$quick" ]; then
     run ctest-coverage "$ctest_lines" ctest_preset coverage
     run ceedling '^(TESTED|PASSED|FAILED|IGNORED): ' env GEM_HOME="$root/.gems" GEM_PATH="$root/.gems" .gems/bin/ceedling test:all
     run same-names 'executed' names
+    for core in m0plus m3 m4f m7; do
+        run ctest-$core "$ctest_lines" ctest_preset $core
+    done
+    run same-bits '^same-bits: ' tests/emulator/same_bits.sh
+    run lint '^lint: ' tests/lint/lint.py
+    run size '^size: ' tests/size/size.py --check README.md
+    run fuzz '^fuzz: ' tests/fuzz/run.sh 30
+    run mutation '^mutation: ' tests/mutation/mutate.py
 fi
 run pytest ' in [0-9.]+s' pytests ${quick:+-m 'not slow'}
 

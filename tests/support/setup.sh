@@ -27,7 +27,8 @@ step() { # step WHAT COMMAND...: its output goes to the log, and to the terminal
 }
 
 # What has to be there: the Debian package, and how to tell that it or its like is there.
-#   command   the shell finds it      header   the compiler finds it     module   /usr/bin/python3 finds it
+#   command   the shell finds it      header   gcc finds it, or the compiler after its name
+#   module    /usr/bin/python3 does   runtime  clang does
 needs='    gcc                 command  gcc
     libc6-dev           header   stdio.h
     make                command  make
@@ -49,6 +50,15 @@ demo) ;;
 tests)
     needs+='
     g++                 command  g++
+    gcc-multilib        header   stdio.h gcc -m32
+    clang               command  clang
+    libclang-rt-dev     runtime  fuzzer
+    clang-tidy          command  clang-tidy
+    cppcheck            command  cppcheck
+    doxygen             command  doxygen
+    gcc-arm-none-eabi   command  arm-none-eabi-gcc
+    libnewlib-arm-none-eabi  header  math.h arm-none-eabi-gcc
+    qemu-system-arm     command  qemu-system-arm
     ruby                command  ruby
     python3-pytest      module   pytest
     python3-hypothesis  module   hypothesis'
@@ -60,7 +70,7 @@ tests)
 esac
 
 missing() { # the packages to install, on one line
-    local package kind name include='' modules='' packages=()
+    local package kind name compiler include='' modules='' packages=()
     if [ -x $python ]; then
         { read -r include && read -r modules; } < <($python - $(awk '$2 == "module" { print $3 }' <<<"$needs") <<'PY'
 import sys, sysconfig
@@ -70,10 +80,12 @@ print(*(name for name in sys.argv[1:] if find_spec(name)))
 PY
         )
     fi
-    while read -r package kind name; do
+    while read -r package kind name compiler; do
         case $kind in
         command) command -v "$name" ;;
-        header) echo "#include <$name>" | gcc -E -I "${include:-.}" - ;;
+        # shellcheck disable=SC2086 # with its options
+        header) echo "#include <$name>" | ${compiler:-gcc -I "${include:-.}"} -E - ;;
+        runtime) [ -e "$(clang -print-file-name="lib/linux/libclang_rt.$name-$(uname -m).a")" ] ;;
         module) [[ " $modules " == *" $name "* ]] ;;
         esac >/dev/null 2>&1 || packages+=("$package")
     done <<<"$needs"

@@ -1,0 +1,76 @@
+/* Whatever the parameters are, rdpi_f32_init refuses them or everything that it accepts keeps its promises. */
+#include "f32.h"
+
+static void *take_array(size_t count, size_t size)
+{
+    void *array = malloc(count * size + 1); /* of exactly this size, so that a read beyond it is seen */
+    take(array, count * size);
+    return array;
+}
+
+/* Bits of the first byte: left out, fields are taken from the input although they follow from others. */
+enum { DIGEST = 1, V_PER_UM = 2, INTERCEPTS = 4, INVERSE = 8, SCHEMA = 16, NO_PLAY = 32, NO_MEMORY = 64, LARGE = 128 };
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    rdpi_f32_t self;
+    rdpi_f32_params_t params;
+    input = data;
+    input_left = size;
+
+    uint8_t how = take_u8();
+    params.schema = how & SCHEMA ? take_u32() : RDPI_PARAMS_SCHEMA;
+    params.plays = how & LARGE ? take_u16() : take_u8() % (RDPI_MAX_PLAYS + 2);
+    params.deadzones = how & LARGE ? take_u16() : take_u8() % (RDPI_MAX_DEADZONES + 2);
+    params.dac_bits = how & LARGE ? take_u16() : take_u8() % (RDPI_MAX_DAC_BITS + 2);
+    params.sweep_cycles = take_u16();
+    params.gain_um_per_V = take_any();
+    params.V_per_um = how & V_PER_UM ? take_any() : 1 / params.gain_um_per_V;
+    params.offset_V = take_any();
+    params.offset_um = take_any();
+    params.rate_window_s = take_any();
+    params.rate_filter_s = take_any();
+    params.max_um_per_s = take_any();
+    params.min_slope_ratio = take_any();
+    params.min_V = take_any();
+    params.max_V = take_any();
+    params.slew_V_per_s = take_any();
+    params.sweep_V_per_s = take_any();
+    params.sweep_end_V = take_any();
+    rdpi_real_t sample_time_s = take_any();
+
+    bool counts_fit = params.plays >= 1 && params.plays <= RDPI_MAX_PLAYS && params.deadzones >= 1 &&
+                      params.deadzones <= RDPI_MAX_DEADZONES;
+    size_t plays = counts_fit ? params.plays : 0, deadzones = counts_fit ? params.deadzones : 0;
+    rdpi_f32_play_t *play = take_array(plays, sizeof *play);
+    rdpi_f32_deadzone_t *saturation = take_array(deadzones, sizeof *saturation);
+    rdpi_f32_deadzone_t *inverse = malloc(deadzones * sizeof *inverse + 1);
+    rdpi_real_t *memory_um = take_array(plays, sizeof *memory_um);
+    if (!(how & INTERCEPTS)) {
+        derive_intercepts(play, plays);
+    }
+    if (how & INVERSE) {
+        take(inverse, deadzones * sizeof *inverse);
+    } else {
+        derive_inverse(inverse, saturation, deadzones);
+    }
+    params.play = how & NO_PLAY ? NULL : play;
+    params.saturation = saturation;
+    params.inverse_saturation = inverse;
+    params.memory_um = how & NO_MEMORY ? NULL : memory_um;
+    bool complete = params.play && params.memory_um && counts_fit;
+    params.digest = how & DIGEST || !complete ? take_u32() : rdpi_f32_digest(&params);
+
+    rdpi_status_t status = rdpi_f32_init(&self, &params, sample_time_s);
+    CHECK(rdpi_status_text(status) != NULL);
+    if (status == RDPI_OK) {
+        CHECK(complete && params.schema == RDPI_PARAMS_SCHEMA);
+        double stroke_um = fabs((double)params.gain_um_per_V * (params.max_V - params.min_V));
+        call_everything(&self, fmax(params.offset_um - stroke_um, -1e30), fmin(params.offset_um + stroke_um, 1e30));
+    }
+    free(play);
+    free(saturation);
+    free(inverse);
+    free(memory_um);
+    return 0;
+}

@@ -1,0 +1,85 @@
+/* What both fuzzers of the fixed-point library share. */
+#ifndef FUZZ_Q31_H
+#define FUZZ_Q31_H
+
+#include <math.h>
+
+#include "bytes.h"
+#include "rdpi/q31.h"
+
+#define rdpi(verb) rdpi_q31_##verb
+#define DRIVE drive
+#define RATE rate
+#define MIN_DRIVE min_drive
+#define MAX_DRIVE max_drive
+#define THRESHOLD r
+#define MEMORY memory
+#define LOWEST_DRIVE (-RDPI_Q31_MAX_DRIVE)
+typedef rdpi_q31_t axis_t;
+typedef rdpi_q31_params_t params_t;
+typedef int32_t number_t;
+
+static number_t guard_of(const params_t *params)
+{
+    (void)params;
+    return RDPI_Q31_ONE;
+}
+
+static bool usable_reference(number_t reference)
+{
+    return reference != RDPI_Q31_NO_REFERENCE;
+}
+
+static bool usable_drive(number_t drive, number_t rate)
+{
+    return drive >= -RDPI_Q31_MAX_DRIVE && drive <= RDPI_Q31_MAX_DRIVE && rate >= 0;
+}
+
+static bool is_nothing(number_t displacement)
+{
+    return displacement == RDPI_Q31_NO_REFERENCE;
+}
+
+static bool is_finite(number_t displacement)
+{
+    return displacement != RDPI_Q31_NO_REFERENCE;
+}
+
+static bool inside_range(const params_t *params, number_t x)
+{
+    return x >= params->min_drive && x <= params->max_drive;
+}
+
+static number_t take_any(void)
+{
+    return (number_t)take_u32();
+}
+
+/* `value` as mantissa / 2^shift. */
+static int32_t mantissa_of(double value, uint8_t *shift)
+{
+    int exponent;
+    double fraction = frexp(value, &exponent);
+    double mantissa = round(ldexp(fraction, 31));
+    if (fabs(mantissa) >= 0x1p31) {
+        mantissa /= 2;
+        exponent++;
+    }
+    *shift = (uint8_t)(31 - exponent);
+    return (int32_t)mantissa;
+}
+
+/* The codes, if there are, of the whole range, from whichever end the gain says. */
+static void derive_codes(params_t *params, bool rising)
+{
+    double last = ldexp(1, params->dac_bits) - 1, span = (double)params->max_drive - params->min_drive;
+    params->code_0_drive = rising ? params->min_drive : params->max_drive;
+    if (params->dac_bits > 0) {
+        params->codes_per_drive = mantissa_of((rising ? last : -last) / span, &params->code_shift);
+        params->drive_per_code = mantissa_of((rising ? span : -span) / last, &params->drive_shift);
+    }
+}
+
+#include "calls.h"
+
+#endif

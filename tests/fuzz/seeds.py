@@ -1,0 +1,47 @@
+#!/usr/bin/env python3
+"""Writes the seeds that libFuzzer would hardly guess: parameters that any_f32 and any_q31 see accepted."""
+
+import itertools
+import struct
+from pathlib import Path
+
+CORPUS = Path(__file__).parent / "corpus"
+CALLS = bytes(itertools.chain.from_iterable((call, 0x55, call * 37 % 256) for call in range(256)))
+
+
+def f32(plays: int, deadzones: int, dac_bits: int, gain: float, window_s: float, filter_s: float, slew: float) -> bytes:
+    """In the order in which any_f32.c takes it: head, numbers, plays, saturation, memory, calls."""
+    numbers = (gain, 50, 3, window_s, filter_s, 2000, 0.1, 0, 100, slew, 2e5, 50, 1e-4)
+    bank = [(1.5 * i, 0.6 + 0.05 * i, -1e-4, 0, 0) for i in range(plays)]  # intercepts are derived
+    saturation = [(4.0 * j, 0.9 if j == 0 else -0.05) for j in range(deadzones)]
+    floats = itertools.chain(numbers, *bank, *saturation, [0.0] * plays)
+    head = struct.pack("<4BH", 0, plays, deadzones, dac_bits, 4)
+    return head + b"".join(struct.pack("<f", number) for number in floats) + CALLS
+
+
+def q31(how: int, plays: int, deadzones: int, dac_bits: int, window_ns: int, filter_ns: int, slew: int) -> bytes:
+    """As any_q31.c takes it: rdpi_q31_params_t up to its pointers, sample time, plays, stages, memory, calls."""
+    drives = (-(2**28), 2**29, 0, 0, 0, 1000)  # the three of the codes are derived
+    fields = (2, 0, slew, 2**45, plays, deadzones, dac_bits, 4, 30, 30, 0, 0, -20, 2**12, 2**31, window_ns, filter_ns)
+    parameters = struct.pack("@IIQQ4H4BhHIII6i", *fields, *drives)
+    parameters += bytes(-len(parameters) % 8)
+    bank = [(i * 10**7, 2**29 + i * 10**7, -(2**27)) for i in range(plays)]
+    stage = [(j * 10**8, 2**30 if j == 0 else -(2**26)) for j in range(deadzones)]
+    numbers = itertools.chain(*bank, *stage, *stage, [0] * plays)
+    head = bytes([how]) + parameters + struct.pack("<I", 100000)
+    return head + b"".join(struct.pack("<i", number) for number in numbers) + CALLS
+
+
+SEEDS = {
+    "any_f32/one-play": f32(1, 1, 0, 0.2, 0, 0, 0),
+    "any_f32/dac": f32(10, 4, 16, 0.2, 3e-4, 0, 0),
+    "any_f32/negative-gain": f32(16, 8, 20, -0.2, 16e-4, 1e-3, 4e5),
+    "any_f32/slew": f32(3, 2, 12, 0.2, 0, 5e-5, 2e5),
+    "any_q31/one-play": q31(0, 1, 1, 0, 0, 0, 0),
+    "any_q31/dac": q31(0, 10, 4, 16, 300000, 0, 0),
+    "any_q31/negative-gain": q31(4, 16, 8, 20, 1600000, 1000000, 2**46),
+    "any_q31/slew": q31(0, 3, 2, 12, 0, 50000, 2**45),
+}
+for name, content in SEEDS.items():
+    (CORPUS / name).parent.mkdir(parents=True, exist_ok=True)
+    (CORPUS / name).write_bytes(content)

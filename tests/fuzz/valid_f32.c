@@ -1,0 +1,77 @@
+/* Parameters that are valid by construction are accepted, and keep their promises for any samples and calls. */
+#include "f32.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    rdpi_f32_t self;
+    rdpi_f32_play_t play[RDPI_MAX_PLAYS];
+    rdpi_f32_deadzone_t saturation[RDPI_MAX_DEADZONES], inverse[RDPI_MAX_DEADZONES];
+    rdpi_real_t memory_um[RDPI_MAX_PLAYS];
+    input = data;
+    input_left = size;
+
+    double sample_time_s = pow(10, take_between(-5, -2));
+    double min_V = take_between(-200, 100), span_V = take_between(1, 300);
+    double gain = take_between(0.01, 1) * (take_u8() % 4 == 0 ? -1 : 1);
+    double max_um_per_s = pow(10, take_between(0, 5));
+    double offset_V = min_V + span_V * take_between(-0.5, 1.5);
+    rdpi_f32_params_t params = {
+        .schema = RDPI_PARAMS_SCHEMA,
+        .plays = (uint16_t)(1 + take_u8() % RDPI_MAX_PLAYS),
+        .deadzones = (uint16_t)(1 + take_u8() % RDPI_MAX_DEADZONES),
+        .dac_bits = take_u8() % (RDPI_MAX_DAC_BITS + 1),
+        .sweep_cycles = (uint16_t)(1 + take_u16() % 50),
+        .gain_um_per_V = (rdpi_real_t)gain,
+        .V_per_um = (rdpi_real_t)(1 / gain),
+        .offset_V = (rdpi_real_t)offset_V,
+        .offset_um = (rdpi_real_t)take_between(-100, 100),
+        .rate_window_s = (rdpi_real_t)(sample_time_s * take_between(0, RDPI_MAX_WINDOW)),
+        .rate_filter_s = (rdpi_real_t)(take_u8() % 2 ? sample_time_s * pow(10, take_between(-2, 5)) : 0),
+        .max_um_per_s = (rdpi_real_t)max_um_per_s,
+        .min_slope_ratio = (rdpi_real_t)take_between(0.05, 0.5),
+        .min_V = (rdpi_real_t)min_V,
+        .max_V = (rdpi_real_t)(min_V + span_V),
+        .play = play,
+        .saturation = saturation,
+        .inverse_saturation = inverse,
+        .memory_um = memory_um,
+    };
+    double sweep_V_per_s = fmin(span_V / sample_time_s * pow(10, take_between(-2, 0.5)), 1e6);
+    params.sweep_V_per_s = (rdpi_real_t)sweep_V_per_s;
+    params.slew_V_per_s = (rdpi_real_t)(take_u8() % 2 ? fmin(sweep_V_per_s * pow(10, take_between(0.01, 2)), 1e7) : 0);
+    params.sweep_end_V = (rdpi_real_t)(min_V + span_V * take_between(0.01, 0.99));
+
+    double r_um = 0, stroke_um = fabs(gain) * span_V;
+    double x_um = gain * (min_V + span_V * take_between(0.01, 0.99) - offset_V);
+    for (size_t i = 0; i < params.plays; i++) {
+        double gap_um = i > 0 ? stroke_um * take_between(0.001, 0.2) : 0;
+        double slope = take_between(0.1, 2);
+        double ratio = take_between(params.min_slope_ratio, 3); /* of the slope at the guard to that at rest */
+        r_um += gap_um;
+        x_um += gap_um * take_between(-1, 1);
+        memory_um[i] = (rdpi_real_t)x_um;
+        play[i].r_um = (rdpi_real_t)r_um;
+        play[i].slope = (rdpi_real_t)slope;
+        play[i].slope_rate_s_per_um = (rdpi_real_t)(slope * (ratio - 1) / max_um_per_s);
+    }
+    derive_intercepts(play, params.plays);
+    double d_um = 0, slope = 0;
+    for (size_t j = 0; j < params.deadzones; j++) {
+        double slope_above = take_between(0.2, 2);
+        saturation[j].d_um = (rdpi_real_t)d_um;
+        saturation[j].weight = (rdpi_real_t)(slope_above - slope);
+        slope = slope_above;
+        d_um += stroke_um * take_between(0.01, 0.5);
+    }
+    derive_inverse(inverse, saturation, params.deadzones);
+    params.digest = rdpi_f32_digest(&params);
+
+    rdpi_status_t status = rdpi_f32_init(&self, &params, (rdpi_real_t)sample_time_s);
+    if (status != RDPI_OK) {
+        fprintf(stderr, "%d: %s\n", status, rdpi_status_text(status));
+    }
+    CHECK(status == RDPI_OK);
+    double reach_um = 2 * (fabs(gain * (offset_V - min_V)) + stroke_um);
+    call_everything(&self, params.offset_um - reach_um, params.offset_um + reach_um);
+    return 0;
+}
