@@ -147,7 +147,7 @@ def _q31_parts(numbers: Q31 | None, reason: str) -> dict[str, Any]:
                         for field, (suffix, text) in Q31_SCALARS.items()],
         "q31_scale": {key: f"({float(value)!r})" for key, value in (
             ("per_um", 1 / scale.um_per_reference), ("um", scale.um_per_reference), ("offset_um", scale.offset_um),
-            ("V", scale.V_per_drive), ("offset_V", scale.offset_V))},
+            ("V", scale.V_per_drive), ("offset_V", scale.offset_V), ("rate", scale.um_per_s_per_rate))},
         "q31_reach": [f"{scale.offset_um + sign * reach_um:.6g}" for sign in (-1, 1)]}
 
 

@@ -203,18 +203,28 @@ def test_conversions_are_constant_expressions(model: Model, compiled: Callable, 
         #include "rdpi_params.h"
         {constant} int32_t references[] = {{{macros}}};
         {constant} double others[] = {{RDPI_PARAMS_Q31_VOLT(1000), RDPI_PARAMS_Q31_UM(-3)}};
+        {constant} double rate = RDPI_PARAMS_Q31_UM_PER_S(RDPI_Q31_ONE / 4);
+        {constant} int32_t back[] = {{
+            RDPI_PARAMS_Q31_DRIVE(RDPI_PARAMS_Q31_VOLT(1000)), RDPI_PARAMS_Q31_DRIVE(RDPI_PARAMS_Q31_VOLT(-1001)),
+            RDPI_PARAMS_Q31_DRIVE(RDPI_PARAMS_Q31_VOLT(7.4)), RDPI_PARAMS_Q31_DRIVE(RDPI_PARAMS_Q31_VOLT(-7.6)),
+            RDPI_PARAMS_Q31_RATE(RDPI_PARAMS_Q31_UM_PER_S(12345))}};
         int main(void)
         {{
             for (int i = 0; i < 6; i++) {{
                 printf("%ld ", (long)references[i]);
             }}
-            printf("%.17g %.17g", others[0], others[1]);
+            printf("%.17g %.17g %.17g", others[0], others[1], rate);
+            for (int i = 0; i < 5; i++) {{
+                printf(" %ld", (long)back[i]);
+            }}
             return 0;
         }}""".replace("'1.5f'", "1.5f"), {"rdpi_params.h": render(model)}, compiler=compiler)
     words = done.stdout.split()
     assert [int(word) for word in words[:6]] == fixed.references([*wanted_um, 1.5]).tolist(), done.stderr
     assert float(words[6]) == pytest.approx(scale.offset_V + 1000 * scale.V_per_drive, rel=1e-15)
     assert float(words[7]) == pytest.approx(scale.offset_um - 3 * scale.um_per_reference, rel=1e-15)
+    assert float(words[8]) == pytest.approx(model.rate.max_um_per_s / 4, rel=1e-15)
+    assert [int(word) for word in words[9:]] == [1000, -1001, 7, -8, 12345]
 
 
 def test_a_model_beyond_fixed_point_has_floats_alone_and_says_why(model: Model, compiled: Callable) -> None:
@@ -340,7 +350,7 @@ def test_names_that_c_cannot_use_are_refused(model: Model, name: str) -> None:
 
 @pytest.mark.parametrize("key, value, message", [
     ("gain_um_per_V", 1e-40, r": gain_um_per_V: is 1e-40; .* needs a gain, at least"),
-    ("slopes", np.array([1e-50, 0.7, 0.9, 1.1]), r", in the firmware's single precision: slopes\[0\]: is 0"),
+    ("slopes", np.array([1e-50, 0.7, 0.9, 1.1]), r": slopes\[0\]: is 1e-50; .* at least 1e-07"),
     ("drive.slew_V_per_s", 1e-46, r": drive.slew_V_per_s: a start-up sweep of 1e-46 V/s is too slow"),
     ("rate.max_um_per_s", 1e-39, r", in the firmware's single precision: rate.max_um_per_s: is 0"),
     ("offset_um", 1e39, r": offset_um: must be finite, within .*as the firmware requires"),

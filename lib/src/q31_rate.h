@@ -72,6 +72,11 @@ static inline rdpi_status_t rdpi_q31_rate_init(rdpi_q31_rate_t *rate, const rdpi
     return RDPI_OK;
 }
 
+static inline uint32_t rdpi_q31_distance(int32_t a, int32_t b)
+{
+    return a > b ? (uint32_t)a - (uint32_t)b : (uint32_t)b - (uint32_t)a;
+}
+
 /* As rdpi_f32_rate_step; returns the rate, RDPI_Q31_ONE at the guard, and beyond it more than that.
  * Scaling and overflow: distances are < 2^32; in 63 bits they carry 31 bits of fraction. */
 static inline int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, unsigned missed)
@@ -86,13 +91,13 @@ static inline int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, unsig
     }
     int32_t last = rate->z[(rate->oldest > 0u ? rate->oldest : rate->window) - 1u];
     for (unsigned left = missed + 1u; left > 0u; left--) {
-        last = left > 1u ? (int32_t)(last + ((int64_t)z - last) / (int32_t)left) : z;
+        uint32_t way = rdpi_q31_distance(z, last) / left;
+        last = (int32_t)(z > last ? (uint32_t)last + way : (uint32_t)last - way);
         int32_t oldest = rate->z[rate->oldest];
         rate->z[rate->oldest] = last;
         rate->oldest = (uint16_t)(rate->oldest + 1u < rate->window ? rate->oldest + 1u : 0u);
 
-        uint32_t moved = last > oldest ? (uint32_t)last - (uint32_t)oldest : (uint32_t)oldest - (uint32_t)last;
-        int64_t raw = (int64_t)((uint64_t)moved << 31);
+        int64_t raw = (int64_t)((uint64_t)rdpi_q31_distance(last, oldest) << 31);
         if (rate->blend == 0u) {
             rate->filtered = raw;
         } else {

@@ -17,8 +17,8 @@ static inline void rdpi_f32_rate_reset(rdpi_f32_rate_t *rate)
     rate->filtered_um_per_s = 0;
 }
 
-/* E = 1 - exp(-u), 0 <= u <= 64: a series at u / 2^16, then E(2 u) = E (2 - E), which cancels nothing. Not expm1 of libm,
- * which is larger than all the rest of the step. */
+/* E = 1 - exp(-u), 0 <= u <= 64: a series at u / 2^16, then E(2 u) = E (2 - E), which cancels nothing. Not expm1 of
+ * libm, which is larger than all the rest of the step. */
 static inline rdpi_real_t rdpi_f32_fraction(rdpi_real_t u)
 {
     u /= 65536;

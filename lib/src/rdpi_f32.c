@@ -3,6 +3,10 @@
 #include <string.h>
 #include <tgmath.h> /* fabs and isfinite for whichever type rdpi_real_t is; compilers inline both */
 
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "rdpi tells NaN from numbers: compile it without -ffast-math and -ffinite-math-only"
+#endif
+
 #include "crc.h"
 #include "deadzone.h"
 #include "inverse.h"
@@ -17,6 +21,9 @@
 
 /* Slopes below this are refused: the step divides by them. */
 #define MIN_SLOPE ((rdpi_real_t)1e-7)
+
+/* A drive further outside the range than this many times its width is no drive: rdpi_f32_forward refuses it. */
+#define MAX_SPANS 16
 
 /* The narrowest output range, V. */
 #define MIN_SPAN_V ((rdpi_real_t)1e-9)
@@ -419,7 +426,9 @@ rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t 
     rdpi_real_t displacement_um = rdpi_f32_predict(self, drive_V, rate_um_per_s);
 
     self->flags = 0;
-    if (!isfinite(displacement_um) || !isfinite(rate_um_per_s)) {
+    rdpi_real_t outside_V = drive_V - clamp(drive_V, params->min_V, params->max_V);
+    if (!isfinite(displacement_um) || !isfinite(rate_um_per_s) ||
+        fabs(outside_V) > MAX_SPANS * (params->max_V - params->min_V)) {
         refuse_input(self);
         return rdpi_f32_predict(self, self->drive_V, self->rate_um_per_s);
     }

@@ -16,3 +16,9 @@ for header in include/rdpi/*.h; do
     cc -x c -std=c99 "${strict[@]}" -fsyntax-only "$copy/alone.c"
     c++ -x c++ -std=c++11 "${strict[@]}" -fsyntax-only "$copy/alone.c"
 done
+
+if cc -std=c99 -O2 -ffast-math -Iinclude -c src/rdpi_f32.c -o "$copy/object.o" 2>"$copy/refusal" ||
+    ! grep -q 'compile it without -ffast-math' "$copy/refusal"; then
+    echo "lib_alone: -ffast-math, which drops the checks for NaN, is not refused" >&2
+    exit 1
+fi

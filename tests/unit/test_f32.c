@@ -1422,6 +1422,17 @@ void test_forward_of_a_drive_so_large_that_the_displacement_overflows_changes_no
     forward_changes_nothing(-large_V, 0);
 }
 
+void test_forward_of_a_drive_over_16_spans_outside_the_range_changes_no_state(void)
+{
+    rdpi_real_t reach_V = 16 * (given.params.max_V - given.params.min_V);
+    forward_changes_nothing(given.params.max_V + reach_V + 1, 0);
+    forward_changes_nothing(given.params.min_V - reach_V - 1, 0);
+    rdpi_f32_forward(&axis, given.params.max_V + reach_V - 1, 0);
+    TEST_ASSERT_EQUAL_UINT32(0, axis.flags);
+    rdpi_f32_forward(&axis, given.params.min_V - reach_V + 1, 0);
+    TEST_ASSERT_EQUAL_UINT32(0, axis.flags);
+}
+
 void test_forward_at_a_rate_that_is_not_finite_changes_no_state(void)
 {
     forward_changes_nothing(0, NAN);

@@ -537,6 +537,8 @@ void test_init_refuses_a_sweep_faster_than_the_slew_limit(void)
     refused(RDPI_ERR_SWEEP);
     given.params.slew_per_us++;
     start();
+    given.params.slew_per_us = 1;
+    refused(RDPI_ERR_SWEEP);
     given.params.slew_per_us = 0;
     start();
 }
@@ -614,6 +616,12 @@ void test_init_accepts_the_smallest_and_the_largest_shifts_of_codes(void)
     TEST_ASSERT_EQUAL_INT32(-MAX, axis.drive);
     rdpi_q31_forward(&axis, 1 - MAX, 0);
     TEST_ASSERT_EQUAL_UINT32(0, axis.dac_code);
+
+    given.params.min_drive = given.params.sweep_end = 0;
+    given.params.max_drive = 2;
+    actuator_q31_codes(&given, 1, false);
+    given.params.drive_shift = 62; /* of 31 bits nothing is left, and two drives is what may be missing */
+    start();
 }
 
 void test_init_refuses_a_code_0_that_is_at_neither_end(void)
@@ -674,13 +682,14 @@ void test_init_refuses_steps_of_codes_that_do_not_fit_the_range(void)
 /* Codes that would go on beyond the range are as wrong as those that do not reach it. */
 void test_init_refuses_steps_of_codes_twice_and_half_as_large(void)
 {
-    for (int falling = 0; falling < 2; falling++) {
-        for (int twice = 0; twice < 2; twice++) {
-            five_bit_dac();
-            actuator_q31_codes(&given, 5, falling);
+    const unsigned bits[] = {1, 5, 20};
+    for (unsigned k = 0; k < 4; k++) {
+        bool twice = (k & 1u) != 0u, falling = (k & 2u) != 0u;
+        for (size_t i = 0; i < 3; i++) {
+            actuator_q31_codes(&given, bits[i], falling);
             given.params.code_shift = (uint8_t)(given.params.code_shift + (twice ? -1 : 1));
             refused(RDPI_ERR_DRIVE);
-            actuator_q31_codes(&given, 5, falling);
+            actuator_q31_codes(&given, bits[i], falling);
             given.params.drive_shift = (uint8_t)(given.params.drive_shift + (twice ? -1 : 1));
             refused(RDPI_ERR_DRIVE);
         }
@@ -699,11 +708,15 @@ void test_init_refuses_a_code_0_at_neither_end_even_where_there_are_no_codes(voi
 
 void test_init_does_not_read_the_steps_of_codes_where_there_are_no_codes(void)
 {
-    given.params.code_shift = given.params.drive_shift = 255;
-    given.params.codes_per_drive = given.params.drive_per_code = INT32_MIN;
-    start();
-    rdpi_q31_step(&axis, 3 * U);
-    TEST_ASSERT_EQUAL_UINT32(0, axis.dac_code);
+    const uint8_t shifts[] = {1, 255};
+    for (size_t k = 0; k < 2; k++) {
+        given.params.code_shift = given.params.drive_shift = shifts[k];
+        given.params.codes_per_drive = given.params.drive_per_code = 1;
+        start();
+        TEST_ASSERT_EQUAL_UINT32(0, axis.dac_code);
+        rdpi_q31_step(&axis, 3 * U);
+        TEST_ASSERT_EQUAL_UINT32(0, axis.dac_code);
+    }
 }
 
 /* ---- init: the digest ---- */
@@ -1037,6 +1050,21 @@ void test_a_change_within_the_slew_limit_is_not_clipped(void)
     start();
     NEAR(4 * U, rdpi_q31_step(&axis, 3 * U));
     TEST_ASSERT_EQUAL_UINT32(0, axis.flags);
+}
+
+/* To the ends of the range, whose wish is clamped and so exact. */
+void test_a_change_just_at_the_slew_limit_is_not_clipped_and_a_unit_more_is(void)
+{
+    const int32_t references[] = {FAR, -FAR}, ends[] = {28 * U, -32 * U};
+    for (int32_t less = 0; less < 2; less++) {
+        for (size_t k = 0; k < 2; k++) {
+            int32_t way = (k == 0 ? 28 * U : 32 * U) - less;
+            given.params.slew_per_us = PER_SAMPLE(way);
+            start();
+            TEST_ASSERT_EQUAL_INT32(k == 0 ? ends[k] - less : ends[k] + less, rdpi_q31_step(&axis, references[k]));
+            TEST_ASSERT_EQUAL_UINT32(less ? RDPI_FLAG_RANGE | RDPI_FLAG_SLEW : RDPI_FLAG_RANGE, axis.flags);
+        }
+    }
 }
 
 /* x = 1, 2 where 4 was asked for; then z = 1 is met by falling 1 U at 0.5 per U from z = 1.5. */

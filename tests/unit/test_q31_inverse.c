@@ -202,6 +202,8 @@ void test_the_sum_of_one_play_is_slope_times_state_rounded_down(void)
     TEST_ASSERT_EQUAL_INT32(-3 * V, rdpi_q31_bank_at(&bank, halving, 1, 0, -6 * U));
     TEST_ASSERT_EQUAL_INT32(0, rdpi_q31_bank_at(&bank, halving, 1, 0, 7));
     TEST_ASSERT_EQUAL_INT32(-1, rdpi_q31_bank_at(&bank, halving, 1, 0, -1));
+    const rdpi_q31_play_t nearly_one = {0, ONE - 1, 0};
+    TEST_ASSERT_EQUAL_INT32(0, rdpi_q31_bank_at(&bank, &nearly_one, 1, 0, 1));
 }
 
 /* Eq. 15: on the first rise the output climbs along the loading curve. */

@@ -263,6 +263,7 @@ void test_reset_forgets_samples_and_filter(void)
     }
     rdpi_q31_rate_reset(&rate);
     rdpi_q31_rate_t after_reset = rate;
+    TEST_ASSERT_EQUAL_INT64(0, after_reset.filtered);
     init(3, 4);
     for (int k = 0; k < 10; k++) {
         TEST_ASSERT_EQUAL_INT32(sample(500 + k * k * 100), rdpi_q31_rate_step(&after_reset, 500 + k * k * 100, 0));

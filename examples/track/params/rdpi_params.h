@@ -95,15 +95,23 @@ static const rdpi_f32_params_t rdpi_params = {
 /* Whether there are parameters in fixed point: rdpi_params_q31, at the end. */
 #define RDPI_PARAMS_Q31 1
 
-/* Displacement in um to a reference and back; -36.6844 to 36.6844 um fit, not checked. Constant
- * expressions for constant arguments; others are evaluated twice, in double precision. */
+/* Displacement in um to a reference and back; -36.6844 to 36.6844 um fit, which
+ * is not checked: beyond them, and for NaN, the result is undefined (see RDPI_Q31_NO_REFERENCE). Constant expressions
+ * for constant arguments; others are evaluated twice, in double precision. */
 #define RDPI_PARAMS_Q31_REFERENCE(um) \
     ((int32_t)(((double)(um) - (0.0)) * (58539463.95434022) \
                + ((double)(um) < (0.0) ? -0.5 : 0.5)))
 #define RDPI_PARAMS_Q31_UM(reference) ((double)(reference) * (1.7082493286579852e-08) + (0.0))
 
-/* Drive in V. */
+/* Drive in V, and back. */
 #define RDPI_PARAMS_Q31_VOLT(drive) ((double)(drive) * (2.23517524489176e-07) + (0.0))
+#define RDPI_PARAMS_Q31_DRIVE(V) \
+    ((int32_t)(((double)(V) - (0.0)) / (2.23517524489176e-07) \
+               + (((double)(V) < (0.0)) == ((2.23517524489176e-07) > 0) ? -0.5 : 0.5)))
+
+/* Rate in um/s, and back. */
+#define RDPI_PARAMS_Q31_UM_PER_S(rate) ((double)(rate) * (1.0710209608078003e-06))
+#define RDPI_PARAMS_Q31_RATE(um_per_s) ((int32_t)((double)(um_per_s) / (1.0710209608078003e-06) + 0.5))
 
 /* r; W at rate 0, and its change up to the guard; 2^30 is the largest W */
 static const rdpi_q31_play_t rdpi_params_q31_play[] = {

@@ -11,6 +11,13 @@
  * allocates or blocks. Different instances may run at different interrupt priorities; one instance must not be used
  * from two contexts at once.
  *
+ * ISR safe, said of a function: its time is bounded and it may run in an interrupt while other instances are at work
+ * elsewhere. init and set_memory check pointers; the others rely on an instance that init has accepted. A field of the
+ * result read from another context is read through volatile and, where several belong together, with the interrupt
+ * masked; flags is 0 for a moment within each step, the counters are not.
+ *
+ * Not for -ffast-math, which cannot tell NaN from numbers. With -ffreestanding or -fno-builtin, fabsf is libm's.
+ *
  * Cost classes: n + 1 plays, m + 1 pieces of saturation. "Amortised" counts a reversal, and each play that engages
  * after it, against the step in which it happens: O(n) at worst, none in most steps. */
 #ifndef RDPI_F32_H
@@ -64,8 +71,8 @@ typedef struct {
     rdpi_real_t offset_V;        /**< drive at which x = 0 */
     rdpi_real_t offset_um;       /**< displacement = z + offset_um; references are displacements */
     rdpi_real_t rate_window_s;   /**< >= 0: rho_k = |z_k - z_(k-N)| / (N T), N = max(1, round(window / T)) ... */
-    rdpi_real_t rate_filter_s;   /**< >= 0: ... through a low-pass of this time constant; 0: none. Over K samples it costs
-                                      about K 10^-7 of the rate in single precision */
+    rdpi_real_t rate_filter_s;   /**< >= 0: ... through a low-pass of this time constant; 0: none. Over K samples it
+                                      costs about K 10^-7 of the rate in single precision */
     rdpi_real_t max_um_per_s;    /**< > 0: the guard clamps the rate to this */
     rdpi_real_t min_slope_ratio; /**< 0 < ratio < 1: W_i(max_um_per_s) >= ratio * W_i(0) is required of every i */
     rdpi_real_t min_V;           /**< output range */
@@ -77,7 +84,7 @@ typedef struct {
     const rdpi_f32_play_t *play; /**< [plays] */
     const rdpi_f32_deadzone_t *saturation;         /**< [deadzones], S (eq. 8) */
     const rdpi_f32_deadzone_t *inverse_saturation; /**< [deadzones], S^-1 (eq. 13) */
-    const rdpi_real_t *memory_um;                  /**< [plays], play states at power up; memory_um[0] is x */
+    const rdpi_real_t *memory_um;                  /**< [plays], play states assumed at power up; memory_um[0] is x */
 } rdpi_f32_params_t;
 
 /** Private part of rdpi_f32_t: the plays. */
@@ -99,7 +106,7 @@ typedef struct {
     uint16_t oldest; /**< < window; == window: no sample yet */
 } rdpi_f32_rate_t;
 
-/** One actuator at work. Read the fields under "result" at any time; the others are private. */
+/** One actuator at work. The fields under "result" are for reading; the others are private. */
 typedef struct {
     /* result */
     rdpi_real_t drive_V;       /**< what was output, min_V <= drive_V <= max_V; before the first step, what holds the
@@ -134,7 +141,8 @@ uint32_t rdpi_f32_digest(const rdpi_f32_params_t *params);
  * of the saturation fit what they are derived from is vouched for by the digest alone.
  * @return RDPI_OK, or the first fault found, one value for each kind (rdpi_status_t); `self` must then not be used.
  *
- * O(n + m), but long: not for an ISR. */
+ * A damaged count or pointer can make it read beyond the arrays before it refuses. O(n + m), but long: not for an
+ * ISR. */
 rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s);
 
 /** Back to power up: memory of the parameters, no rate history, no sweep, counters 0, drive_V = what holds that memory.
@@ -143,13 +151,15 @@ void rdpi_f32_reset(rdpi_f32_t *self);
 
 /** Replaces the plays' states by the `plays` values of `y_um`; y_um[0] is x and sets drive_V. They must be states that
  * one history can reach, |y_i - y_(i-1)| <= r_i - r_(i-1), with drive_V inside [min_V, max_V]. Departures as small as
- * rounding leaves are accepted. Rate history and counters stay.
+ * rounding leaves are accepted. Rate history and counters stay; a sweep in progress ends; drive_V is not rounded to a
+ * code.
  * @return RDPI_OK, or RDPI_ERR_NULL or RDPI_ERR_MEMORY, and then nothing has changed.
  *
  * O(n). ISR safe. */
 rdpi_status_t rdpi_f32_set_memory(rdpi_f32_t *self, const rdpi_real_t *y_um);
 
-/** Copies the plays' states to `y_um`, `plays` values, in the form that rdpi_f32_set_memory takes. O(n). ISR safe. */
+/** Copies the plays' states to `y_um`, `plays` values, in the form that rdpi_f32_set_memory takes (which
+ * refuses what rdpi_f32_forward has left outside the drive range). O(n). ISR safe. */
 void rdpi_f32_get_memory(const rdpi_f32_t *self, rdpi_real_t *y_um);
 
 /** One sample: takes the reference, a displacement in um, and returns the drive in V to output now, which is also
@@ -160,7 +170,9 @@ void rdpi_f32_get_memory(const rdpi_f32_t *self, rdpi_real_t *y_um);
  * output, not the one wished for. A reference that is NaN, infinite or beyond RDPI_MAX_REFERENCE_UM changes no state
  * and holds the last drive (RDPI_FLAG_INPUT); it counts as a missed sample (rdpi_f32_missed).
  *
- * First sample after init, reset or rdpi_f32_forward: its rate is 0, because there is none before it.
+ * First sample after init, reset, a sweep, rdpi_f32_forward or more than RDPI_MAX_MISSED missed samples: its rate is 0,
+ * because there is none before it. The reference that goes on from the present drive is
+ * rdpi_f32_predict(self, self->drive_V, 0).
  *
  * Amortised O(m), at most O(n + m); with a rate window of N samples the first O(N); one division. ISR safe. */
 rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um);
@@ -178,12 +190,14 @@ void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks);
  * state, whatever each was before (all but plays whose r_i is beyond half the range of x: nothing moves them).
  * @return true while the sweep goes on, false with its last sample, at which drive_V is sweep_end_V (to a code).
  *
- * A sweep that is given up half way leaves consistent states; rdpi_f32_reset or the end of it make the next call begin
- * a new one. Rate history is forgotten. Amortised O(1), at most O(n). ISR safe. */
+ * It starts from drive_V, which init sets to what holds the memory of the parameters. If the amplifier is elsewhere,
+ * say so first, with rdpi_f32_forward(self, its_V, 0), or the first sample jumps. A sweep that is given up half way
+ * leaves consistent states, and a later call goes on with it; rdpi_f32_reset, set_memory and forward end it. Rate
+ * history is forgotten. Amortised O(1), at most O(n). ISR safe. */
 bool rdpi_f32_sweep(rdpi_f32_t *self);
 
 /** The displacement in um that the model predicts for `drive_V` at `rate_um_per_s` (eq. 8, 9 and 17), the rate clamped
- * by the guard; no state changes. NaN if an input is NaN or the rate negative. The drive is not limited.
+ * by the guard; no state changes. NaN if the drive is not finite or the rate NaN or negative. The drive is not limited.
  * O(n + m). ISR safe. */
 rdpi_real_t rdpi_f32_predict(const rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s);
 
@@ -191,10 +205,11 @@ rdpi_real_t rdpi_f32_predict(const rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_r
  * @return what rdpi_f32_predict predicts for it.
  *
  * For simulation, and for enabling without a bump: while another source drives the actuator, call this with every
- * drive that it outputs; a step whose reference is the displacement returned at rate 0 then goes on from the same
- * drive. The plays follow also outside [min_V, max_V], but drive_V stays inside. Rate history is forgotten. An input
- * that is not finite, or a negative rate, changes no state (RDPI_FLAG_INPUT); the prediction is then that of drive_V at
- * rate_um_per_s. Flags and counts RDPI_FLAG_GUARD and RDPI_FLAG_INPUT. O(n + m). ISR safe. */
+ * drive that it outputs, at rate 0; a step whose reference is the displacement returned then goes on from the same
+ * drive. The rate has no part in what the plays do. They follow also outside [min_V, max_V], but drive_V stays inside.
+ * Rate history is forgotten. An input that is not finite, a negative rate, or a drive further outside the range than 16
+ * times its width moves nothing (RDPI_FLAG_INPUT) and counts as a missed sample; the prediction is then that of drive_V
+ * at rate_um_per_s. Flags and counts RDPI_FLAG_GUARD and RDPI_FLAG_INPUT. O(n + m). ISR safe. */
 rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s);
 
 #ifdef __cplusplus

@@ -1,6 +1,7 @@
 /** @file
  * The library in 32-bit integers, for cores without floating point: the same functions as rdpi/f32.h, the same bits on
- * every machine. No floating point, no libm, no heap; init divides 64 bits by 32, the step 32 by 32, once.
+ * every machine. No floating point, no libm, no heap; init divides 64 bits by 32, the step 32 by 32, once and
+ * once more per missed sample.
  *
  *     static rdpi_q31_t axis;
  *     rdpi_q31_init(&axis, &rdpi_params_q31, 100000);  // once, sample time in ns; the header comes from `rdpi header`

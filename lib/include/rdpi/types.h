@@ -65,7 +65,8 @@ enum {
     RDPI_FLAG_RANGE = 2u,  /**< the drive was clipped to its range */
     RDPI_FLAG_SLEW = 4u,   /**< the drive was clipped to what the slew limit allows in one sample */
     RDPI_FLAG_INPUT = 8u,  /**< the input was not usable; the last drive was held and no state changed */
-    RDPI_FLAG_MISSED = 16u /**< samples were missed or refused before this one; its rate counts the time they took */
+    RDPI_FLAG_MISSED = 16u /**< samples were missed or refused before this one; its rate counts the time they took,
+                                up to RDPI_MAX_MISSED of them */
 };
 
 /** A status as a short English sentence; never NULL. Any context. */
