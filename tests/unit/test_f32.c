@@ -293,7 +293,7 @@ void test_init_refuses_a_slope_too_small_to_divide_by_at_the_guard(void)
 {
     given.params.min_slope_ratio = (rdpi_real_t)1e-30;
     given.play[0].slope = (rdpi_real_t)1e-3;
-    given.play[0].slope_rate_s_per_um = (rdpi_real_t)(-1e-3 / 256);
+    given.play[0].slope_rate_s_per_um = (rdpi_real_t)(-0.99995e-3 / 256);
     refused(RDPI_ERR_GUARD);
     given.play[0].slope_rate_s_per_um = (rdpi_real_t)(-0.99e-3 / 256);
     start();
