@@ -10,10 +10,12 @@ import json
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from rdpi.cli import main
+from rdpi.recording import read_recording
 
 DATA = Path(os.environ.get("RDPI_DATA", Path(__file__).parents[3] / "shared/data/picma_p885")).resolve()
 RUNS = {"fit.csv": ("Model_Vi_Do.dat", "400:4400"), "next.csv": ("Model_Vi_Do.dat", "4400:8000"),
@@ -100,9 +102,19 @@ def test_inverse(run: str, measured_rms: float, measured_max: float, folder: Pat
 
 
 def test_engines_agree(folder: Path) -> None:
-    results = [rdpi("compensate", folder / "window.json", folder / "next.csv", "--reference-column", "displacement_um",
-                    "--remove-offset", "--engine", engine, "-o", folder / "drive.csv")["recorded"]
-               for engine in ("numpy", "f64", "f32")]
+    """Also in the 16-bit codes, but for what lies on the edge between two."""
+    recorded, codes = {}, {}
+    for engine in ("numpy", "f64", "f32", "q31"):
+        drive = folder / f"drive_{engine}.csv"
+        recorded[engine] = rdpi("compensate", folder / "window.json", folder / "next.csv", "--reference-column",
+                                "displacement_um", "--remove-offset", "--dac-bits", 16, "--engine", engine,
+                                "-o", drive)["recorded"]
+        codes[engine] = read_recording(drive).columns["dac_code"]
     for key in ("rms_percent", "max_percent"):
-        assert results[1][key] == pytest.approx(results[0][key], abs=1e-9)
-        assert results[2][key] == pytest.approx(results[0][key], abs=2e-3)
+        assert recorded["f64"][key] == pytest.approx(recorded["numpy"][key], abs=1e-9)
+        assert recorded["f32"][key] == pytest.approx(recorded["numpy"][key], abs=2e-3)
+        assert recorded["q31"][key] == pytest.approx(recorded["numpy"][key], abs=2e-3)
+    for engine, different in (("f64", 0), ("f32", 40), ("q31", 10)):
+        apart = np.abs(codes[engine] - codes["numpy"])
+        print(f"\n{engine}: {np.count_nonzero(apart)} of {len(apart)} codes differ from double, by {apart.max():.0f}")
+        assert apart.max() <= 1 and np.count_nonzero(apart) <= different
