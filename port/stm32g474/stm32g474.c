@@ -1,0 +1,199 @@
+/* The port contract on an STM32G474: TIM6 calls the tick, DAC1 channel 1 (PA4, 12 bits, buffered) holds the code, TIM2
+ * counts the cycles that say how many ticks were lost. 170 MHz from the internal 16 MHz oscillator.
+ *
+ * ST's start-up file calls SystemInit before it clears the variables, and has TIM6_DAC_IRQHandler in its vectors. */
+#include <math.h>
+
+#include "../include/rdpi_port.h" /* by its place: the test includes this file, from a folder that knows none */
+#include "registers.h"
+
+#define CORE_HZ 170000000u    /* core, buses and timers */
+#define LAST_RATE_HZ 1000000u /* the buffered DAC's, DS12288 */
+#define LAST_CODE 0xFFFu
+#define PATIENCE 100000u /* reads until a bit is given up, some 10 ms: what is waited for takes less than 0.1 ms */
+
+void SystemInit(void);
+void TIM6_DAC_IRQHandler(void);
+
+static rdpi_port_tick_t on_tick;
+static uint32_t period;            /* cycles between ticks */
+static uint32_t due;               /* TIM2's count at the last tick accounted for */
+static volatile uint32_t overruns; /* written by the interrupt, read anywhere */
+
+static void change(uint32_t *reg, uint32_t clear, uint32_t set)
+{
+    reg_write(reg, (reg_read(reg) & ~clear) | set);
+}
+
+/* Waits until the bits of the mask are `value`, but not for ever. */
+static bool reached(const uint32_t *reg, uint32_t mask, uint32_t value)
+{
+    for (uint32_t k = 0; k < PATIENCE; k++) {
+        if ((reg_read(reg) & mask) == value) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* RM0440 6.1.5, Range 1 normal to boost, and 3.3.3, increasing the frequency. Stops where the chip does not follow. */
+static bool clock_start(void)
+{
+    change(&RCC->apb1enr1, 0, RCC_APB1ENR1_PWREN);
+    (void)reg_read(&RCC->apb1enr1); /* the clock is on two cycles after the write */
+
+    /* From HSI16, as after reset; a boot loader may have left something else. */
+    change(&RCC->cr, 0, RCC_CR_HSION);
+    if (!reached(&RCC->cr, RCC_CR_HSIRDY, RCC_CR_HSIRDY)) {
+        return false;
+    }
+    change(&RCC->cfgr, RCC_CFGR_SW, RCC_CFGR_SW_HSI16);
+    if (!reached(&RCC->cfgr, RCC_CFGR_SWS, RCC_CFGR_SWS_HSI16)) {
+        return false;
+    }
+    change(&RCC->cr, RCC_CR_PLLON, 0);
+    if (!reached(&RCC->cr, RCC_CR_PLLRDY, 0)) {
+        return false;
+    }
+
+    /* 16 MHz / 4 * 85 = 340 MHz, / 2 */
+    reg_write(&RCC->pllcfgr, RCC_PLLCFGR_PLLSRC_HSI16 | RCC_PLLCFGR_PLLM(4u) | RCC_PLLCFGR_PLLN(85u) |
+                                 RCC_PLLCFGR_PLLR(2u) | RCC_PLLCFGR_PLLREN);
+    change(&RCC->cr, 0, RCC_CR_PLLON);
+    if (!reached(&RCC->cr, RCC_CR_PLLRDY, RCC_CR_PLLRDY)) {
+        return false;
+    }
+
+    change(&RCC->cfgr, RCC_CFGR_HPRE | RCC_CFGR_PPRE1, RCC_CFGR_HPRE_2);
+    if (!reached(&RCC->cfgr, RCC_CFGR_HPRE, RCC_CFGR_HPRE_2)) {
+        return false;
+    }
+    change(&PWR->cr5, PWR_CR5_R1MODE, 0);
+    change(&FLASH->acr, FLASH_ACR_LATENCY, FLASH_ACR_LATENCY_4);
+    if (!reached(&FLASH->acr, FLASH_ACR_LATENCY, FLASH_ACR_LATENCY_4)) {
+        return false;
+    }
+    change(&RCC->cfgr, RCC_CFGR_SW, RCC_CFGR_SW_PLL);
+    if (!reached(&RCC->cfgr, RCC_CFGR_SWS, RCC_CFGR_SWS_PLL)) {
+        return false;
+    }
+    for (uint32_t k = 0; k < 100u; k++) { /* at least 1 us, 85 cycles of 85 MHz */
+        (void)reg_read(&RCC->cfgr);
+    }
+    change(&RCC->cfgr, RCC_CFGR_HPRE, 0);
+    return reached(&RCC->cfgr, RCC_CFGR_HPRE, 0);
+}
+
+/* Code 0 from here on until main writes one. */
+static void dac_start(void)
+{
+    change(&RCC->ahb2enr, 0, RCC_AHB2ENR_GPIOAEN | RCC_AHB2ENR_DAC1EN);
+    (void)reg_read(&RCC->ahb2enr);
+    change(&GPIOA->moder, 0, GPIO_MODER_4_ANALOG);
+    change(&DAC1->cr, DAC_CR_EN1 | DAC_CR_TEN1, 0);
+    change(&DAC1->mcr, DAC_MCR_HFSEL | DAC_MCR_MODE1, DAC_MCR_HFSEL_160_MHZ);
+    reg_write(&DAC1->dhr12r1, 0);
+    change(&DAC1->cr, 0, DAC_CR_EN1);
+    (void)reached(&DAC1->sr, DAC_SR_DAC1RDY, DAC_SR_DAC1RDY); /* a code written earlier would only come out later */
+}
+
+/* Before main, and before variables have values: uses none. */
+void SystemInit(void)
+{
+    change(&CPACR->cpacr, 0, CPACR_FPU);
+    core_sync();
+    (void)clock_start(); /* rdpi_port_start looks at what came of it */
+    dac_start();
+}
+
+static void lose(uint32_t ticks)
+{
+    uint32_t room = UINT32_MAX - overruns;
+    overruns += ticks < room ? ticks : room;
+}
+
+/* Ticks that have become due since this was last asked. */
+static uint32_t ticks_due(void)
+{
+    uint32_t ticks = (reg_read(&TIM2->cnt) - due) / period;
+    due += ticks * period;
+    return ticks;
+}
+
+void TIM6_DAC_IRQHandler(void)
+{
+    if ((reg_read(&TIM6->sr) & TIM_SR_UIF) == 0u) {
+        return; /* pending from a tick that was dropped */
+    }
+    reg_write(&TIM6->sr, 0); /* before the count is read: nothing in between is forgotten */
+    uint32_t ticks = ticks_due();
+    if (ticks == 0u) {
+        return; /* accounted for at the end of the tick before */
+    }
+    lose(ticks - 1u); /* entered late, more than a period */
+    on_tick();
+    if ((reg_read(&TIM6->sr) & TIM_SR_UIF) != 0u) {
+        reg_write(&TIM6->sr, 0);
+        lose(ticks_due());
+    }
+}
+
+bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
+{
+    if (tick == NULL || rate_hz == 0u || rate_hz > LAST_RATE_HZ ||
+        (reg_read(&RCC->cfgr) & (RCC_CFGR_SWS | RCC_CFGR_HPRE)) != RCC_CFGR_SWS_PLL) {
+        return false;
+    }
+    uint32_t prescaler = ((CORE_HZ + rate_hz / 2u) / rate_hz - 1u) / 0x10000u + 1u;
+    uint32_t steps_hz = rate_hz * prescaler; /* below 2 MHz */
+    uint32_t counts = (CORE_HZ + steps_hz / 2u) / steps_hz;
+    uint32_t made_hz = steps_hz * counts; /* the core's frequency at which the rate would be exact */
+    if ((made_hz > CORE_HZ ? made_hz - CORE_HZ : CORE_HZ - made_hz) > CORE_HZ / 1000u) {
+        return false;
+    }
+
+    on_tick = tick;
+    period = prescaler * counts;
+    due = 0;
+    overruns = 0;
+
+    change(&RCC->apb1enr1, 0, RCC_APB1ENR1_TIM2EN | RCC_APB1ENR1_TIM6EN);
+    (void)reg_read(&RCC->apb1enr1);
+    reg_write(&TIM6->cr1, TIM_CR1_URS); /* UG below loads the prescaler and raises no flag */
+    reg_write(&TIM6->psc, prescaler - 1u);
+    reg_write(&TIM6->arr, counts - 1u);
+    reg_write(&TIM6->egr, TIM_EGR_UG);
+    reg_write(&TIM6->dier, TIM_DIER_UIE);
+    reg_write(&TIM2->cr1, TIM_CR1_URS);
+    reg_write(&TIM2->psc, 0);
+    reg_write(&TIM2->arr, UINT32_MAX);
+    reg_write(&TIM2->egr, TIM_EGR_UG);
+    change(&NVIC->ipr[TIM6_DAC_IRQ / 4u], 0xFFu << (TIM6_DAC_IRQ % 4u * 8u), 0); /* the highest priority */
+    reg_write(&NVIC->iser[TIM6_DAC_IRQ / 32u], 1u << (TIM6_DAC_IRQ % 32u));
+    core_sync(); /* the variables above have their values too */
+    reg_write(&TIM2->cr1, TIM_CR1_URS | TIM_CR1_CEN); /* a few cycles ahead of TIM6: a tick is never due too late */
+    reg_write(&TIM6->cr1, TIM_CR1_URS | TIM_CR1_CEN);
+    return true;
+}
+
+/* None here: the board's or the application's function of this name takes the place of this one. */
+__attribute__((weak)) float rdpi_port_reference_um(void)
+{
+    return NAN;
+}
+
+void rdpi_port_write_dac(uint32_t code)
+{
+    reg_write(&DAC1->dhr12r1, code & LAST_CODE);
+}
+
+uint32_t rdpi_port_overruns(void)
+{
+    return overruns;
+}
+
+bool rdpi_port_idle(void)
+{
+    core_sleep();
+    return true;
+}
