@@ -56,12 +56,13 @@ if [ -z "$quick" ]; then
     run ctest-coverage "$ctest_lines" ctest_preset coverage
     run ceedling '^(TESTED|PASSED|FAILED|IGNORED): ' env GEM_HOME="$root/.gems" GEM_PATH="$root/.gems" .gems/bin/ceedling test:all
     run same-names 'executed' names
-    for core in m0plus m3 m4f m7; do
+    for core in m0plus m3 m4f m7 rv32; do
         run ctest-$core "$ctest_lines" ctest_preset $core
     done
     run same-bits '^same-bits: ' tests/emulator/same_bits.sh
     run lint '^lint: ' tests/lint/lint.py
     run size '^size: ' tests/size/size.py --check README.md
+    run instructions '^instructions: ' .venv/bin/python tests/benchmark/instructions.py --check README.md
     run fuzz '^fuzz: ' tests/fuzz/run.sh 30
     run mutation '^mutation: ' tests/mutation/mutate.py
 fi

@@ -1,39 +1,176 @@
-/* Makes an actuator follow a reference in open loop. The same file on every port; see port/README.md. */
-#include <stdio.h>
+/* Makes an actuator follow a reference in open loop: start-up sweep, then the reference to its end, every sample told to
+ * the host. The same file on every port, in floating or, with TRACK_Q31, fixed point; see port/README.md. */
+#include <string.h>
 
 #include "rdpi/rdpi.h"
-#include "rdpi_params.h" /* the actuator, made by `rdpi header` */
-#include "rdpi_port.h"   /* the board */
+#include "rdpi_params.h"    /* the actuator, made by `rdpi header` */
+#include "rdpi_port.h"      /* the board */
+#include "rdpi_reference.h" /* where the reference comes from */
+#include "telemetry.h"
 
 #if RDPI_PARAMS_DAC_BITS == 0
 #error "the actuator's model has no DAC: set drive.dac_bits, with `rdpi fit --dac-bits` or in the model file"
 #endif
 
-static rdpi_f32_t axis;
+#if TRACK_Q31
+#if !RDPI_PARAMS_Q31
+#error "this actuator has no parameters in fixed point; rdpi_params.h says why"
+#endif
+#define RDPI(verb) rdpi_q31_##verb
+#define PARAMS rdpi_params_q31
+#define SAMPLE_TIME ((1000000000u + TRACK_RATE_HZ / 2u) / TRACK_RATE_HZ) /* ns */
+#define NEXT_REFERENCE rdpi_reference_q31
+#define RATE axis.rate
+typedef int32_t number_t;
+#else
+#define RDPI(verb) rdpi_f32_##verb
+#define PARAMS rdpi_params
+#define SAMPLE_TIME (1.0f / TRACK_RATE_HZ)
+#define NEXT_REFERENCE rdpi_reference_um
+#define RATE axis.rate_um_per_s
+typedef float number_t;
+#endif
 
-/* The timer interrupt. */
+#if RDPI_PORT_STDERR /* a board that is a computer */
+#include <stdio.h>
+#define SAY(...) ((void)fprintf(stderr, __VA_ARGS__))
+#else
+#define SAY(...) ((void)0)
+#endif
+
+#define INFO_EVERY 1000u /* samples */
+
+static const rdpi_telemetry_run_t run = {
+    .min_V = RDPI_PARAMS_MIN_V,
+    .max_V = RDPI_PARAMS_MAX_V,
+#if TRACK_Q31
+    .um_per_reference = (RDPI_PARAMS_Q31_UM(1 << 30) - RDPI_PARAMS_Q31_UM(0)) / (1 << 30),
+    .reference_0_um = RDPI_PARAMS_Q31_UM(0),
+    .um_per_s_per_rate = RDPI_PARAMS_Q31_UM_PER_S(1),
+    .numbers = RDPI_TELEMETRY_INT32,
+#else
+    .um_per_reference = 1,
+    .um_per_s_per_rate = 1,
+    .numbers = RDPI_TELEMETRY_FLOAT,
+#endif
+    .um_per_count = TRACK_UM_PER_COUNT,
+    .count_0_um = TRACK_COUNT_0_UM,
+    .rate_hz = TRACK_RATE_HZ,
+    .dac_bits = RDPI_PARAMS_DAC_BITS,
+};
+
+static RDPI(t) axis;
+static rdpi_telemetry_t line;
+static rdpi_telemetry_counts_t counts;
+static rdpi_telemetry_sample_t sample; /* the latest; sent one tick later, with its reading */
+static bool sweeping = TRACK_SWEEP;
+static volatile bool finished;
+
+/* Same size, same place: the bits of a number. */
+static uint32_t bits_of(number_t number)
+{
+    uint32_t bits;
+    memcpy(&bits, &number, sizeof bits);
+    return bits;
+}
+
+static bool send_info(void)
+{
+    counts.guard_count = axis.guard_count;
+    counts.clip_count = axis.clip_count;
+    counts.input_count = axis.input_count;
+    counts.missed_count = axis.missed_count;
+    return rdpi_telemetry_info(&line, &run, &counts);
+}
+
+/* Computes the next code. False when the reference is at its end. */
+static bool advance(uint32_t ticks)
+{
+    number_t reference = 0;
+    sample.flags = 0;
+    if (sweeping) {
+        sweeping = RDPI(sweep)(&axis);
+        sample.flags = RDPI_TELEMETRY_SWEEP;
+    } else if (NEXT_REFERENCE(ticks, &reference)) {
+        if (ticks > 1u) {
+            RDPI(missed)(&axis, ticks - 1u);
+        }
+        (void)RDPI(step)(&axis, reference);
+    } else {
+        return false;
+    }
+    sample.reference = bits_of(reference);
+    sample.rate = bits_of(RATE);
+    sample.dac_code = axis.dac_code;
+    sample.flags |= (uint16_t)axis.flags;
+    return true;
+}
+
+/* Outputs the next code, and only then sends the sample before: no code is late for telemetry's sake. */
+static void take_sample(uint32_t ticks, int32_t adc_counts)
+{
+    rdpi_telemetry_sample_t before = sample;
+    if (!advance(ticks)) {
+        counts.state = RDPI_TELEMETRY_FINISHED;
+    } else if (!rdpi_port_write_dac(sample.dac_code)) {
+        sample.flags |= RDPI_TELEMETRY_HELD; /* the library takes the code as output; the next one brings both together */
+        counts.held_count++;
+    }
+    if (before.tick > 0u) {
+        before.adc_counts = adc_counts; /* what its code has led to: the reading after one period */
+        (void)rdpi_telemetry_sample(&line, &before);
+    }
+}
+
+/* The timer interrupt. At the end of the reference the last code stays, and the host is told so again and again. */
 static void tick(void)
 {
-    rdpi_f32_step(&axis, rdpi_port_reference_um());
-    rdpi_port_write_dac(axis.dac_code);
+    uint32_t began = rdpi_port_cycles();
+    int32_t adc_counts = rdpi_port_read_adc();
+    uint32_t ticks = rdpi_port_overruns() - counts.overruns + 1u; /* since the sample before: 1 if none was lost */
+    bool at_end = false;
+    counts.overruns += ticks - 1u;
+    if (!finished) {
+        take_sample(ticks, adc_counts);
+        at_end = finished = counts.state == RDPI_TELEMETRY_FINISHED;
+    }
+    sample.tick += ticks;
+    if (at_end || sample.tick % INFO_EVERY < ticks) {
+        (void)send_info();
+    }
+    uint32_t took = rdpi_port_cycles() - began;
+    if (took > counts.longest_tick_cycles) {
+        counts.longest_tick_cycles = took;
+    }
+}
+
+/* Why it does not run, for the host to see; the DAC stays as the board's start-up left it, or at the first code. */
+static int refuse(rdpi_status_t status)
+{
+    counts.state = RDPI_TELEMETRY_REFUSED;
+    counts.status = (int8_t)status;
+    (void)send_info();
+    SAY("track: %s\n", status == RDPI_OK ? "this board has no timer of that rate" : rdpi_status_text(status));
+    return 1;
 }
 
 int main(void)
 {
-    rdpi_status_t status = rdpi_f32_init(&axis, &rdpi_params, 1.0f / TRACK_RATE_HZ);
+    rdpi_status_t status = RDPI(init)(&axis, &PARAMS, SAMPLE_TIME);
     if (status != RDPI_OK) {
-        fprintf(stderr, "track: %s\n", rdpi_status_text(status));
-        return 1;
+        return refuse(status);
     }
-    rdpi_port_write_dac(axis.dac_code); /* the drive at which the model's memory begins */
+    (void)send_info();
+    (void)rdpi_port_write_dac(axis.dac_code); /* the drive at which the model's memory begins */
+    counts.state = RDPI_TELEMETRY_RUNNING;
     if (!rdpi_port_start(TRACK_RATE_HZ, tick)) {
-        fprintf(stderr, "track: this board has no timer at %d Hz\n", TRACK_RATE_HZ);
-        return 1;
+        return refuse(RDPI_OK);
     }
-    while (rdpi_port_idle()) {
+    while (!finished) {
+        rdpi_port_idle();
     }
-    fprintf(stderr, "track: rate clamped %lu times, drive clipped %lu, reference refused %lu, ticks lost %lu\n",
-            (unsigned long)axis.guard_count, (unsigned long)axis.clip_count, (unsigned long)axis.input_count,
-            (unsigned long)rdpi_port_overruns());
+    SAY("track: rate clamped %lu times, drive clipped %lu, reference refused %lu, ticks lost %lu\n",
+        (unsigned long)axis.guard_count, (unsigned long)axis.clip_count, (unsigned long)axis.input_count,
+        (unsigned long)rdpi_port_overruns());
     return 0;
 }

@@ -14,6 +14,7 @@ from .firmware import Firmware, Steps
 from .model import Drive, Memory, Model
 from .recording import Recording
 
+Engine = Callable[[Model, np.ndarray], Steps]
 MAX_REFERENCE_UM = operators.MAX_REFERENCE_UM
 MAX_SWEEPS = 60
 DEPTH, MIX = 6, 0.5  # sweeps remembered and damping of Anderson's mixing
@@ -134,14 +135,14 @@ def start_states(model: Model, run: Recording) -> tuple[np.ndarray, float, float
     return states_after(positions[best], x[0], r), miss_um(x[0]), misses[best]
 
 
-def follow(model: Model, run: Recording, column: str = "reference_um", engine: str = "f32",
+def follow(model: Model, run: Recording, column: str = "reference_um", engine: str | Engine = "f32",
            remove_offset: bool = False) -> tuple[Steps, float]:
     """The drive that makes the actuator follow a column of `run`, sample by sample as the firmware computes it.
 
     Before the first sample the plays are as the metadata `memory` says: reset, a decaying sweep ended at the first
     reference; unknown, estimated if the run also has command and displacement, else the model's own. Engines "f32" and
-    "q31" are the firmware library, "f64" the first in double, "numpy" the independent reference. Returns the steps and
-    the offset in um that was removed from the reference: with `remove_offset` the mean error of the model's prediction
+    "q31" are the firmware library, "f64" the first in double, "numpy" the independent reference; a function takes model
+    and reference to the steps. Returns the steps and the offset in um that was removed from the reference: with `remove_offset` the mean error of the model's prediction
     of this run.
     """
     reference = run.columns[column]
@@ -162,6 +163,8 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
         states = estimate_states(model, run)
         model = replace(model, memory=Memory(float(states[0]), states))
         model = replace(model, memory=within_drive(model))
+    if callable(engine):
+        return engine(model, reference - offset), offset
     if engine == "numpy":
         return Steps(*operators.step(model, reference - offset, run.sample_time_s)[0]), offset
     return firmware.engine(model, run.sample_time_s, engine).step(reference - offset), offset

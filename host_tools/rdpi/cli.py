@@ -89,7 +89,7 @@ def _check_paths(context: click.Context) -> None:
     paths: dict[str, list[str]] = {"in": [], "out": []}
     for parameter in context.command.params:
         if isinstance(parameter.type, click.Path) and (value := context.params.get(parameter.name)):
-            kind = "out" if parameter.name in ("output", "json_path", "report") else "in"
+            kind = "out" if parameter.name in ("output", "json_path", "report", "raw") else "in"
             names = [value] if isinstance(value, str) else list(value)
             paths[kind] += [os.path.join(value, "fit.json")] if parameter.name == "report" else names
             if parameter.name == "report" and os.path.exists(value) and not os.path.isdir(value):
@@ -191,6 +191,101 @@ def _pairs(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) 
     return pairs
 
 
+def _telemetry_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """What record and import --telemetry have in common."""
+    for option in reversed((
+        click.option("--um-per-count", type=float, metavar="UM",
+                     help="Displacement sensor, um per count. Default: what the firmware says."),
+        click.option("--count-0-um", "count_0_um", type=float, metavar="UM",
+                     help="Displacement at the sensor's count 0, um. Default: what the firmware says."),
+        click.option("--stretches", is_flag=True,
+                     help="Write every stretch between lost samples, as RUN-1.csv, RUN-2.csv, ... Default: the "
+                          "longest, as RUN.csv."),
+        click.option("--max-lost", type=click.IntRange(min=0), metavar="N",
+                     help="Exit with status 1 if more samples than this are missing."),
+    )):
+        function = option(function)
+    return function
+
+
+def _check_telemetry_options(context: click.Context, telemetry: bool) -> None:
+    """Refuse options of import that mean nothing with --telemetry, and those that mean nothing without."""
+    common = {"sources", "output", "actuator", "memory", "note", "json_path", "telemetry"}
+    only = {"um_per_count", "count_0_um", "stretches", "max_lost"}
+    for parameter in context.command.params:
+        given = context.get_parameter_source(parameter.name) is click.core.ParameterSource.COMMANDLINE
+        if given and parameter.name not in common and (parameter.name in only) != telemetry:
+            raise BadInput(f"{parameter.opts[-1]}: has a meaning only {'without' if telemetry else 'with'} --telemetry")
+
+
+def _import_telemetry(sources: tuple[str, ...], output: str, texts: dict[str, str | None],
+                      scale: tuple[float | None, float | None], **options: Any) -> dict[str, Any]:
+    from .recording import read_bytes
+    from .telemetry import Decoder
+
+    targets = _targets(sources, output)
+    decoders = [Decoder(source) for source in sources]
+    with progress("importing") as report:
+        for index, decoder in enumerate(decoders):
+            stream = read_bytes(decoder.where)
+            for start in range(0, len(stream), _STREAM_CHUNK):
+                decoder.feed(stream[start:start + _STREAM_CHUNK])
+                report((index + start / len(stream)) / len(sources))
+            decoder.finish()
+        # Only now, so that a bad source leaves nothing behind.
+        found = [_stretches(decoder, scale) for decoder in decoders]
+    results = [_write_telemetry(*work, texts, **options) for work in zip(decoders, found, targets)]
+    return {"recordings": [recording for result in results for recording in result["recordings"]],
+            "streams": [{key: value for key, value in result.items() if key != "recordings"} for result in results],
+            "gate_failed": any(result["gate_failed"] for result in results)}
+
+
+def _stretches(decoder: Any, scale: tuple[float | None, float | None]) -> list[Any]:
+    from . import telemetry
+
+    found = telemetry.stretches(decoder, *scale)
+    if not found:
+        raise BadInput(f"{decoder.where}: {telemetry.summary(decoder.counts)}: no {telemetry.MIN_SAMPLES} samples "
+                       "without a gap after the start-up sweep; record for longer, or see to the line")
+    return found
+
+
+def _write_telemetry(decoder: Any, found: list[Any], target: Path, texts: dict[str, str | None], stretches: bool,
+                     max_lost: int | None) -> dict[str, Any]:
+    """Write what a stream holds, say what it does not, and return both for `--json`."""
+    from dataclasses import asdict
+
+    from . import telemetry
+    from .recording import write_recording
+
+    counts = decoder.counts
+    click.echo(f"{decoder.where}: {telemetry.summary(counts)}")
+    for note in telemetry.notes(decoder, found):
+        click.echo(f"note: {note}")
+    longest = max(found, key=lambda stretch: len(stretch.columns["time_s"]))
+    files = [(target.with_stem(f"{target.stem}-{number}"), stretch) for number, stretch in enumerate(found, 1)]
+    recordings = []
+    target.parent.mkdir(parents=True, exist_ok=True)
+    for file, (columns, metadata) in files if stretches else [(target, longest)]:
+        metadata = {"source": Path(decoder.where).name, **metadata}
+        metadata |= {key: text for key, text in texts.items() if text is not None}
+        write_recording(file, columns, metadata)
+        samples = len(columns["time_s"])
+        click.echo(f"  {file}: {samples} samples at {metadata['sample_rate_hz']} per second from tick "
+                   f"{metadata['first_tick']}, memory: {metadata['memory']}")
+        recordings.append({"file": str(file), "source": decoder.where, "samples": samples,
+                           "sample_rate_hz": metadata["sample_rate_hz"], "columns": list(columns),
+                           "metadata": metadata})
+    failed = max_lost is not None and counts.missing > max_lost
+    if failed:
+        click.echo(f"rdpi: {counts.missing} samples are missing, more than the {max_lost} allowed by --max-lost",
+                   err=True)
+    return {"recordings": recordings, "source": decoder.where, "counts": asdict(counts),
+            "stretches": [len(stretch.columns["time_s"]) for stretch in found],
+            "target": decoder.info_of(decoder.runs[-1])._asdict(), "gate_failed": failed}
+
+
+_STREAM_CHUNK = 1 << 20  # bytes
 _COLUMN = "COLUMN[:UNIT]"
 
 
@@ -219,9 +314,14 @@ _COLUMN = "COLUMN[:UNIT]"
               help="What the hysteresis remembers at the first row taken: a decaying sweep ended here, the row follows "
                    "the previous recording, or unknown.")
 @click.option("--note", metavar="TEXT", help="Kept in the recording.")
+@click.option("--telemetry", is_flag=True,
+              help="SOURCE is what a microcontroller sent, as `rdpi record --raw` keeps it or any program that stores "
+                   "what comes from a serial port.")
+@_telemetry_options
 def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: slice, command_gain: float,
             purpose: str, also: dict[str, str], actuator: str | None, memory: str | None, note: str | None,
-            **columns: str | None) -> dict[str, Any]:
+            telemetry: bool, stretches: bool, max_lost: int | None, um_per_count: float | None,
+            count_0_um: float | None, **columns: str | None) -> dict[str, Any]:
     """Bring other formats to a recording.
 
     SOURCE is a table (comma, semicolon, tab or white space; with or without names; text above the table is skipped), a
@@ -233,14 +333,20 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
     rdpi import Model_Vi_Do.dat --command 0 --displacement 4 --rate 200 --rows 400:4400 -o fit.csv
     rdpi import scope.csv --time t:ms --command Vin:mV --displacement pos_nm -o run.csv
     rdpi import monday/*.mat -o runs/
+    rdpi import --telemetry captured.bin -o run.csv
     """
     from .importer import ROLES, Request, import_recording
     from .recording import write_recording
+
+    _check_telemetry_options(click.get_current_context(), telemetry)
 
     reserved = {role.column: key for key, role in ROLES.items()}
     for name in set(also) & set(reserved):
         raise BadInput(f"--also {name}: this column has its own option, --{reserved[name]}")
     texts = {"actuator": actuator, "memory": memory, "note": note}
+    if telemetry:
+        return _import_telemetry(sources, output, texts, stretches=stretches, max_lost=max_lost,
+                                 scale=(um_per_count, count_0_um))
     request = Request(columns={key: spec for key, spec in columns.items() if spec is not None}, also=also,
                       rate_hz=rate_hz, rows=rows, command_gain=command_gain, purpose=purpose,
                       metadata={key: text for key, text in texts.items() if text is not None})
@@ -276,6 +382,79 @@ def _targets(sources: tuple[str, ...], output: str) -> list[Path]:
         if target.is_file() and any(Path(source).exists() and target.samefile(source) for source in sources):
             raise BadInput(f"{target}: would be written over an input; give another folder")
     return targets
+
+
+@command("record")
+@click.argument("port", metavar="PORT")
+@click.option("-o", "--output", required=True, metavar="RUN.csv", type=click.Path(dir_okay=False),
+              help="The recording.")
+@click.option("--baud", type=click.IntRange(min=1), default=2_000_000, show_default=True, metavar="BAUD",
+              help="Bits per second on the line.")
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S",
+              help="Stop after so many seconds of the target's time. Default: when it has finished, or at Ctrl-C.")
+@click.option("--timeout", "timeout_s", type=click.FloatRange(min=0, min_open=True), default=5.0, show_default=True,
+              metavar="S", help="Give up after so many seconds without a frame.")
+@click.option("--raw", type=click.Path(dir_okay=False), metavar="FILE",
+              help="Also keep every byte as it came, for `rdpi import --telemetry`.")
+@click.option("--actuator", metavar="TEXT", help="Kept in the recording.")
+@click.option("--memory", type=click.Choice(["reset", "carried", "unknown"]),
+              help="What the hysteresis remembers at the first sample written. Default: reset where the target's "
+                   "start-up sweep was received whole and the drive goes on from its end, else unknown.")
+@click.option("--note", metavar="TEXT", help="Kept in the recording.")
+@_telemetry_options
+def record_(port: str, output: str, baud: int, duration_s: float | None, timeout_s: float, raw: str | None,
+            actuator: str | None, memory: str | None, note: str | None, stretches: bool, max_lost: int | None,
+            um_per_count: float | None, count_0_um: float | None) -> dict[str, Any]:
+    """Read a microcontroller's telemetry from a serial port into a recording.
+
+    PORT is a device, /dev/ttyACM0 or an emulator's pseudo-terminal, or a URL that pyserial knows, e.g.
+    socket://localhost:1234. Samples of the start-up sweep are left out. Lost and corrupt frames are counted, in the
+    file's metadata too; a recording never spans a gap.
+    """
+    from .record import record
+
+    with _open_raw(raw) as file, _recording_line() as report:
+        decoder, end = record(port, baud, duration_s, timeout_s, file, report)
+    if not decoder.counts.samples:
+        decoder.check()
+        raise BadInput(f"{port}: no samples: {end.why}")
+    decoder.finish()
+    result = _write_telemetry(decoder, _stretches(decoder, (um_per_count, count_0_um)), Path(output),
+                              {"actuator": actuator, "memory": memory, "note": note}, stretches, max_lost)
+    if not end.good:
+        raise BadInput(f"{port}: {end.why}; what came before has been written")
+    click.echo(f"  {end.why}")
+    return {**result, "ended": end.why}
+
+
+@contextmanager
+def _open_raw(path: str | None) -> Iterator[Any]:
+    if path is None:
+        yield None
+        return
+    with open(path, "wb") as file:
+        yield file
+
+
+@contextmanager
+def _recording_line() -> Iterator[Callable[[Any], None]]:
+    """On a terminal, a line that tells how a recording goes on; when stderr is piped, nothing."""
+    if not sys.stderr.isatty():
+        yield lambda decoder: None
+        return
+    from rich.console import Console
+
+    from .telemetry import NO_READING, displacement_um
+
+    with Console(stderr=True).status("waiting for the first frame; Ctrl-C ends") as status:
+        def report(decoder: Any) -> None:
+            latest, info, counts = decoder.latest, decoder.info, decoder.counts
+            at = ""
+            if info is not None and latest is not None and latest["adc_counts"] != NO_READING:
+                at = f", {displacement_um(info, latest['adc_counts']):.4g} um"
+            status.update(f"{counts.samples} samples, {counts.missing} lost{at}; Ctrl-C ends")
+
+        yield report
 
 
 @command("excite")
@@ -487,6 +666,58 @@ def header(model: str, output: str, name: str, **sweep: float | None) -> dict[st
     return {"file": output, "name": name, "digest": parameters.digest(), "q31": q31 is not None}
 
 
+class Dac(click.ParamType):
+    """BITS:MIN_V:MAX_V."""
+
+    name = "dac"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, float, float]:
+        if isinstance(value, tuple):
+            return value
+        try:
+            bits, low, high = value.split(":")
+            return int(bits), float(low), float(high)
+        except ValueError:
+            self.fail(f"{value!r}: give BITS:MIN_V:MAX_V, e.g. 16:-20:120", param, ctx)
+
+
+@command("profile")
+@click.argument("source", metavar="FILE.csv", type=click.Path(dir_okay=False))
+@click.option("-o", "--output", required=True, metavar="rdpi_profile.h", type=click.Path(dir_okay=False),
+              help="The header.")
+@click.option("--reference-column", metavar="COLUMN", help="Column to follow, um. Default: reference_um.")
+@click.option("--dac", type=Dac(), metavar="BITS:MIN_V:MAX_V",
+              help="FILE.csv is a drive: its command_V as codes of this DAC, volts at the actuator.")
+def profile(source: str, output: str, reference_column: str | None,
+            dac: tuple[int, float, float] | None) -> dict[str, Any]:
+    """Generate the C header of a table that the firmware plays: a reference, or with --dac a drive.
+
+    References are for port/profile, which converts them to the application's numbers when it is compiled; drives, as
+    `rdpi excite` makes them, for examples/excite. The same file gives the same bytes.
+    """
+    from . import profile as tables
+    from .recording import atomic_write, read_recording
+
+    if dac is not None and reference_column is not None:
+        raise BadInput("--reference-column: has no meaning with --dac, which makes a drive of command_V")
+    column = "command_V" if dac is not None else reference_column or "reference_um"
+    with progress("generating"):
+        run = read_recording(source, required=("time_s", column))
+        text = tables.render_reference(run, column) if dac is None else tables.render_drive(run, *dac)
+        atomic_write(output, text)
+    values, rate_hz = run.columns[column], tables.integer_rate_hz(run)
+    unit = "um" if dac is None else "V"
+    click.echo(f"{output}: {len(run)} samples at {rate_hz} per second, {values.min():g} to {values.max():g} {unit}, "
+               f"{4 * len(run)} bytes of flash")
+    result = {"file": output, "samples": len(run), "sample_rate_hz": rate_hz, "digest": run.digest}
+    if dac is not None:
+        result["sweep_samples"] = tables.sweep_samples(run)
+        click.echo(f"the first {result['sweep_samples']} samples are a decaying sweep")
+    elif refused := int((~tables.usable(values)).sum()):
+        click.echo(f"note: {refused} samples are beyond the largest reference: the drive holds there; check their unit")
+    return result
+
+
 @command("simulate")
 @click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
@@ -553,23 +784,30 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
 @click.argument("reference", metavar="REFERENCE.csv", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=click.Path(dir_okay=False),
               help="The reference's columns and command_V, rate_um_per_s, flags and, with --dac-bits, dac_code.")
-@click.option("--engine", type=click.Choice(["f32", "q31", "f64", "numpy"]), default="f32", show_default=True,
+@click.option("--engine", default="f32", show_default=True,
+              type=click.Choice(["f32", "q31", "f64", "numpy", "qemu-m0", "qemu-m3", "qemu-m4f", "qemu-m7"]),
               help="f32: the firmware library; q31: the same in fixed point; f64: in double; numpy: the independent "
-                   "reference.")
+                   "reference; qemu-...: the firmware itself on an emulated Cortex-M0, M3, M4F or M7.")
+@click.option("--fixed-point", is_flag=True, help="The emulated firmware is that in fixed point. Default: single "
+                                                  "precision, on every board.")
 @click.option("--dac-bits", type=int, metavar="BITS", help="Output codes of this many bits. Default: the model's.")
 @click.option("--reference-column", default="reference_um", show_default=True, metavar="COLUMN",
               help="Column to follow; displacement_um of a recording shows how well its command is recovered.")
 @click.option("--remove-offset", is_flag=True,
               help="First remove the recording's mean deviation from the model (thermal drift).")
-def compensate(model: str, reference: str, output: str, engine: str, dac_bits: int | None, reference_column: str,
-               remove_offset: bool) -> dict[str, Any]:
+def compensate(model: str, reference: str, output: str, engine: str, fixed_point: bool, dac_bits: int | None,
+               reference_column: str, remove_offset: bool) -> dict[str, Any]:
     """Run the inverse as the firmware does: reference in um to drive in V.
 
     flags are the sum of 1 (rate clamped by the guard), 2 (drive clipped to its range), 4 (drive clipped by its slew
     limit), 8 (reference not usable, drive held) and 16 (the first after such samples). If REFERENCE.csv has a command_V
     it is kept as recorded_V, and the computed drive is compared with it.
+
+    The engines qemu-... build examples/track for model and reference and run it in qemu-system-arm; they need the
+    project's checkout (set RDPI_HOME where the tools are installed apart from it) and arm-none-eabi-gcc.
     """
     from dataclasses import replace
+    from functools import partial
 
     import numpy as np
 
@@ -582,11 +820,19 @@ def compensate(model: str, reference: str, output: str, engine: str, dac_bits: i
     if dac_bits is not None:
         parameters.drive = replace(parameters.drive, dac_bits=dac_bits)
         parameters.validate(model)
-    if engine == "q31":
+    emulated = engine.startswith("qemu-")
+    if fixed_point and not emulated:
+        raise BadInput(f"--fixed-point: is for the engines qemu-...; with --engine {engine} it has no meaning")
+    if engine == "q31" or fixed_point:
         q31(parameters, model)  # refuses by the file's name
     run = read_recording(reference, required=("time_s", reference_column))
-    with progress("compensating"):
-        steps, offset = chain.follow(parameters, run, reference_column, engine, remove_offset)
+    with progress("compensating") as report:
+        how: str | chain.Engine = engine
+        if emulated:
+            from . import emulator
+
+            how = partial(emulator.step, run=run, board=engine, fixed_point=fixed_point, report=report)
+        steps, offset = chain.follow(parameters, run, reference_column, how, remove_offset)
     columns = {name: values for name, values in run.columns.items() if name != "command_V"}
     columns["reference_um"] = run.columns[reference_column]
     columns.update(command_V=steps.drive_V.astype(float), rate_um_per_s=steps.rate_um_per_s.astype(float),

@@ -202,6 +202,12 @@ def digest(numbers: F32 | Q31) -> int:
     return _struct(_load("f32")[0], type(numbers).__name__.lower(), numbers)[0].digest
 
 
+def status_text(status: int) -> str:
+    """rdpi_status_text: a status in the library's words."""
+    module = _load("f32")[0]
+    return module.ffi.string(module.lib.rdpi_status_text(status)).decode()
+
+
 def plays(x_um: np.ndarray, thresholds_um: np.ndarray, states_um: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Bank of play operators in double: x (samples,), thresholds (n + 1,), states at the start (n + 1,).
 
@@ -226,8 +232,8 @@ def rate(z_um: np.ndarray, sample_time_s: float, window_s: float, filter_s: floa
     status = module.lib.rdpi_batch_rate(window_s, filter_s, sample_time_s, _pointer(module.ffi, z_um), len(z_um),
                                         _pointer(module.ffi, result))
     if status != module.lib.RDPI_OK:
-        raise BadInput(f"rate estimator: {module.ffi.string(module.lib.rdpi_status_text(status)).decode()} "
-                       f"(window {window_s:g} s at {1 / sample_time_s:g} samples/s); choose a shorter window")
+        raise BadInput(f"rate estimator: {status_text(status)} (window {window_s:g} s at "
+                       f"{1 / sample_time_s:g} samples/s); choose a shorter window")
     return result
 
 
@@ -259,8 +265,7 @@ def _sweep(module: Any, function: Any, instance: Any, dtype: type) -> tuple[np.n
 
 def _check(module: Any, status: int) -> None:
     if status != module.lib.RDPI_OK:
-        raise BadInput(f"the firmware library refuses: "
-                       f"{module.ffi.string(module.lib.rdpi_status_text(status)).decode()}")
+        raise BadInput(f"the firmware library refuses: {status_text(status)}")
 
 
 def _load(real: str) -> tuple[Any, type]:

@@ -88,7 +88,7 @@ KEYWORDS = frozenset("""
 """.split())
 RESERVED = re.compile(r"\w+_t|U?INT\w*_(MIN|MAX|WIDTH|C)|(PTRDIFF|SIG_ATOMIC|SIZE|WCHAR|WINT)_(MIN|MAX|WIDTH)")
 
-_TEMPLATES = jinja2.Environment(loader=jinja2.PackageLoader(__package__), undefined=jinja2.StrictUndefined,
+TEMPLATES = jinja2.Environment(loader=jinja2.PackageLoader(__package__), undefined=jinja2.StrictUndefined,
                                 trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
 
 
@@ -107,11 +107,11 @@ def render(model: Model, name: str = NAME, source: str = "") -> str:
     except BadInput as error:
         raise BadInput(f"{where}: rounded to single precision, {error}; move the model away from this limit") from None
     single = parameters.f32(model)
-    return _TEMPLATES.get_template("rdpi_params.h.j2").render(
-        name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(_file_name(source)),
+    return TEMPLATES.get_template("rdpi_params.h.j2").render(
+        name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(file_name(source)),
         actuator=comment(model.actuator), digest=model.digest(), rate_source=model.rate.source, runs=_runs(model.fit),
         plays=single.plays, deadzones=single.deadzones, dac_bits=single.dac_bits, sweep_cycles=single.sweep_cycles,
-        params_digest=f"0x{firmware.digest(single):08X}u",
+        limits_V=(float(model.drive.min_V), float(model.drive.max_V)), params_digest=f"0x{firmware.digest(single):08X}u",
         tables=[(field, *about, _rows(getattr(single, field), literal)) for field, about in TABLES.items()],
         scalars=[(field, text, literal(getattr(single, field))) for field, text in SCALARS.items()],
         **_q31_parts(*fixed_point(model)))
@@ -179,7 +179,8 @@ def _check_name(name: str) -> None:
         raise BadInput(f"name {name!r}: names that start with rdpi_ belong to the library; use another, or {NAME}_…")
 
 
-def _file_name(path: str) -> str:
+def file_name(path: str) -> str:
+    """The last part of a path of any system."""
     return re.split(r"[\\/]", path)[-1]
 
 
@@ -192,6 +193,6 @@ def _runs(fit: dict[str, Any]) -> list[dict[str, str]]:
         percents = {kind: run.get(f"{kind}_percent") for kind in ("rms", "max")}
         errors = ", ".join(f"{kind} {percent:.3g} %" for kind, percent in percents.items()
                            if isinstance(percent, (int, float)) and abs(percent) < 1e9)  # no float holds some integers
-        lines.append({"file": comment(_file_name(str(run.get("file", ""))), 60), "held_out": bool(run.get("held_out")),
+        lines.append({"file": comment(file_name(str(run.get("file", ""))), 60), "held_out": bool(run.get("held_out")),
                       "errors": f"{errors} of stroke" if errors else "", "digest": comment(str(run.get("digest", "")))})
     return lines

@@ -15,11 +15,47 @@ static inline int32_t rdpi_q31_deadzone(int32_t v, int32_t d)
 static inline int32_t rdpi_q31_saturation(const rdpi_q31_deadzone_t *term, size_t count, unsigned shift, int32_t limit,
                                           int32_t v)
 {
-    int64_t sum = (int64_t)term[0].weight * v;
+    int64_t sum = rdpi_q31_mul(term[0].weight, v);
     for (size_t j = 1; j < count; j++) {
-        sum += (int64_t)term[j].weight * rdpi_q31_deadzone(v, term[j].d);
+        sum += rdpi_q31_mul(term[j].weight, rdpi_q31_deadzone(v, term[j].d));
     }
     return rdpi_q31_clamp(sum >> shift, -limit, limit);
+}
+
+/* Finds the piece on which `v` lies: whether its numbers fit, as they do for shifts of 30 to 61 and slopes below 2.
+ * Scaling and overflow: slope and offset are rounded down, the output is off by |v| / 2^30 + 1 units of 2^-30 at most;
+ * before it is divided by 2^30 it stays within 2^62. */
+static inline bool rdpi_q31_piece_find(rdpi_q31_piece_t *piece, const rdpi_q31_deadzone_t *term, size_t count,
+                                       unsigned shift, int32_t v)
+{
+    const rdpi_q31_deadzone_t *next = &term[1], *const end = &term[count];
+    uint32_t slope = (uint32_t)term->weight;
+    int64_t offset = 0;
+    for (; next != end && v >= next->d; next++) {
+        slope += (uint32_t)next->weight;
+        offset += rdpi_q31_mul(next->weight, -next->d);
+    }
+    shift -= 30u;
+    piece->length = 0;
+    if (shift > 31u || slope >> shift > INT32_MAX) {
+        return false;
+    }
+    piece->slope = (int32_t)(slope >> shift);
+    piece->offset = offset >> shift;
+    piece->from = next - term > 1 ? next[-1].d : -INT32_MAX;
+    piece->length = (uint32_t)(next != end ? next->d : INT32_MAX) - (uint32_t)piece->from;
+    return true;
+}
+
+static inline bool rdpi_q31_piece_holds(const rdpi_q31_piece_t *piece, int32_t v)
+{
+    return (uint32_t)v - (uint32_t)piece->from < piece->length;
+}
+
+/* Eq. 8 or 13, times 2^30. */
+static inline int64_t rdpi_q31_piece_at(const rdpi_q31_piece_t *piece, int32_t v)
+{
+    return rdpi_q31_mul(piece->slope, v) + piece->offset;
 }
 
 #endif

@@ -1,22 +1,19 @@
-/* The exact inverse of the rate-dependent play bank in fixed point. The method is that of inverse.h; here
+/* The exact inverse of the rate-dependent play bank in fixed point. The method is that of inverse.h, with f itself, in
+ * two parts, in place of its rest:
  *
- *   2^30 f(x) = W_k x + rest + rho / 2^30 rest_rate
+ *   2^30 f(x) = f_rest + rho / 2^30 f_rate
  *
- * and rest, rest_rate are exact integers, so they need not be summed afresh: f does not jump where a play engages or x
- * turns round, and that alone says how rest changes there.
+ * at the x where the plays stand. Both parts are exact integers, so they need not be summed afresh: f does not jump
+ * where a play engages or x turns round, and in between it changes by the slope of the last engaged play. `room` is the
+ * way that x can go on before anything happens but that: up to where the next play engages, or to the end of the range.
  *
- * Scaling and overflow: |x|, |y|, r <= 2^29, so corners stay within 2^30 and distances to them within 2^31; slopes
- * <= 2^30 and neighbouring states differ by no more than their thresholds do, so |rest|, |rest_rate| <= 3 2^59. */
+ * Scaling and overflow: |x|, |y|, r <= 2^29 and neighbouring states differ by no more than their thresholds do, so ways
+ * to corners stay within 2^30; slopes <= 2^30, so |f_rest|, |f_rate| <= 2^60, and half as much again while they are
+ * summed. */
 #ifndef RDPI_Q31_INVERSE_H
 #define RDPI_Q31_INVERSE_H
 
 #include "q31_play.h"
-
-/* An input of the bank, and a guess, which saves time, at how many plays it engages. */
-typedef struct {
-    int32_t x;
-    size_t engaged;
-} rdpi_q31_target_t;
 
 static inline int32_t rdpi_q31_bank_side(bool falling)
 {
@@ -24,121 +21,217 @@ static inline int32_t rdpi_q31_bank_side(bool falling)
 }
 
 /* State of play i. */
-static inline int32_t rdpi_q31_bank_state(const rdpi_q31_bank_t *bank, const rdpi_q31_play_t *play, size_t i)
+static inline int32_t rdpi_q31_bank_state(const rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, size_t i)
 {
-    return i <= bank->engaged ? bank->y[0] - rdpi_q31_bank_side(bank->falling) * play[i].r : bank->y[i];
+    return i <= bank->engaged ? bank->y[0] - rdpi_q31_bank_side(bank->falling) * params->play[i].r : bank->y[i];
 }
 
 /* f at any x, as eq. 9 and 17 define it, summed by parts: v. */
-static inline int32_t rdpi_q31_bank_at(const rdpi_q31_bank_t *bank, const rdpi_q31_play_t *play, size_t count,
-                                       int32_t rate, int32_t x)
+static inline int32_t rdpi_q31_bank_at(const rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t rate,
+                                       int32_t x)
 {
+    const rdpi_q31_play_t *play = params->play;
+    size_t last = params->plays - 1u;
     int64_t sum = 0;
     int32_t y = x;
-    for (size_t i = 1; i < count; i++) {
-        int32_t next = rdpi_q31_play(x, play[i].r, rdpi_q31_bank_state(bank, play, i));
-        sum += (int64_t)rdpi_q31_slope(&play[i - 1u], rate) * (y - next);
+    for (size_t i = 0; i < last; i++) {
+        int32_t next = rdpi_q31_play(x, play[i + 1u].r, rdpi_q31_bank_state(bank, params, i + 1u));
+        sum += rdpi_q31_mul(rdpi_q31_slope(&play[i], rate), y - next);
         y = next;
     }
-    sum += (int64_t)rdpi_q31_slope(&play[count - 1u], rate) * y;
+    sum += rdpi_q31_mul(rdpi_q31_slope(&play[last], rate), y);
     return (int32_t)(sum >> 30);
 }
 
-/* What play i adds to rest, with its weight at rate 0 and with the change of that, as its state becomes `y`. */
-static inline void rdpi_q31_bank_add(rdpi_q31_bank_t *bank, const rdpi_q31_play_t *play, size_t i, int32_t y)
+/* Where play i, not engaged, is going to engage. */
+static inline int32_t rdpi_q31_bank_corner(const rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, size_t i)
 {
-    bank->rest += (int64_t)(play[i].slope - play[i - 1u].slope) * y;
-    bank->rest_rate += (int64_t)(play[i].slope_rate - play[i - 1u].slope_rate) * y;
+    return bank->y[i] + rdpi_q31_bank_side(bank->falling) * params->play[i].r;
+}
+
+static inline void rdpi_q31_bank_measure_room(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params)
+{
+    int32_t room = bank->falling ? bank->y[0] - params->min_drive : params->max_drive - bank->y[0];
+    if (bank->engaged + 1u < params->plays) {
+        int32_t way = rdpi_q31_bank_side(bank->falling) *
+                      (rdpi_q31_bank_corner(bank, params, bank->engaged + 1u) - bank->y[0]);
+        room = way < room ? way : room;
+    }
+    bank->room = room > 0 ? room : 0;
 }
 
 /* Takes on `y`, states that one history can reach. */
-static inline void rdpi_q31_bank_set(rdpi_q31_bank_t *bank, const rdpi_q31_play_t *play, size_t count, const int32_t *y)
+static inline void rdpi_q31_bank_set(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, const int32_t *y)
 {
-    bank->rest = 0;
-    bank->rest_rate = 0;
-    bank->engaged = 0;
-    bank->falling = false;
+    const rdpi_q31_play_t *play = params->play;
+    bank->f_rest = rdpi_q31_mul(play[0].slope, y[0]);
+    bank->f_rate = rdpi_q31_mul(play[0].slope_rate, y[0]);
     bank->y[0] = y[0];
-    for (size_t i = 1; i < count; i++) {
+    for (size_t i = 1; i < params->plays; i++) {
         bank->y[i] = y[i];
-        rdpi_q31_bank_add(bank, play, i, y[i]);
+        bank->f_rest += rdpi_q31_mul(play[i].slope - play[i - 1u].slope, y[i]);
+        bank->f_rate += rdpi_q31_mul(play[i].slope_rate - play[i - 1u].slope_rate, y[i]);
     }
+    bank->falling = false;
+    bank->engaged = 0;
+    bank->last = params->play;
+    rdpi_q31_bank_measure_room(bank, params);
 }
 
 /* x turns round: the engaged plays stay where it has taken them. */
-static inline void rdpi_q31_bank_turn(rdpi_q31_bank_t *bank, const rdpi_q31_play_t *play)
+RDPI_Q31_SELDOM void rdpi_q31_bank_turn(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params)
 {
-    const rdpi_q31_play_t *last = &play[bank->engaged];
-    int32_t side = rdpi_q31_bank_side(bank->falling);
-    bank->rest += (int64_t)(last->slope - play->slope) * bank->y[0];
-    bank->rest_rate += (int64_t)(last->slope_rate - play->slope_rate) * bank->y[0];
+    int32_t side = rdpi_q31_bank_side(bank->falling), x = bank->y[0];
     for (size_t i = bank->engaged; i > 0u; i--) {
-        bank->y[i] = bank->y[0] - side * play[i].r;
+        bank->y[i] = x - side * params->play[i].r;
     }
-    bank->engaged = 0;
     bank->falling = !bank->falling;
+    bank->engaged = 0;
+    bank->last = params->play;
+    rdpi_q31_bank_measure_room(bank, params);
 }
 
-/* The x at which f is `v`, within a few units, for slopes that are all > 0 at this rate. No play moves: follow with
- * rdpi_q31_bank_move to what is really output. Scaling and overflow: |v| <= 2^30; x saturates at +-2^30. */
-static inline rdpi_q31_target_t rdpi_q31_bank_solve(rdpi_q31_bank_t *bank, const rdpi_q31_play_t *play, size_t count,
-                                                    int32_t rate, int32_t v)
+/* Moves x and the engaged plays. */
+static inline void rdpi_q31_bank_shift(rdpi_q31_bank_t *bank, int32_t way)
 {
-    rdpi_q31_target_t target = {bank->y[0], bank->engaged};
-    int32_t slope = rdpi_q31_slope(&play[target.engaged], rate);
-    int64_t rise = (int64_t)v * RDPI_Q31_ONE - (int64_t)slope * target.x - bank->rest; /* still to climb */
-    rise -= (bank->rest_rate >> 30) * rate;
-    bool falling = rise < 0;
+    bank->f_rest += rdpi_q31_mul(bank->last->slope, way);
+    bank->f_rate += rdpi_q31_mul(bank->last->slope_rate, way);
+    bank->y[0] += way;
+}
 
-    if (falling != bank->falling) {
-        rdpi_q31_bank_turn(bank, play);
-        target.engaged = 0;
-        slope = rdpi_q31_slope(&play[0], rate);
-    }
-    int32_t side = rdpi_q31_bank_side(falling);
-    rise *= side;
-    while (target.engaged + 1u < count) {
-        const rdpi_q31_play_t *next = &play[target.engaged + 1u];
-        int32_t corner = bank->y[target.engaged + 1u] + side * next->r;
-        int64_t climb = (int64_t)slope * side * (corner - target.x);
-        if (climb >= rise) {
+/* How far 2^30 f is below `v`. Scaling and overflow: |v| <= 2^62. */
+static inline int64_t rdpi_q31_bank_missing(const rdpi_q31_bank_t *bank, int32_t rate, int64_t v)
+{
+    return v - bank->f_rest - rdpi_q31_mul_rate((int32_t)(bank->f_rate >> 30), rate);
+}
+
+static inline bool rdpi_q31_bank_walk_on(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t rate,
+                                         int64_t v, const bool falling)
+{
+    const int32_t side = rdpi_q31_bank_side(falling);
+    const int32_t end = falling ? -params->min_drive : params->max_drive;
+    const int32_t *y = &bank->y[bank->engaged], *const last = &bank->y[params->plays - 1u];
+    const rdpi_q31_play_t *play = bank->last;
+    int64_t excess = falling ? v - bank->f_rest : bank->f_rest - v; /* of f over v, at rate 0 */
+    int64_t f_rate = falling ? -bank->f_rate : bank->f_rate;
+    int32_t x = side * bank->y[0], room = -1;
+    while (y != last) {
+        int32_t corner = side * y[1] + play[1].r;
+        if (corner > end) {
             break;
         }
-        rise -= climb;
-        target.x = corner;
-        target.engaged++;
-        slope = rdpi_q31_slope(next, rate);
+        int32_t way = corner - x;
+        excess += rdpi_q31_mul(play->slope, way);
+        f_rate += rdpi_q31_mul(play->slope_rate, way);
+        if (excess + rdpi_q31_mul_rate((int32_t)(f_rate >> 30), rate) >= 0) {
+            room = way;
+            break;
+        }
+        x = corner;
+        play++;
+        y++;
     }
-    target.x = rdpi_q31_clamp(target.x + (int64_t)side * rdpi_q31_divide(rise, slope), -RDPI_Q31_ONE, RDPI_Q31_ONE);
-    return target;
+    if (room >= 0) {
+        excess -= rdpi_q31_mul(play->slope, room);
+        f_rate -= rdpi_q31_mul(play->slope_rate, room);
+    }
+    bank->f_rest = v + (falling ? -excess : excess);
+    bank->f_rate = falling ? -f_rate : f_rate;
+    bank->y[0] = side * x;
+    bank->engaged = (uint16_t)(y - bank->y);
+    bank->last = play;
+    bank->room = room >= 0 ? room : end - x;
+    return room >= 0;
 }
 
-/* Whether play i has engaged when x, on its way to where the bank is heading, gets to `x`. */
-static inline bool rdpi_q31_bank_engages(const rdpi_q31_bank_t *bank, const rdpi_q31_play_t *play, size_t i, int32_t x)
+/* On to where the last play before f = `v` or the end of the range engages. Whether it is f that ends it. */
+RDPI_Q31_SELDOM bool rdpi_q31_bank_walk(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t rate,
+                                        int64_t v)
 {
-    return rdpi_q31_bank_side(bank->falling) * (x - bank->y[i]) > play[i].r;
+    return bank->falling ? rdpi_q31_bank_walk_on(bank, params, rate, v, true)
+                         : rdpi_q31_bank_walk_on(bank, params, rate, v, false);
 }
 
-/* Moves every play (eq. 1) to the input target.x, |x| <= 2^29. */
-static inline void rdpi_q31_bank_move(rdpi_q31_bank_t *bank, const rdpi_q31_play_t *play, size_t count,
-                                      rdpi_q31_target_t target)
+/* The x at which 2^30 f is `v`, within a few units, for slopes that are all > 0 at this rate; the end of the range, and
+ * `beyond`, if there is none before. x itself is moved to where the last play before that engages: follow with
+ * rdpi_q31_bank_move to what is really output. */
+static inline int32_t rdpi_q31_bank_solve(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t rate,
+                                          int64_t v, bool *beyond)
 {
-    if (target.x != bank->y[0] && (target.x < bank->y[0]) != bank->falling) {
-        rdpi_q31_bank_turn(bank, play);
+    int64_t rise = rdpi_q31_bank_missing(bank, rate, v);
+    bool falling = rise < 0;
+    if (falling != bank->falling) {
+        rdpi_q31_bank_turn(bank, params);
     }
-    size_t k = target.engaged > bank->engaged ? target.engaged : bank->engaged;
-    while (k + 1u < count && rdpi_q31_bank_engages(bank, play, k + 1u, target.x)) {
-        k++;
+    rise = falling ? -rise : rise;
+    int32_t slope = rdpi_q31_slope(bank->last, rate);
+    if (rdpi_q31_mul(slope, bank->room) < rise) {
+        bool within = rdpi_q31_bank_walk(bank, params, rate, v);
+        rise = rdpi_q31_bank_missing(bank, rate, v);
+        rise = falling ? -rise : rise;
+        slope = rdpi_q31_slope(bank->last, rate);
+        if (rdpi_q31_mul(slope, bank->room) < rise) {
+            *beyond = !within;
+            return bank->y[0] + (falling ? -bank->room : bank->room);
+        }
+        rise = rise > 0 ? rise : 0; /* as above at the next corner: slopes are rounded, and f is not */
     }
-    while (k > bank->engaged && !rdpi_q31_bank_engages(bank, play, k, target.x)) {
-        k--;
+    int32_t way = rdpi_q31_divide(rise, slope);
+    return bank->y[0] + (falling ? -way : way);
+}
+
+/* Goes on to `x` if nothing happens on the way. */
+static inline bool rdpi_q31_bank_goes_on(rdpi_q31_bank_t *bank, int32_t x)
+{
+    int32_t way = x - bank->y[0];
+    int32_t ahead = bank->falling ? -way : way;
+    if ((uint32_t)ahead > (uint32_t)bank->room) {
+        return false;
     }
+    rdpi_q31_bank_shift(bank, way);
+    bank->room -= ahead;
+    return true;
+}
+
+/* From the corner where the last play has just engaged back to `x`, over others if need be. Those of the plays engaged
+ * before a solution was looked for are not on the way. */
+static inline void rdpi_q31_bank_back(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t x)
+{
     int32_t side = rdpi_q31_bank_side(bank->falling);
-    for (size_t i = bank->engaged + 1u; i <= k; i++) {
-        rdpi_q31_bank_add(bank, play, i, -(bank->y[i] + side * play[i].r));
+    while (bank->y[0] != x) {
+        int32_t way = x - bank->y[0];
+        bank->engaged--;
+        bank->last--;
+        if (bank->engaged > 0u) {
+            int32_t corner = rdpi_q31_bank_corner(bank, params, bank->engaged) - bank->y[0];
+            way = side * corner > side * way ? corner : way;
+        }
+        bank->room = -side * way;
+        rdpi_q31_bank_shift(bank, way);
     }
-    bank->engaged = (uint16_t)k;
-    bank->y[0] = target.x;
+}
+
+/* Moves every play (eq. 1) to the input `x`, |x| <= 2^29; it was `from` before a solution was looked for. */
+RDPI_Q31_SELDOM void rdpi_q31_bank_move(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t from, int32_t x)
+{
+    int32_t side = rdpi_q31_bank_side(bank->falling);
+    if (side * (x - from) < 0) {
+        rdpi_q31_bank_back(bank, params, from);
+        rdpi_q31_bank_turn(bank, params);
+        side = -side;
+    } else if (side * (x - bank->y[0]) < 0) {
+        rdpi_q31_bank_back(bank, params, x);
+        return;
+    }
+    for (; bank->engaged + 1u < params->plays; bank->engaged++, bank->last++) {
+        int32_t corner = rdpi_q31_bank_corner(bank, params, bank->engaged + 1u);
+        if (side * (x - corner) <= 0) {
+            break;
+        }
+        rdpi_q31_bank_shift(bank, corner - bank->y[0]);
+    }
+    rdpi_q31_bank_shift(bank, x - bank->y[0]);
+    rdpi_q31_bank_measure_room(bank, params);
 }
 
 #endif

@@ -15,7 +15,7 @@ static inline int32_t rdpi_q31_play(int32_t x, int32_t r, int32_t y)
 /* Eq. 14: W_i at `rate`, 0 .. RDPI_Q31_ONE. Scaling and overflow: rounded down; between its values at both ends. */
 static inline int32_t rdpi_q31_slope(const rdpi_q31_play_t *play, int32_t rate)
 {
-    return play->slope + (int32_t)(((int64_t)play->slope_rate * rate) >> 30);
+    return play->slope + (int32_t)(rdpi_q31_mul_rate(play->slope_rate, rate) >> 30);
 }
 
 #endif

@@ -10,6 +10,7 @@ static inline void rdpi_q31_rate_reset(rdpi_q31_rate_t *rate)
 {
     rate->oldest = rate->window; /* none yet */
     rate->filtered = 0;
+    rate->direct = false;
 }
 
 /* The low-pass's blend E = 1 - exp(-u), u = time / filter > 0: a series where u is small, then E(2 u) = E (2 - E). E is
@@ -63,6 +64,7 @@ static inline rdpi_status_t rdpi_q31_rate_init(rdpi_q31_rate_t *rate, const rdpi
     rate->guard = (uint32_t)((distance << zeros) >> 32);
     rate->guard_shift = (uint8_t)shift;
     rate->per_guard = (uint32_t)(((uint64_t)1 << 62) / rate->guard);
+    rate->shift = (uint8_t)(31u - rate->guard_shift);
     rate->blend = 0;
     rate->blend_shift = 0;
     if (params->rate_filter_ns > sample_time_ns / 64u) { /* or exp(-64) is left */
@@ -77,9 +79,29 @@ static inline uint32_t rdpi_q31_distance(int32_t a, int32_t b)
     return a > b ? (uint32_t)a - (uint32_t)b : (uint32_t)b - (uint32_t)a;
 }
 
+/* The largest distance between neighbours within the guard, where the rate is nothing else. */
+static inline uint32_t rdpi_q31_rate_reach(const rdpi_q31_rate_t *rate)
+{
+    return rate->guard >> rate->shift;
+}
+
+/* Of a distance between neighbours, not beyond the guard, where the rate is nothing else. */
+static inline int32_t rdpi_q31_rate_of(const rdpi_q31_rate_t *rate, uint32_t distance)
+{
+    return (int32_t)rdpi_q31_mulh(distance << rate->shift, rate->per_guard);
+}
+
+/* Takes a sample after one that has left rate->direct, none missed: the distance to it. */
+static inline uint32_t rdpi_q31_rate_distance(rdpi_q31_rate_t *rate, int32_t z)
+{
+    uint32_t distance = rdpi_q31_distance(z, rate->z[0]);
+    rate->z[0] = z;
+    return distance;
+}
+
 /* As rdpi_f32_rate_step; returns the rate, RDPI_Q31_ONE at the guard, and beyond it more than that.
  * Scaling and overflow: distances are < 2^32; in 63 bits they carry 31 bits of fraction. */
-static inline int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, unsigned missed)
+RDPI_Q31_SELDOM int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, unsigned missed)
 {
     if (rate->oldest == rate->window || missed > RDPI_MAX_MISSED) {
         rdpi_q31_rate_reset(rate);
@@ -89,9 +111,16 @@ static inline int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, unsig
         rate->oldest = 0;
         missed = 0;
     }
+    unsigned left = missed + 1u;
+    rate->direct = rate->window == 1u && rate->blend == 0u && rate->guard_shift <= 31u;
+    if (rate->direct) {
+        uint32_t distance = rdpi_q31_rate_distance(rate, z), way = rdpi_q31_part(distance, left);
+        way = way * left < distance ? way + 1u : way;
+        return way > rdpi_q31_rate_reach(rate) ? INT32_MAX : rdpi_q31_rate_of(rate, way);
+    }
     int32_t last = rate->z[(rate->oldest > 0u ? rate->oldest : rate->window) - 1u];
-    for (unsigned left = missed + 1u; left > 0u; left--) {
-        uint32_t way = rdpi_q31_distance(z, last) / left;
+    for (; left > 0u; left--) {
+        uint32_t way = rdpi_q31_part(rdpi_q31_distance(z, last), left);
         last = (int32_t)(z > last ? (uint32_t)last + way : (uint32_t)last - way);
         int32_t oldest = rate->z[rate->oldest];
         rate->z[rate->oldest] = last;

@@ -8,7 +8,7 @@
 #include "q31_rate.h"
 
 #define MAX_SWEEP_CYCLES 10000u
-#define MAX_V RDPI_Q31_ONE /* bank output, saturated: twice what a drive in range reaches */
+#define MAX_V RDPI_Q31_ONE /* where it saturates: twice what a drive in range reaches */
 
 typedef char right_shift_is_arithmetic[(-1 >> 1) == -1 ? 1 : -1];
 
@@ -46,6 +46,13 @@ static int32_t last_code_drive(const rdpi_q31_params_t *params)
 static int32_t last_code(const rdpi_q31_params_t *params)
 {
     return (int32_t)(((uint32_t)1 << params->dac_bits) - 1u);
+}
+
+/* Whether codes are so far apart, some 4 drive units, that the numbers of output_code fit 32 bits. */
+static bool codes_are_coarse(const rdpi_q31_params_t *params)
+{
+    return params->dac_bits > 0u && params->code_shift >= 33u && params->drive_shift <= 31u &&
+           (uint32_t)last_code(params) >> params->drive_shift == 0u;
 }
 
 /* ---- what init checks ---- */
@@ -219,6 +226,8 @@ rdpi_status_t rdpi_q31_init(rdpi_q31_t *self, const rdpi_q31_params_t *params, u
         self->params = params;
         self->slew = per_sample(params->slew_per_us, sample_time_ns);
         self->sweep_step = per_sample(params->sweep_per_us, sample_time_ns);
+        self->plain = self->slew == 0 && codes_are_coarse(params);
+        self->piece.length = 0;
         rdpi_q31_reset(self);
         if (self->sweep_step < 1) { /* it would never arrive */
             status = RDPI_ERR_SWEEP;
@@ -248,7 +257,7 @@ static void put_drive(rdpi_q31_t *self, int32_t drive)
 
 void rdpi_q31_reset(rdpi_q31_t *self)
 {
-    rdpi_q31_bank_set(&self->bank, self->params->play, self->params->plays, self->params->memory);
+    rdpi_q31_bank_set(&self->bank, self->params, self->params->memory);
     put_drive(self, self->bank.y[0]);
     forget_samples(self);
     self->rate = 0;
@@ -263,7 +272,7 @@ rdpi_status_t rdpi_q31_set_memory(rdpi_q31_t *self, const int32_t *y)
 {
     rdpi_status_t status = self == NULL || y == NULL ? RDPI_ERR_NULL : check_memory(self->params, y);
     if (status == RDPI_OK) {
-        rdpi_q31_bank_set(&self->bank, self->params->play, self->params->plays, y);
+        rdpi_q31_bank_set(&self->bank, self->params, y);
         put_drive(self, y[0]);
     }
     return status;
@@ -272,7 +281,7 @@ rdpi_status_t rdpi_q31_set_memory(rdpi_q31_t *self, const int32_t *y)
 void rdpi_q31_get_memory(const rdpi_q31_t *self, int32_t *y)
 {
     for (size_t i = 0; i < self->params->plays; i++) {
-        y[i] = rdpi_q31_bank_state(&self->bank, self->params->play, i);
+        y[i] = rdpi_q31_bank_state(&self->bank, self->params, i);
     }
 }
 
@@ -286,13 +295,18 @@ static void set_flag(rdpi_q31_t *self, uint32_t flag, uint32_t *count)
     }
 }
 
+static void add_missed(rdpi_q31_t *self, uint32_t ticks)
+{
+    uint32_t missed = self->missed + (ticks < UINT8_MAX ? ticks : UINT8_MAX);
+    self->missed = (uint8_t)(missed < UINT8_MAX ? missed : UINT8_MAX);
+    self->rate_estimator.direct = false;
+}
+
 /* The input is not usable: the sample passes with everything held. */
 static void refuse_input(rdpi_q31_t *self)
 {
     set_flag(self, RDPI_FLAG_INPUT, &self->input_count);
-    if (self->missed < UINT16_MAX) {
-        self->missed++;
-    }
+    add_missed(self, 1);
 }
 
 /* The singularity guard. */
@@ -302,34 +316,52 @@ static int32_t limit_rate(rdpi_q31_t *self, int32_t rate)
         rate = RDPI_Q31_ONE;
         set_flag(self, RDPI_FLAG_GUARD, &self->guard_count);
     }
-    self->rate = rate;
     return rate;
 }
 
-/* Range and slew: moves `ramp` to what may be output of the drive wished for. */
-static void limit_drive(rdpi_q31_t *self, int32_t wish)
+/* The rate where it takes more than the latest two samples, or there are none, or the guard is passed. Takes a drive of
+ * someone else's that is outside the range to its end, which every output passes. */
+RDPI_Q31_SELDOM int32_t other_rate(rdpi_q31_t *self, int32_t reference)
 {
-    uint32_t clipped = 0;
-    int32_t drive = rdpi_q31_clamp(wish, self->params->min_drive, self->params->max_drive);
-    int64_t reached = widen(drive);
-    if (drive != wish) {
-        clipped |= RDPI_FLAG_RANGE;
+    const rdpi_q31_params_t *params = self->params;
+    int32_t x = self->bank.y[0], inside = rdpi_q31_clamp(x, params->min_drive, params->max_drive);
+    if (x != inside) {
+        rdpi_q31_bank_move(&self->bank, params, x, inside);
     }
-    if (self->slew > 0) {
-        int64_t change = reached - self->ramp;
-        if (change > self->slew || change < -self->slew) {
-            clipped |= RDPI_FLAG_SLEW;
-            reached = change > 0 ? self->ramp + self->slew : self->ramp - self->slew;
-        }
+    unsigned missed = self->missed;
+    if (missed > 0u) {
+        self->flags = RDPI_FLAG_MISSED;
     }
-    self->ramp = reached;
-    if (clipped != 0u) {
-        set_flag(self, clipped, &self->clip_count);
-    }
+    self->missed = 0;
+    return limit_rate(self, rdpi_q31_rate_step(&self->rate_estimator, reference, missed));
 }
 
-/* Outputs the ramp, to a code if there are codes, and moves the plays there. */
-static void output(rdpi_q31_t *self, size_t engaged)
+static inline int32_t rate_of(rdpi_q31_t *self, int32_t reference)
+{
+    if (!self->rate_estimator.direct) {
+        return other_rate(self, reference);
+    }
+    uint32_t distance = rdpi_q31_rate_distance(&self->rate_estimator, reference);
+    if (distance > rdpi_q31_rate_reach(&self->rate_estimator)) {
+        return limit_rate(self, INT32_MAX);
+    }
+    return rdpi_q31_rate_of(&self->rate_estimator, distance);
+}
+
+/* S^-1, times 2^30, where the reference is not on the piece of the latest. */
+RDPI_Q31_SELDOM int64_t other_piece(rdpi_q31_t *self, int32_t reference)
+{
+    const rdpi_q31_params_t *params = self->params;
+    const rdpi_q31_deadzone_t *term = params->inverse_saturation;
+    if (rdpi_q31_piece_find(&self->piece, term, params->deadzones, params->inverse_shift, reference)) {
+        return rdpi_q31_piece_at(&self->piece, reference);
+    }
+    int32_t v = rdpi_q31_saturation(term, params->deadzones, params->inverse_shift, MAX_V, reference);
+    return (int64_t)v * RDPI_Q31_ONE;
+}
+
+/* Outputs the ramp, to a code if there are codes, and moves the plays there; `from` as rdpi_q31_bank_move has it. */
+static void output(rdpi_q31_t *self, int32_t from)
 {
     const rdpi_q31_params_t *params = self->params;
     self->drive = (int32_t)(self->ramp >> 32);
@@ -339,36 +371,77 @@ static void output(rdpi_q31_t *self, size_t engaged)
         /* clamped because the last code may round past the end of the range */
         self->drive = rdpi_q31_clamp(drive_of_code(params, code), params->min_drive, params->max_drive);
     }
-    rdpi_q31_target_t target = {self->drive, engaged};
-    rdpi_q31_bank_move(&self->bank, params->play, params->plays, target);
+    rdpi_q31_bank_move(&self->bank, params, from, self->drive);
+}
+
+/* Outputs what the slew limit leaves of a drive in range. */
+RDPI_Q31_SELDOM void output_slowly(rdpi_q31_t *self, int32_t drive)
+{
+    int64_t change = widen(drive) - self->ramp;
+    int64_t limited = change;
+    if (self->slew > 0) {
+        limited = change > self->slew ? self->slew : (change < -self->slew ? -self->slew : change);
+    }
+    if (limited != change) {
+        if ((self->flags & RDPI_FLAG_RANGE) == 0u) {
+            set_flag(self, RDPI_FLAG_SLEW, &self->clip_count);
+        }
+        self->flags |= RDPI_FLAG_SLEW;
+    }
+    self->ramp += limited;
+    output(self, self->drive);
+}
+
+/* Outputs the code nearest to a drive in range. What `output` does, for codes that `plain` holds of. */
+static inline void output_code(rdpi_q31_t *self, int32_t drive)
+{
+    const rdpi_q31_params_t *params = self->params;
+    int32_t high = (int32_t)(rdpi_q31_mul(drive - params->code_0_drive, params->codes_per_drive) >> 32);
+    int32_t code = ((high >> (params->code_shift - 33u)) + 1) >> 1;
+    int64_t way = rdpi_q31_mul(code << (31u - params->drive_shift), params->drive_per_code);
+    int32_t rounded = params->code_0_drive + (int32_t)((way + RDPI_Q31_ONE) >> 31);
+
+    self->ramp = widen(drive);
+    self->dac_code = (uint32_t)code;
+    if (!rdpi_q31_bank_goes_on(&self->bank, rounded)) {
+        /* clamped because the last code may round past the end of the range */
+        rounded = rdpi_q31_clamp(rounded, params->min_drive, params->max_drive);
+        rdpi_q31_bank_move(&self->bank, params, self->drive, rounded);
+    }
+    self->drive = rounded;
 }
 
 int32_t rdpi_q31_step(rdpi_q31_t *self, int32_t reference)
 {
-    const rdpi_q31_params_t *params = self->params;
-
+    int64_t v;
+    bool beyond = false;
     self->flags = 0;
-    if (reference == RDPI_Q31_NO_REFERENCE) {
+    if (rdpi_q31_piece_holds(&self->piece, reference)) {
+        v = rdpi_q31_piece_at(&self->piece, reference);
+    } else if (reference != RDPI_Q31_NO_REFERENCE) { /* which no piece holds */
+        v = other_piece(self, reference);
+    } else {
         refuse_input(self);
         return self->drive;
     }
-    if (self->missed > 0u) {
-        self->flags = RDPI_FLAG_MISSED;
+    self->rate = rate_of(self, reference);
+    int32_t drive = rdpi_q31_bank_solve(&self->bank, self->params, rdpi_q31_fresh(self->rate), v, &beyond);
+    if (beyond) {
+        set_flag(self, RDPI_FLAG_RANGE, &self->clip_count);
     }
-    int32_t rate = limit_rate(self, rdpi_q31_rate_step(&self->rate_estimator, reference, self->missed));
-    self->missed = 0;
-    int32_t v = rdpi_q31_saturation(params->inverse_saturation, params->deadzones, params->inverse_shift, MAX_V,
-                                    reference);
-    rdpi_q31_target_t target = rdpi_q31_bank_solve(&self->bank, params->play, params->plays, rate, v);
-    limit_drive(self, target.x);
-    output(self, target.engaged);
+    if (self->plain) {
+        output_code(self, drive);
+    } else {
+        output_slowly(self, drive);
+    }
     return self->drive;
 }
 
 void rdpi_q31_missed(rdpi_q31_t *self, uint32_t ticks)
 {
-    uint32_t missed = self->missed + (ticks < UINT16_MAX ? ticks : UINT16_MAX);
-    self->missed = (uint16_t)(missed < UINT16_MAX ? missed : UINT16_MAX);
+    if (ticks > 0u) {
+        add_missed(self, ticks);
+    }
     self->missed_count += ticks < UINT32_MAX - self->missed_count ? ticks : UINT32_MAX - self->missed_count;
 }
 
@@ -396,7 +469,7 @@ bool rdpi_q31_sweep(rdpi_q31_t *self)
         self->ramp = turn;
         self->sweep_turns--;
     }
-    output(self, 0);
+    output(self, self->bank.y[0]);
     return self->sweep_turns > 0u;
 }
 
@@ -407,7 +480,7 @@ int32_t rdpi_q31_predict(const rdpi_q31_t *self, int32_t drive, int32_t rate)
         return RDPI_Q31_NO_REFERENCE;
     }
     int32_t guarded = rate < RDPI_Q31_ONE ? rate : RDPI_Q31_ONE;
-    int32_t v = rdpi_q31_bank_at(&self->bank, params->play, params->plays, guarded, drive);
+    int32_t v = rdpi_q31_bank_at(&self->bank, params, guarded, drive);
     return rdpi_q31_saturation(params->saturation, params->deadzones, params->saturation_shift, INT32_MAX, v);
 }
 
@@ -420,10 +493,9 @@ int32_t rdpi_q31_forward(rdpi_q31_t *self, int32_t drive, int32_t rate)
         refuse_input(self);
         return rdpi_q31_predict(self, self->drive, self->rate);
     }
-    rdpi_q31_target_t target = {drive, 0};
-    (void)limit_rate(self, rate);
+    self->rate = limit_rate(self, rate);
     forget_samples(self);
-    rdpi_q31_bank_move(&self->bank, self->params->play, self->params->plays, target);
+    rdpi_q31_bank_move(&self->bank, self->params, self->bank.y[0], drive);
     put_drive(self, drive);
     return displacement;
 }

@@ -10,31 +10,34 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <sys/types.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "rdpi_port.h"
+#include "sim.h"
 
 #define BLANKS " \t\r\n"
 #define EXIT_BAD_INPUT 2
 
 typedef struct {
-    double time_s;
-    float reference_um;
+    double time_s, reference_um;
     unsigned long line;
 } row_t;
 
 static struct {
     const char *name;
     row_t *rows;
-    size_t count, capacity, next;
-    bool timed;
+    size_t count, capacity, next; /* next: the row that is due, or beyond the last */
+    bool timed, taken;            /* taken: row `next` has become the reference */
 } in;
 
-static struct {
-    const char *name;
+typedef struct {
+    const char *name; /* NULL: not wanted */
     FILE *file;
     char *target, *part; /* where the file goes when it is complete, and until then; NULL for pipes and devices */
-} out;
+} output_t;
+
+static output_t out, telemetry;
 
 /* The converter and all behind it. */
 static struct {
@@ -48,6 +51,13 @@ static rdpi_port_tick_t on_tick;
 
 int rdpi_port_sim_application(void); /* the application's main, see CMakeLists.txt */
 
+static void discard(const output_t *output)
+{
+    if (output->file != NULL && output->part != NULL) {
+        unlink(output->part);
+    }
+}
+
 static void fail(const char *format, ...)
 {
     va_list arguments;
@@ -55,9 +65,8 @@ static void fail(const char *format, ...)
     vfprintf(stderr, format, arguments);
     va_end(arguments);
     fputc('\n', stderr);
-    if (out.file != NULL && out.part != NULL) {
-        unlink(out.part);
-    }
+    discard(&out);
+    discard(&telemetry);
     exit(EXIT_BAD_INPUT);
 }
 
@@ -122,7 +131,7 @@ static void read_row(char *line, unsigned long number, int columns, int time, in
         if (count == time) {
             row.time_s = value;
         } else {
-            row.reference_um = (float)value;
+            row.reference_um = value;
         }
     }
     if (count != columns) {
@@ -172,27 +181,39 @@ static void read_reference(FILE *file)
 }
 
 /* A regular file is written beside its place and moved there when complete: nobody meets half a drive. */
-static void open_output(void)
+static void open_output(output_t *output)
 {
     struct stat old;
-    bool exists = stat(out.name, &old) == 0;
-    if (strcmp(out.name, "-") == 0) {
-        out.file = stdout;
+    bool exists = stat(output->name, &old) == 0;
+    if (strcmp(output->name, "-") == 0) {
+        output->file = stdout;
     } else if (exists && !S_ISREG(old.st_mode)) {
-        out.file = fopen(out.name, "w");
+        output->file = fopen(output->name, "w");
     } else if (exists || errno == ENOENT) {
-        out.target = exists ? realpath(out.name, NULL) : strdup(out.name); /* a link stays one */
-        out.part = out.target == NULL ? NULL : malloc(strlen(out.target) + sizeof ".part");
-        if (out.part != NULL) {
-            strcat(strcpy(out.part, out.target), ".part");
-            out.file = fopen(out.part, "w");
+        output->target = exists ? realpath(output->name, NULL) : strdup(output->name); /* a link stays one */
+        output->part = output->target == NULL ? NULL : malloc(strlen(output->target) + sizeof ".part");
+        if (output->part != NULL) {
+            strcat(strcpy(output->part, output->target), ".part");
+            output->file = fopen(output->part, "w");
         }
-        if (out.file != NULL && exists) {
-            fchmod(fileno(out.file), old.st_mode & 07777);
+        if (output->file != NULL && exists) {
+            fchmod(fileno(output->file), old.st_mode & 07777);
         }
     }
-    if (out.file == NULL) {
-        fail("%s: cannot be written; check the path and permissions", out.name);
+    if (output->file == NULL) {
+        fail("%s: cannot be written; check the path and permissions", output->name);
+    }
+}
+
+static void close_output(output_t *output)
+{
+    if (output->file == NULL) {
+        return;
+    }
+    bool complete = !ferror(output->file);
+    complete = fclose(output->file) == 0 && complete;
+    if (!complete || (output->part != NULL && rename(output->part, output->target) != 0)) {
+        fail("%s: cannot be written to its end; is the disk full?", output->name);
     }
 }
 
@@ -208,23 +229,28 @@ bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
     }
     rate_Hz = rate_hz;
     on_tick = tick;
-    open_output();
+    open_output(&out);
     fprintf(out.file, "# sample_rate_hz: %lu\ntime_s,reference_um,dac_code%s\n", (unsigned long)rate_hz,
             dac.last_code > 0 ? ",command_V" : "");
     return true;
 }
 
-float rdpi_port_reference_um(void)
+bool rdpi_port_sim_reference(double *reference_um)
 {
-    return in.next < in.count ? in.rows[in.next].reference_um : NAN;
+    in.taken = in.next < in.count;
+    if (in.taken) {
+        *reference_um = in.rows[in.next].reference_um;
+    }
+    return in.taken;
 }
 
-void rdpi_port_write_dac(uint32_t code)
+bool rdpi_port_write_dac(uint32_t code)
 {
     if (dac.last_code > 0 && (float)code > dac.last_code) {
         fail("code %lu does not fit the DAC of --dac; give it the model's dac_bits", (unsigned long)code);
     }
     dac.code = code;
+    return true;
 }
 
 uint32_t rdpi_port_overruns(void)
@@ -232,38 +258,58 @@ uint32_t rdpi_port_overruns(void)
     return 0; /* the loop waits for the tick */
 }
 
-/* Computed as in lib/src/rdpi.c: the same volts to the bit. */
+/* Computed as in lib/src/rdpi_f32.c: the same volts to the bit. */
 static float dac_V(void)
 {
     float drive_V = dac.min_V + (float)dac.code * ((dac.max_V - dac.min_V) / dac.last_code);
     return drive_V < dac.min_V ? dac.min_V : (drive_V > dac.max_V ? dac.max_V : drive_V);
 }
 
-bool rdpi_port_idle(void)
+int32_t rdpi_port_read_adc(void)
 {
-    if (in.next == in.count) {
-        return false;
+    return RDPI_PORT_NO_READING;
+}
+
+uint32_t rdpi_port_cycles(void)
+{
+    return (uint32_t)clock();
+}
+
+bool rdpi_port_send(const uint8_t *bytes, size_t count)
+{
+    if (telemetry.name != NULL && telemetry.file == NULL) {
+        open_output(&telemetry);
     }
+    return telemetry.file == NULL || fwrite(bytes, 1, count, telemetry.file) == count;
+}
+
+/* A tick, and a row if it took one; those of a start-up sweep do not. */
+void rdpi_port_idle(void)
+{
+    in.taken = false;
     on_tick();
+    if (!in.taken) {
+        return;
+    }
     const row_t *row = &in.rows[in.next];
     double time_s = in.timed ? row->time_s : (double)in.next / rate_Hz;
-    fprintf(out.file, "%.9f,%.9g,%lu", time_s, (double)row->reference_um, (unsigned long)dac.code);
+    fprintf(out.file, "%.9f,%.9g,%lu", time_s, (double)(float)row->reference_um, (unsigned long)dac.code);
     if (dac.last_code > 0) {
         fprintf(out.file, ",%.9g", (double)dac_V());
     }
     fputc('\n', out.file);
     in.next++;
-    return true;
 }
 
 static void usage(FILE *file)
 {
     fputs("Runs the application on the host, one tick per sample of the reference.\n\n"
-          "usage: APPLICATION [REFERENCE.csv] [-o DRIVE.csv] [--dac BITS:MIN_V:MAX_V]\n\n"
+          "usage: APPLICATION [REFERENCE.csv] [-o DRIVE.csv] [--dac BITS:MIN_V:MAX_V] [--telemetry FILE]\n\n"
           "  REFERENCE.csv   column reference_um (um), optionally time_s (s), which must agree with the\n"
           "                  application's rate; without the name, or for -, standard input\n"
           "  -o DRIVE.csv    time_s, reference_um, dac_code; without it, standard output\n"
-          "  --dac B:MIN:MAX also write command_V: the volts of a DAC of B bits (1 to 24) over MIN to MAX\n",
+          "  --dac B:MIN:MAX also write command_V: the volts of a DAC of B bits (1 to 24) over MIN to MAX\n"
+          "  --telemetry F   what a board sends to the host, for rdpi import --telemetry\n",
           file);
 }
 
@@ -300,6 +346,8 @@ int main(int argc, char **argv)
             return EXIT_SUCCESS;
         } else if (strcmp(word, "-o") == 0) {
             out.name = operand(argc, argv, &k);
+        } else if (strcmp(word, "--telemetry") == 0) {
+            telemetry.name = operand(argc, argv, &k);
         } else if (strcmp(word, "--dac") == 0) {
             read_dac(operand(argc, argv, &k));
         } else if ((word[0] == '-' && word[1] != '\0') || strcmp(in.name, "-") != 0) {
@@ -326,12 +374,7 @@ int main(int argc, char **argv)
     }
 
     int status = rdpi_port_sim_application();
-    if (out.file != NULL) {
-        bool complete = !ferror(out.file);
-        complete = fclose(out.file) == 0 && complete;
-        if (!complete || (out.part != NULL && rename(out.part, out.target) != 0)) {
-            fail("%s: cannot be written to its end; is the disk full?", out.name);
-        }
-    }
+    close_output(&out);
+    close_output(&telemetry);
     return status;
 }

@@ -1,19 +1,24 @@
 /* The registers of the STM32G474 that stm32g474.c uses, and no others. With RDPI_STM32G474_FAKE they are blocks in RAM,
- * and the test that defines it brings its own reg_read, reg_write, core_sync and core_sleep.
+ * and the test that defines it brings its own functions for what reads, writes and enables.
  *
  *     what                                                                        sources
  *     base addresses   FLASH, RCC, PWR, TIM2, TIM6, GPIOA, DAC1                   [2] [3]; FLASH, RCC, GPIOA also [5]
  *     offsets          FLASH, RCC, PWR                                            [2] [3]; RCC CFGR, PLLCFGR also [1]
  *                      TIM2, TIM6, DAC1                                           [2] [4]; DAC MCR also [1] [3]
- *                      GPIO MODER (PA4 is analogue after reset)                   [1] [2]
+ *                      GPIO MODER (PA0 and PA4 are analogue after reset)          [1] [2]
+ *                      GPIO OSPEEDR, AFRL; PA2 USART2_TX = AF7; PA0 ADC1 IN1      [14]
+ *                      ADC, ADC common                                            [2]
+ *                      USART                                                      [13]
+ *     base addresses   ADC1, ADC common, USART2                                   [14]
  *     FLASH_ACR        LATENCY 3:0, the number of wait states                     [1] [3]
  *                      four for 136 .. 170 MHz in boost mode (RM0440, table 9)    [1] [3] [6] [8]
  *     RCC_CR           HSION 8, HSIRDY 10, PLLON 24, PLLRDY 25                    [1] [3] [7]
  *     RCC_CFGR         SW 1:0, SWS 3:2, HPRE 7:4, PPRE1 10:8 and their values     [1] [3]
  *     RCC_PLLCFGR      PLLSRC 1:0, PLLM 7:4, PLLN 14:8, PLLREN 24, PLLR 26:25     [1] [3]
  *                      16 MHz / 4 * 85 / 2 = 170 MHz                              [3] [6]
- *     RCC_AHB2ENR      GPIOAEN 0, DAC1EN 16                                       [1] [3]
- *     RCC_APB1ENR1     TIM2EN 0, TIM6EN 4, PWREN 28                               [3] [4]
+ *     RCC_AHB2ENR      GPIOAEN 0, ADC12EN 13, DAC1EN 16                           [1] [3]; ADC12EN [13]
+ *     RCC_APB1ENR1     TIM2EN 0, TIM6EN 4, USART2EN 17, PWREN 28                  [3] [4]; USART2EN [13]
+ *     RCC_AHB2RSTR     at 0x2C, APB1RSTR1 at 0x38, bits as in the enable registers [14]
  *     PWR_CR5          R1MODE 8, 0 = boost, for more than 150 MHz (table 38)      [3] [7]; [1] [6]
  *     order            AHB / 2, R1MODE, wait states, switch, 1 us, AHB / 1        [1] [8]
  *     DAC_MCR          HFSEL 15:14, 2 = AHB above 160 MHz; MODE1 2:0,             [1] [3]
@@ -24,8 +29,14 @@
  *                      EGR UG 0                                                   [9]
  *                      TIM2 has 32 bits                                           [4] [12]
  *                      clock of the timers = APB1's when PPRE1 does not divide    [5] [8]
- *     interrupt        TIM6_DAC is number 54, after the name in ST's vectors      [2] [3]
- *     core             NVIC ISER1, IPR13 (a byte per number), CPACR: ARMv7-M      [10] [11]
+ *     interrupt        TIM6_DAC is number 54                                      [2] [3]
+ *                      USART2 is number 38                                        [14]
+ *     ADC              CR ADEN 0, ADSTART 2, ADVREGEN 28, DEEPPWD 29, ADCAL 31    [13]
+ *                      ISR ADRDY 0, EOC 2; CFGR OVRMOD 12, CONT 13                [14]; ADRDY [10]
+ *                      common CCR CKMODE 17:16, 3 = AHB / 4                       [13]; value [14]
+ *                      SMPR1 SMP1 5:3, 5 = 92.5 cycles; SQR1 SQ1 10:6             [10]; value [14]
+ *                      order: regulator, 20 us, calibration, ADEN, ADRDY          [10] [13]
+ *     USART            CR1 UE 0, TE 3, TXEIE 7; ISR TXE 7                         [13]; UE [14]
  *
  * [1] RM0440, chapters 3, 4, 6, 7, 9 and 22, in a public transcript; the PDF itself was not at hand;
  * [2] ST, github.com/STMicroelectronics/cmsis-device-g4, Include/stm32g474xx.h: structures, addresses, interrupts;
@@ -36,8 +47,10 @@
  * [7] S. Grzegorzewski, RegistersConfig.c for the STM32G431, with bit numbers;
  * [8] clock set-up of embassy-stm32 and stm32g4xx-hal, with the words of RM0440 as comments;
  * [9] RM0456 (STM32U5), TIM6/TIM7, and SVDs of STM32F7 and STM32N6 in cmforthlib: the same timer;
- * [10] programs for these cores that name 0xE000E104, 0xE000E400 and 0xE000ED88; [11] for CPACR tests/emulator/board.c;
- * [12] ST, DS12288 Rev 6, features: two 32-bit timers, buffered DAC channels 1 MSPS.
+ * [10] programs for STM32L4, F3 and G4 with this converter, with sections of their manuals as comments;
+ * [12] ST, DS12288 Rev 6, features: two 32-bit timers, buffered DAC channels 1 MSPS;
+ * [13] ST's headers of chips with the same ADC, USART and RCC, as they turn up in public projects;
+ * [14] from memory of RM0440 and DS12288: to be checked against them.
  *
  * Prefetch (FLASH_ACR 8) stays off as after reset; the caches are on then. Nothing was run on silicon here. */
 #ifndef RDPI_STM32G474_REGISTERS_H
@@ -51,7 +64,8 @@ typedef struct {
 } flash_t;
 
 typedef struct {
-    uint32_t cr, icscr, cfgr, pllcfgr, unused_10[15], ahb2enr, unused_50[2], apb1enr1;
+    uint32_t cr, icscr, cfgr, pllcfgr, unused_10[7], ahb2rstr, unused_30[2], apb1rstr1, unused_3c[4], ahb2enr,
+        unused_50[2], apb1enr1;
 } rcc_t;
 
 typedef struct {
@@ -63,7 +77,7 @@ typedef struct {
 } tim_t;
 
 typedef struct {
-    uint32_t moder;
+    uint32_t moder, unused_04, ospeedr, unused_0c[5], afrl;
 } gpio_t;
 
 typedef struct {
@@ -71,12 +85,16 @@ typedef struct {
 } dac_t;
 
 typedef struct {
-    uint32_t iser[8], unused_20[184], ipr[60];
-} nvic_t;
+    uint32_t isr, unused_04, cr, cfgr, unused_10, smpr1, unused_18[6], sqr1, unused_34[3], dr;
+} adc_t;
 
 typedef struct {
-    uint32_t cpacr;
-} cpacr_t;
+    uint32_t ccr;
+} adc_common_t;
+
+typedef struct {
+    uint32_t cr1, unused_04[2], brr, unused_10[3], isr, unused_20[2], tdr;
+} usart_t;
 
 /* C99 has no _Static_assert: an array of -1 elements does not compile. */
 #define AT(type, field, offset) typedef char type##_##field##_at[offsetof(type, field) == (offset) ? 1 : -1]
@@ -84,6 +102,8 @@ AT(flash_t, acr, 0x00);
 AT(rcc_t, cr, 0x00);
 AT(rcc_t, cfgr, 0x08);
 AT(rcc_t, pllcfgr, 0x0C);
+AT(rcc_t, ahb2rstr, 0x2C);
+AT(rcc_t, apb1rstr1, 0x38);
 AT(rcc_t, ahb2enr, 0x4C);
 AT(rcc_t, apb1enr1, 0x58);
 AT(pwr_t, cr5, 0x80);
@@ -99,19 +119,28 @@ AT(dac_t, cr, 0x00);
 AT(dac_t, dhr12r1, 0x08);
 AT(dac_t, sr, 0x34);
 AT(dac_t, mcr, 0x3C);
-AT(nvic_t, iser, 0x000);
-AT(nvic_t, ipr, 0x300);
+AT(gpio_t, ospeedr, 0x08);
+AT(gpio_t, afrl, 0x20);
+AT(adc_t, cr, 0x08);
+AT(adc_t, cfgr, 0x0C);
+AT(adc_t, smpr1, 0x14);
+AT(adc_t, sqr1, 0x30);
+AT(adc_t, dr, 0x40);
+AT(usart_t, brr, 0x0C);
+AT(usart_t, isr, 0x1C);
+AT(usart_t, tdr, 0x28);
 #undef AT
 
 #define TIM2_BASE 0x40000000u
 #define TIM6_BASE 0x40001000u
+#define USART2_BASE 0x40004400u
 #define PWR_BASE 0x40007000u
 #define RCC_BASE 0x40021000u
 #define FLASH_BASE 0x40022000u
 #define GPIOA_BASE 0x48000000u
+#define ADC1_BASE 0x50000000u
+#define ADC_COMMON_BASE 0x50000308u
 #define DAC1_BASE 0x50000800u
-#define NVIC_BASE 0xE000E100u
-#define CPACR_BASE 0xE000ED88u
 
 #define FLASH_ACR_LATENCY 0xFu
 #define FLASH_ACR_LATENCY_4 4u
@@ -134,11 +163,14 @@ AT(nvic_t, ipr, 0x300);
 #define RCC_PLLCFGR_PLLN(factor) ((uint32_t)(factor) << 8)
 #define RCC_PLLCFGR_PLLREN (1u << 24)
 #define RCC_PLLCFGR_PLLR(divider) (((divider) / 2u - 1u) << 25)
-#define RCC_AHB2ENR_GPIOAEN (1u << 0)
-#define RCC_AHB2ENR_DAC1EN (1u << 16)
-#define RCC_APB1ENR1_TIM2EN (1u << 0)
-#define RCC_APB1ENR1_TIM6EN (1u << 4)
-#define RCC_APB1ENR1_PWREN (1u << 28)
+/* Enable and reset registers. */
+#define RCC_AHB2_GPIOA (1u << 0)
+#define RCC_AHB2_ADC12 (1u << 13)
+#define RCC_AHB2_DAC1 (1u << 16)
+#define RCC_APB1_TIM2 (1u << 0)
+#define RCC_APB1_TIM6 (1u << 4)
+#define RCC_APB1_USART2 (1u << 17)
+#define RCC_APB1_PWR (1u << 28)
 
 #define PWR_CR5_R1MODE (1u << 8)
 
@@ -148,7 +180,13 @@ AT(nvic_t, ipr, 0x300);
 #define TIM_SR_UIF (1u << 0)
 #define TIM_EGR_UG (1u << 0)
 
+#define GPIO_MODER_0_ANALOG (3u << 0)
+#define GPIO_MODER_2 (3u << 4)
+#define GPIO_MODER_2_ALTERNATE (2u << 4)
 #define GPIO_MODER_4_ANALOG (3u << 8)
+#define GPIO_OSPEEDR_2_FAST (2u << 4)
+#define GPIO_AFRL_2 (0xFu << 8)
+#define GPIO_AFRL_2_USART2 (7u << 8)
 
 #define DAC_CR_EN1 (1u << 0)
 #define DAC_CR_TEN1 (1u << 1)
@@ -157,8 +195,26 @@ AT(nvic_t, ipr, 0x300);
 #define DAC_MCR_HFSEL (0x3u << 14)
 #define DAC_MCR_HFSEL_160_MHZ (2u << 14)
 
+#define ADC_ISR_ADRDY (1u << 0)
+#define ADC_ISR_EOC (1u << 2)
+#define ADC_CR_ADEN (1u << 0)
+#define ADC_CR_ADSTART (1u << 2)
+#define ADC_CR_ADVREGEN (1u << 28)
+#define ADC_CR_DEEPPWD (1u << 29)
+#define ADC_CR_ADCAL (1u << 31)
+#define ADC_CFGR_OVRMOD (1u << 12)
+#define ADC_CFGR_CONT (1u << 13)
+#define ADC_SMPR1_SMP1_92 (5u << 3)
+#define ADC_SQR1_IN1 (1u << 6)
+#define ADC_CCR_CKMODE_4 (3u << 16)
+
+#define USART_CR1_UE (1u << 0)
+#define USART_CR1_TE (1u << 3)
+#define USART_CR1_TXEIE (1u << 7)
+#define USART_ISR_TXE (1u << 7)
+
+#define USART2_IRQ 38u
 #define TIM6_DAC_IRQ 54u
-#define CPACR_FPU (0xFu << 20) /* CP10 and CP11: full access */
 
 #ifdef RDPI_STM32G474_FAKE
 
@@ -169,8 +225,9 @@ static struct {
     tim_t tim2, tim6;
     gpio_t gpioa;
     dac_t dac1;
-    nvic_t nvic;
-    cpacr_t cpacr;
+    adc_t adc1;
+    adc_common_t adc_common;
+    usart_t usart2;
 } fake;
 #define FLASH (&fake.flash)
 #define RCC (&fake.rcc)
@@ -179,15 +236,21 @@ static struct {
 #define TIM6 (&fake.tim6)
 #define GPIOA (&fake.gpioa)
 #define DAC1 (&fake.dac1)
-#define NVIC (&fake.nvic)
-#define CPACR (&fake.cpacr)
+#define ADC1 (&fake.adc1)
+#define ADC_COMMON (&fake.adc_common)
+#define USART2 (&fake.usart2)
 
+typedef void (*cortex_m_handler_t)(void);
+#define CORTEX_M_VECTORS static const cortex_m_handler_t device_vectors
 static uint32_t reg_read(const uint32_t *reg);
 static void reg_write(uint32_t *reg, uint32_t value);
-static void core_sync(void);
-static void core_sleep(void);
+static void cortex_m_enable(unsigned interrupt, uint32_t priority);
+static void cortex_m_pend(unsigned interrupt);
+static void cortex_m_sleep(void);
 
 #else
+
+#include "cortex_m.h"
 
 #define FLASH ((flash_t *)FLASH_BASE)
 #define RCC ((rcc_t *)RCC_BASE)
@@ -196,8 +259,9 @@ static void core_sleep(void);
 #define TIM6 ((tim_t *)TIM6_BASE)
 #define GPIOA ((gpio_t *)GPIOA_BASE)
 #define DAC1 ((dac_t *)DAC1_BASE)
-#define NVIC ((nvic_t *)NVIC_BASE)
-#define CPACR ((cpacr_t *)CPACR_BASE)
+#define ADC1 ((adc_t *)ADC1_BASE)
+#define ADC_COMMON ((adc_common_t *)ADC_COMMON_BASE)
+#define USART2 ((usart_t *)USART2_BASE)
 
 static inline uint32_t reg_read(const uint32_t *reg)
 {
@@ -207,17 +271,6 @@ static inline uint32_t reg_read(const uint32_t *reg)
 static inline void reg_write(uint32_t *reg, uint32_t value)
 {
     *(volatile uint32_t *)reg = value;
-}
-
-/* What was written has happened before the next instruction. */
-static inline void core_sync(void)
-{
-    __asm__ volatile("dsb\n\tisb" ::: "memory");
-}
-
-static inline void core_sleep(void)
-{
-    __asm__ volatile("dsb\n\twfi" ::: "memory");
 }
 
 #endif

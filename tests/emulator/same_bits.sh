@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The fixed-point library gives the same bits whatever compiles and runs it: tests/property/fixed.c on this machine with
-# both compilers, word sizes, and the portable paths, and on emulated Cortex-M, all with one checksum.
+# both compilers, word sizes, and the portable paths, and on emulated Cortex-M and RISC-V, all with one checksum.
 set -uo pipefail
 cd "$(dirname "$0")/../.." || exit
 build=build/same_bits
@@ -40,6 +40,14 @@ core() { # core MACHINE FLASH RAM FLAGS...
             -kernel $build/core.elf
 }
 
+rv32() { # rv32 FLAGS...
+    riscv64-unknown-elf-gcc -march=rv32imac -mabi=ilp32 -misa-spec=2.2 --specs=picolibc.specs "$@" "${common[@]}" \
+        --oslib=semihost --crt0=hosted -Wl,--defsym=__flash=0x80000000 -Wl,--defsym=__flash_size=4M \
+        -Wl,--defsym=__ram=0x80400000 -Wl,--defsym=__ram_size=4M "${sources[@]}" -lm -o $build/rv32.elf 2>&1 &&
+        timeout 300 qemu-system-riscv32 -M virt -bios none -nographic -monitor none -serial none -semihosting \
+            -kernel $build/rv32.elf 2>&1 # its console
+}
+
 for compiler in gcc clang; do
     for flags in "-m64 -O2" "-m32 -O2" "-m64 -O0" "-m32 -Os" "-m64 -O2 -DRDPI_Q31_PORTABLE"; do
         # shellcheck disable=SC2086 # several flags
@@ -51,5 +59,6 @@ check "Cortex-M0 -Os" < <(core mps2-an385 4M 4M -mcpu=cortex-m0 -Os)
 check "Cortex-M3 -O2" < <(core mps2-an385 4M 4M -mcpu=cortex-m3 -O2)
 check "Cortex-M4F -O2" < <(core mps2-an386 4M 4M -mcpu=cortex-m4 -mfpu=fpv4-sp-d16 -mfloat-abi=hard -O2)
 check "Cortex-M7 -O2" < <(core mps2-an500 4M 4M -mcpu=cortex-m7 -mfpu=fpv5-d16 -mfloat-abi=hard -O2)
+check "RV32IMAC -O2" < <(rv32 -O2)
 echo "same-bits: $passed passed, $failed failed"
 [ $failed = 0 ]

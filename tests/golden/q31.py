@@ -151,14 +151,15 @@ def actuators() -> list[Actuator]:
 
     def add(name: str, count: int, time: int, plays: list[tuple[int, int, int]], pieces: list[tuple[int, Fraction]],
             low: int, high: int, reach: int, bits: int = 0, falling: bool = False, slew: int = 0, window: int = 0,
-            filter_ns: int = 0, guard: tuple[int, int] = (2**31, -28), excursions: tuple[int, ...] = ()) -> None:
-        stage, inverse = saturation(pieces, 28)
+            filter_ns: int = 0, guard: tuple[int, int] = (2**31, -28), excursions: tuple[int, ...] = (),
+            shift: int = 30) -> None:
+        stage, inverse = saturation(pieces, shift)
         memory = [0] * len(plays)
         for x in excursions:
             memory = [max(x - r, min(x + r, y)) for (r, _, _), y in zip(plays, memory)]
         numbers = dict(
             slew_per_us=speed(slew, time), sweep_per_us=speed(2**19, time), plays=len(plays), deadzones=len(pieces),
-            sweep_cycles=20, saturation_shift=28, inverse_shift=28, guard_exponent=guard[1], min_slope_ratio=1,
+            sweep_cycles=20, saturation_shift=shift, inverse_shift=shift, guard_exponent=guard[1], min_slope_ratio=1,
             guard_mantissa=guard[0], rate_window_ns=window, rate_filter_ns=filter_ns, min_drive=low, max_drive=high,
             sweep_end=(low + high) // 2, **codes(bits, low, high, falling))
         result.append(Actuator(name, time, numbers, plays, stage, inverse, memory, references(random, count, reach)))
@@ -170,7 +171,7 @@ def actuators() -> list[Actuator]:
     uneven = [(i * 31000001, ONE - i * 10**6 if i % 2 else ONE // 2 + i, (-1) ** i * (ONE // 3)) for i in range(16)]
     add("sixteen plays whose slopes cross, falling codes, slew limit, window", 150, 50000, uneven,
         [(0, half), (5 * 10**7, Fraction(3, 2))], -MAX, MAX, 4 * 10**8, bits=14, falling=True, slew=10**8,
-        window=16 * 50000, filter_ns=123457, guard=(2**32 - 1, -23), excursions=(-MAX, MAX // 2, 0))
+        window=16 * 50000, filter_ns=123457, guard=(2**32 - 1, -23), excursions=(-MAX, MAX // 2, 0), shift=28)
     add("one play of the smallest slope, eight bits", 60, 1000000, [(0, 2**24, 0)], [(0, Fraction(1))], -MAX, MAX,
         2**23, bits=8)
     jumping = [(0, ONE, 2**24 - ONE), (1, 2**24, ONE - 2**24), (MAX, ONE, 0)]

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""The library under every compiler, standard and analyser it promises to satisfy. One line per item.
+"""The library under every compiler, standard and analyser it promises to satisfy; of the ports, that they compile
+without a warning and what the analysers say. One line per item.
 
     tests/lint/lint.py [WORD...]    all items, or those whose name contains every word
 
@@ -37,6 +38,14 @@ CORES = {
     "M4F": "-mcpu=cortex-m4 -mfpu=fpv4-sp-d16 -mfloat-abi=hard",
     "M7": "-mcpu=cortex-m7 -mfpu=fpv5-d16 -mfloat-abi=hard",
 }
+PORT_INCLUDE = [f"-I{ROOT / 'port' / folder}" for folder in ("include", "cortex_m")]
+PORTS = {  # folders of port/, and what they run on
+    **dict.fromkeys(("drivers", "cortex_m", "template"), [*CORES]),
+    "microbit": ["M0"], "qemu_mps2": ["M3", "M4F", "M7"], "stm32f405": ["M4F"], "stm32g474": ["M4F"],
+}
+ANALYSED = "drivers", "stm32f405", "stm32g474", "template"  # analysers misread registers behind pointers, and start-up
+PORT_SOURCES = {folder: sorted((ROOT / "port" / folder).glob("*.c")) for folder in PORTS}
+PORT_HEADERS = sorted(path for folder in ("include", "drivers") for path in (ROOT / "port" / folder).glob("*.h"))
 # Compilers emit these of their own accord, and libgcc's arithmetic (__aeabi_fadd, __clzsi2).
 ALLOWED_CALLS = re.compile(r"rdpi_\w+|memcpy|memset|__\w+")
 
@@ -101,10 +110,10 @@ def unused_deviations() -> str:
 # ---- compilers ----
 
 
-def compile_all(folder: str, *command: str) -> str:
+def compile_all(folder: str, *command: str, sources: list[Path] = SOURCES) -> str:
     objects = WORK / folder
     objects.mkdir(parents=True)
-    complaints = (run(*command, *C_WARNINGS, INCLUDE, "-c", file, "-o", objects / f"{file.stem}.o") for file in SOURCES)
+    complaints = (run(*command, *C_WARNINGS, INCLUDE, "-c", file, "-o", objects / f"{file.stem}.o") for file in sources)
     return "\n".join(filter(None, complaints))
 
 
@@ -116,6 +125,10 @@ def compiler_items() -> list[Item]:
         command = ["arm-none-eabi-gcc", "-std=c99", optimisation, "-mthumb", *flags.split()]
         name = f"arm-{core}{optimisation}"
         items.append((f"arm-none-eabi-gcc {core} {optimisation}", partial(compile_all, name, *command)))
+        for port in (port for port, cores in PORTS.items() if core in cores):
+            compile_port = partial(compile_all, f"port/{port}-{core}{optimisation}", *command, *PORT_INCLUDE,
+                                   sources=PORT_SOURCES[port])
+            items.append((f"arm-none-eabi-gcc {core} {optimisation} port/{port}", compile_port))
     items.append(("gcc -fanalyzer", partial(compile_all, "analyzer", "gcc", "-std=c99", "-O2", "-fanalyzer")))
     return items
 
@@ -124,11 +137,11 @@ def header_items() -> list[Item]:
     """Every header alone and twice: nothing that it needs may come from what was included before it."""
     items = []
     languages = {"gcc": "c99", "clang": "c99", "g++": "c++11", "clang++": "c++11"}
-    for header, (compiler, standard) in itertools.product((*PUBLIC, *PRIVATE), languages.items()):
+    for header, (compiler, standard) in itertools.product((*PUBLIC, *PRIVATE, *PORT_HEADERS), languages.items()):
         if header in PRIVATE and standard != "c99":
             continue
         warnings = C_WARNINGS if standard == "c99" else WARNINGS
-        command = [compiler, f"-std={standard}", *warnings, "-Wno-unused-function", INCLUDE, f"-I{ROOT}"]
+        command = [compiler, f"-std={standard}", *warnings, "-Wno-unused-function", INCLUDE, *PORT_INCLUDE, f"-I{ROOT}"]
         command += ["-fsyntax-only", "-x", standard[:-2], "-"]
         text = f'#include "{header.relative_to(ROOT)}"\n' * 2
         items.append((f"{compiler} {standard} {header.name} alone", partial(run, *command, text=text)))
@@ -139,7 +152,8 @@ def header_items() -> list[Item]:
 
 
 def objects() -> list[Path]:
-    return sorted(path for path in WORK.rglob("*.o") if path.parent.name != "analyzer")
+    """Those of the library."""
+    return sorted(path for path in WORK.glob("*/*.o") if path.parent.name != "analyzer")
 
 
 def binutils(tool: str, path: Path, *options: str) -> list[str]:
@@ -201,13 +215,19 @@ def cppcheck(wanted: str) -> str:
     return without_deviations(wanted, [(rule, text) for tool, rule, text in cppcheck_findings() if tool == wanted])
 
 
+def cppcheck_ports() -> str:
+    options = "--quiet --std=c99 --enable=warning,style,performance,portability".split()
+    return run("cppcheck", *options, *PORT_INCLUDE, *(file for port in ANALYSED for file in PORT_SOURCES[port]))
+
+
 def clang_tidy() -> str:
     checks = "--checks=-*,bugprone-*,cert-*,clang-analyzer-*,misc-*,performance-*,portability-*"
-    options = ["--quiet", checks, "--header-filter=/lib/"]
+    options = ["--quiet", checks, "--header-filter=/(lib|port)/"]
+    sources = [*SOURCES, *(file for port in ANALYSED for file in PORT_SOURCES[port])]
     findings = []
     # One file at a time: given several, it keeps to itself what it has said of a header before.
-    for file in SOURCES:
-        for line in run("clang-tidy", *options, file, "--", "-std=c99", INCLUDE).splitlines():
+    for file in sources:
+        for line in run("clang-tidy", *options, file, "--", "-std=c99", INCLUDE, *PORT_INCLUDE).splitlines():
             match = re.match(r".*: (?:warning|error): .*\[([^]]+)\]$", line)
             findings += [(rule, line) for rule in match[1].split(",")] if match else []
     return without_deviations("clang-tidy", findings)
@@ -221,6 +241,7 @@ def main() -> int:
         *compiler_items(),
         *header_items(),
         ("cppcheck", partial(cppcheck, "cppcheck")),
+        ("cppcheck port", cppcheck_ports),
         ("clang-tidy", clang_tidy),
         ("doxygen: all that is public is documented", partial(run, "doxygen", "tests/lint/Doxyfile")),
     ]

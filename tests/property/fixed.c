@@ -97,24 +97,25 @@ static void random_plays(actuator_t *self, int32_t half_range)
     }
 }
 
-/* Pieces with slopes from 1/2 to 2, and their inverse. */
+/* Pieces with slopes from 1/2 to 2, and their inverse, whose numbers fit 31 bits of slope or do not. */
 static void random_saturation(actuator_t *self, int32_t reach)
 {
     int count = 1 + choose(RDPI_MAX_DEADZONES);
-    int32_t one = 1 << 26, before = 0, inverse_before = 0;
+    int32_t one = 1 << 27, before = 0, inverse_before = 0;
+    int steeper = one_in(3) ? 0 : 3 + choose(2);
     int64_t z = 0;
     self->params.deadzones = (uint16_t)count;
     self->params.saturation = self->saturation;
     self->params.inverse_saturation = self->inverse;
-    self->params.saturation_shift = 26;
-    self->params.inverse_shift = 26;
+    self->params.saturation_shift = (uint8_t)(27 - steeper);
+    self->params.inverse_shift = (uint8_t)(27 + steeper);
     for (int j = 0; j < count; j++) {
         int32_t slope = uniform(one / 2, one * 2), inverse = (int32_t)((int64_t)one * one / slope);
         if (j > 0) {
-            int32_t length = uniform(2, reach / count);
+            int32_t length = uniform(2, (reach >> steeper) / count);
             self->saturation[j].d = self->saturation[j - 1].d + length;
             z += (int64_t)length * before;
-            self->inverse[j].d = (int32_t)(z / one);
+            self->inverse[j].d = (int32_t)(z / one) << steeper;
         }
         self->saturation[j].weight = slope - before;
         self->inverse[j].weight = inverse - inverse_before;
@@ -324,7 +325,8 @@ static double exact_predict(const exact_t *self, double drive, double rate)
 {
     const rdpi_q31_params_t *params = &self->actuator->params;
     double v = exact_output(self, fmin(rate, 1), drive);
-    return sum_terms(self->actuator->saturation, params->deadzones, params->saturation_shift, v);
+    double z = sum_terms(self->actuator->saturation, params->deadzones, params->saturation_shift, v);
+    return limited(z, -INT32_MAX, INT32_MAX);
 }
 
 static void exact_forward(exact_t *self, double drive, double rate)
@@ -508,7 +510,7 @@ static void compare_actuator(void)
     rdpi_status_t status = rdpi_q31_init(&axis, &actuator.params, actuator.sample_time_ns);
     require(status == RDPI_OK, rdpi_status_text(status), number, -1);
     exact_begin(&exact, &actuator);
-    profile_t profile = {0, 0, any_size(22, 29), 0, 0};
+    profile_t profile = {0, 0, any_size(22, 30), 0, 0};
     for (step = 0; step < STEPS; step++) {
         int32_t z = profile_next(&profile);
         switch (choose(400)) {

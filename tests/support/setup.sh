@@ -44,6 +44,7 @@ needs='    gcc                 command  gcc
     python3-cffi        module   cffi
     python3-click       module   click
     python3-rich        module   rich
+    python3-serial      module   serial
     python3-jinja2      module   jinja2'
 case ${1-} in
 demo) ;;
@@ -59,6 +60,9 @@ tests)
     gcc-arm-none-eabi   command  arm-none-eabi-gcc
     libnewlib-arm-none-eabi  header  math.h arm-none-eabi-gcc
     qemu-system-arm     command  qemu-system-arm
+    gcc-riscv64-unknown-elf  command  riscv64-unknown-elf-gcc
+    picolibc-riscv64-unknown-elf  header  stdio.h riscv64-unknown-elf-gcc --specs=picolibc.specs
+    qemu-system-misc    command  qemu-system-riscv32
     ruby                command  ruby
     python3-pytest      module   pytest
     python3-hypothesis  module   hypothesis'

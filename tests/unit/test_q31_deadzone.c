@@ -163,3 +163,88 @@ void test_any_stage_of_legal_weights_is_exact_for_any_input(void)
         TEST_ASSERT_EQUAL_INT32((int32_t)exact, rdpi_q31_saturation(term, RDPI_MAX_DEADZONES, shift, limit, v));
     }
 }
+
+/* ---- one piece of it ---- */
+
+/* The stages above with numbers that fit. */
+#define FINE 30
+static const rdpi_q31_deadzone_t fine[COUNT] = {
+    {0, RDPI_Q31_ONE}, {200, -RDPI_Q31_ONE / 2}, {400, RDPI_Q31_ONE / 4 * 5}};
+
+static rdpi_q31_piece_t piece;
+
+static void found(int32_t v, int32_t begin, int32_t end)
+{
+    TEST_ASSERT_TRUE(rdpi_q31_piece_find(&piece, fine, COUNT, FINE, v));
+    TEST_ASSERT_TRUE(rdpi_q31_piece_holds(&piece, begin));
+    TEST_ASSERT_TRUE(rdpi_q31_piece_holds(&piece, end - 1));
+    TEST_ASSERT_FALSE(rdpi_q31_piece_holds(&piece, end));
+    TEST_ASSERT_FALSE(rdpi_q31_piece_holds(&piece, begin - 1));
+    for (int32_t at = begin > -500 ? begin : -500; at <= (end < 900 ? end : 900); at++) { /* its end is the next's begin */
+        TEST_ASSERT_EQUAL_INT32(rdpi_q31_saturation(fine, COUNT, FINE, INT32_MAX, at),
+                                (int32_t)(rdpi_q31_piece_at(&piece, at) >> 30));
+    }
+}
+
+void test_a_piece_lasts_from_threshold_to_threshold(void)
+{
+    found(-77, -INT32_MAX, 200);
+    found(0, -INT32_MAX, 200);
+    found(199, -INT32_MAX, 200);
+    found(200, 200, 400);
+    found(399, 200, 400);
+    found(400, 400, INT32_MAX);
+    found(INT32_MAX, 400, INT32_MAX);
+}
+
+void test_no_reference_lies_on_no_piece(void)
+{
+    found(-INT32_MAX, -INT32_MAX, 200);
+    TEST_ASSERT_FALSE(rdpi_q31_piece_holds(&piece, RDPI_Q31_NO_REFERENCE));
+}
+
+void test_a_stage_of_one_piece_has_no_other(void)
+{
+    const rdpi_q31_deadzone_t gain = {0, RDPI_Q31_ONE / 2};
+    TEST_ASSERT_TRUE(rdpi_q31_piece_find(&piece, &gain, 1, FINE, 12345));
+    TEST_ASSERT_TRUE(rdpi_q31_piece_holds(&piece, -INT32_MAX) && rdpi_q31_piece_holds(&piece, INT32_MAX - 1));
+    TEST_ASSERT_EQUAL_INT64((int64_t)1000 * RDPI_Q31_ONE, rdpi_q31_piece_at(&piece, 2000));
+}
+
+void test_pieces_of_slopes_from_2_or_other_shifts_do_not_fit(void)
+{
+    const rdpi_q31_deadzone_t steep[] = {{0, 1 << 30}, {5, 1 << 30}, {9, -1}};
+    TEST_ASSERT_TRUE(rdpi_q31_piece_find(&piece, steep, 3, 30, 4));
+    TEST_ASSERT_FALSE(rdpi_q31_piece_find(&piece, steep, 3, 30, 5));
+    TEST_ASSERT_FALSE(rdpi_q31_piece_holds(&piece, 5));
+    TEST_ASSERT_TRUE(rdpi_q31_piece_find(&piece, steep, 3, 30, 9));
+    TEST_ASSERT_TRUE(rdpi_q31_piece_find(&piece, steep, 3, 31, 5));
+    TEST_ASSERT_FALSE(rdpi_q31_piece_find(&piece, steep, 3, 29, 4));
+    TEST_ASSERT_FALSE(rdpi_q31_piece_find(&piece, steep, 3, 0, 4));
+    TEST_ASSERT_TRUE(rdpi_q31_piece_find(&piece, steep, 3, 61, 4));
+    TEST_ASSERT_FALSE(rdpi_q31_piece_find(&piece, steep, 3, 62, 4));
+    TEST_ASSERT_FALSE(rdpi_q31_piece_holds(&piece, 4));
+}
+
+/* As far off as its slope and its offset are rounded. */
+void test_any_piece_is_as_accurate_as_it_says(void)
+{
+    for (int k = 0; k < 20000; k++) {
+        rdpi_q31_deadzone_t term[RDPI_MAX_DEADZONES];
+        int64_t slope = 0, sum = 0;
+        unsigned shift = (unsigned)random_between(30, 61);
+        int32_t v = random_between(-INT32_MAX, INT32_MAX);
+        for (int j = 0; j < RDPI_MAX_DEADZONES; j++) {
+            term[j].d = j == 0 ? 0 : term[j - 1].d + random_between(1, INT32_MAX / RDPI_MAX_DEADZONES);
+            term[j].weight = random_between(j == 0 ? 1 : (int32_t)(1 - slope), 1 << 27);
+            slope += term[j].weight;
+            if (j == 0 || v > term[j].d) {
+                sum += term[j].weight * ((int64_t)v - term[j].d);
+            }
+        }
+        TEST_ASSERT_TRUE(rdpi_q31_piece_find(&piece, term, RDPI_MAX_DEADZONES, shift, v));
+        TEST_ASSERT_TRUE(v == INT32_MAX || rdpi_q31_piece_holds(&piece, v));
+        int64_t off = (sum >> (shift - 30u)) - rdpi_q31_piece_at(&piece, v), size = v < 0 ? -(int64_t)v : v;
+        TEST_ASSERT_TRUE(off <= size + 1 && off >= -size - 1);
+    }
+}

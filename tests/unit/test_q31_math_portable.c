@@ -62,6 +62,44 @@ void test_portable_leading_zeros_of_every_length_of_double_word(void)
 void test_division_does_not_depend_on_how_zeros_are_counted(void)
 {
     TEST_ASSERT_INT32_WITHIN(4, 1000, rdpi_q31_divide((int64_t)1000 << 30, (int32_t)1 << 30));
-    TEST_ASSERT_INT32_WITHIN(4, 333333, rdpi_q31_divide(1000000, 3));
-    TEST_ASSERT_INT32_WITHIN(4, 1000000, rdpi_q31_divide(1000000, 1));
+    TEST_ASSERT_INT32_WITHIN(4, 333333, rdpi_q31_divide((int64_t)1000000 << 23, 3 << 23));
+    TEST_ASSERT_INT32_WITHIN(4, 1000000, rdpi_q31_divide((int64_t)1000000 << 24, (int32_t)1 << 24));
+}
+
+void test_portable_products_are_those_of_64_bits(void)
+{
+    for (int k = 0; k < 50000; k++) {
+        uint32_t a = random_length(), b = random_length();
+        int32_t c = random_size(INT32_MAX, 31), d = random_size(INT32_MAX, 31);
+        TEST_ASSERT_EQUAL_HEX32((uint32_t)(((uint64_t)a * b) >> 32), rdpi_q31_mulh(a, b));
+        TEST_ASSERT_EQUAL_INT64((int64_t)c * d, rdpi_q31_mul(c, d));
+    }
+}
+
+void test_portable_products_of_the_ends_of_the_format(void)
+{
+    const int32_t ends[] = {INT32_MIN, INT32_MIN + 1, -0x10000, -0xFFFF, -1, 0, 1, 0xFFFF, 0x10000, INT32_MAX};
+    for (size_t i = 0; i < 10; i++) {
+        for (size_t k = 0; k < 10; k++) {
+            uint64_t product = (uint64_t)(uint32_t)ends[i] * (uint32_t)ends[k];
+            TEST_ASSERT_EQUAL_INT64((int64_t)ends[i] * ends[k], rdpi_q31_mul(ends[i], ends[k]));
+            TEST_ASSERT_EQUAL_HEX32((uint32_t)(product >> 32), rdpi_q31_mulh((uint32_t)ends[i], (uint32_t)ends[k]));
+        }
+        TEST_ASSERT_EQUAL_INT64(0, rdpi_q31_mul_rate(ends[i], 0));
+        TEST_ASSERT_EQUAL_INT64(ends[i], rdpi_q31_mul_rate(ends[i], 1));
+        TEST_ASSERT_EQUAL_INT64((int64_t)ends[i] * RDPI_Q31_ONE, rdpi_q31_mul_rate(ends[i], RDPI_Q31_ONE));
+    }
+}
+
+void test_portable_parts_are_whole_units(void)
+{
+    for (unsigned parts = 1; parts <= RDPI_MAX_MISSED + 1u; parts++) {
+        TEST_ASSERT_EQUAL_UINT32(0, rdpi_q31_part(0, parts));
+        TEST_ASSERT_EQUAL_UINT32(UINT32_MAX / parts, rdpi_q31_part(UINT32_MAX, parts));
+        for (int k = 0; k < 2000; k++) {
+            uint32_t part = random_bits() / parts, whole = part * parts;
+            TEST_ASSERT_EQUAL_UINT32(part, rdpi_q31_part(whole, parts));
+            TEST_ASSERT_EQUAL_UINT32(part, rdpi_q31_part(whole + parts - 1u, parts));
+        }
+    }
 }

@@ -1,15 +1,21 @@
 /* The example application against the port contract: what it asks of a board, in which order, and what it outputs. The
- * board is a mock of port/include/rdpi_port.h. */
+ * board and the source of references are mocks of port/include. */
 #include "unity.h"
 
 #include <math.h>
 
 #include "mock_rdpi_port.h"
+#include "mock_rdpi_reference.h"
 
 TEST_SOURCE_FILE("lib/src/rdpi_f32.c")
 TEST_SOURCE_FILE("lib/src/status.c")
+TEST_SOURCE_FILE("port/drivers/telemetry.c")
 
 #define TRACK_RATE_HZ 10000
+#define TRACK_Q31 0
+#define TRACK_SWEEP 0
+#define TRACK_UM_PER_COUNT 0.001
+#define TRACK_COUNT_0_UM 0.0
 #define main track_main
 #include "track/main.c"
 #undef main
@@ -20,7 +26,9 @@ static rdpi_f32_t expected; /* what the application should do, step by step */
 static rdpi_port_tick_t timer;
 static float references_um[TICKS];
 static uint32_t codes[TICKS + 1];
-static int ticks, written;
+static int ticks, asked, written, samples, infos, last_state;
+static uint32_t lost, cycles;
+static bool line_full;
 
 static bool start(uint32_t rate_hz, rdpi_port_tick_t tick_function, int calls)
 {
@@ -31,37 +39,108 @@ static bool start(uint32_t rate_hz, rdpi_port_tick_t tick_function, int calls)
     return true;
 }
 
-static bool idle(int calls)
+static void idle(int calls)
 {
     (void)calls;
     TEST_ASSERT_NOT_NULL(timer);
-    if (ticks == TICKS) {
+    ticks++;
+    timer();
+}
+
+static bool reference_um(uint32_t since, float *reference, int calls)
+{
+    (void)calls;
+    asked += (int)since;
+    if (asked > TICKS) {
         return false;
     }
-    timer();
-    ticks++;
-    TEST_ASSERT_EQUAL_INT(ticks + 1, written); /* one code per tick */
+    *reference = references_um[asked - 1];
     return true;
 }
 
-static float reference_um(int calls)
-{
-    TEST_ASSERT_EQUAL_INT(ticks, calls);
-    return references_um[calls];
-}
-
-static void write_dac(uint32_t code, int calls)
+static bool write_dac(uint32_t code, int calls)
 {
     TEST_ASSERT_EQUAL_INT(written, calls);
     TEST_ASSERT_TRUE(code < 1u << RDPI_PARAMS_DAC_BITS);
     codes[written++] = code;
+    return true;
+}
+
+static int32_t read_adc(int calls)
+{
+    (void)calls;
+    return 100 + ticks; /* of the code before */
+}
+
+static uint32_t overruns(int calls)
+{
+    (void)calls;
+    return lost;
+}
+
+static uint32_t count_cycles(int calls)
+{
+    (void)calls;
+    return cycles += 10u;
+}
+
+/* Undoes COBS: where a code says that the next zero is. What the frame holds is tested in test_telemetry.c. */
+static void decode(uint8_t *bytes, size_t count)
+{
+    size_t zero = 0;
+    while (zero < count - 1u) {
+        size_t next = zero + bytes[zero];
+        bytes[zero] = 0;
+        zero = next;
+    }
+}
+
+static uint32_t number_at(const uint8_t *bytes)
+{
+    return bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
+}
+
+static bool send_bytes(const uint8_t *bytes, size_t count, int calls)
+{
+    uint8_t copy[RDPI_TELEMETRY_MAX_BYTES];
+    (void)calls;
+    if (line_full) {
+        return false;
+    }
+    memcpy(copy, bytes, count);
+    decode(copy, count);
+    const uint8_t *body = copy + 1;
+    if (body[0] == 2u) {
+        infos++;
+        last_state = body[2];
+        return true;
+    }
+    /* the code that was output before the latest, and the reading that followed it */
+    int tick_number = (int)number_at(body + 3);
+    TEST_ASSERT_EQUAL_UINT32(codes[tick_number], number_at(body + 15));
+    TEST_ASSERT_EQUAL_INT32(100 + tick_number + 1, (int32_t)number_at(body + 19));
+    samples++;
+    return true;
+}
+
+/* As at power up: main.c's own variables. */
+static void power_up(void)
+{
+    memset(&line, 0, sizeof line);
+    memset(&counts, 0, sizeof counts);
+    memset(&sample, 0, sizeof sample);
+    sweeping = TRACK_SWEEP;
+    finished = false;
 }
 
 void setUp(void)
 {
+    power_up();
     timer = NULL;
-    ticks = 0;
-    written = 0;
+    ticks = asked = written = samples = infos = 0;
+    last_state = -1;
+    lost = cycles = 0;
+    line_full = false;
     TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_f32_init(&expected, &rdpi_params, 1.0f / TRACK_RATE_HZ));
     float rest_um = rdpi_f32_predict(&expected, expected.drive_V, 0);
     for (int k = 0; k < TICKS; k++) {
@@ -69,9 +148,12 @@ void setUp(void)
     }
     rdpi_port_start_StubWithCallback(start);
     rdpi_port_idle_StubWithCallback(idle);
-    rdpi_port_reference_um_StubWithCallback(reference_um);
     rdpi_port_write_dac_StubWithCallback(write_dac);
-    rdpi_port_overruns_IgnoreAndReturn(0);
+    rdpi_port_read_adc_StubWithCallback(read_adc);
+    rdpi_port_overruns_StubWithCallback(overruns);
+    rdpi_port_cycles_StubWithCallback(count_cycles);
+    rdpi_port_send_StubWithCallback(send_bytes);
+    rdpi_reference_um_StubWithCallback(reference_um);
 }
 
 void tearDown(void)
@@ -81,7 +163,8 @@ void tearDown(void)
 static void runs_as_the_library_steps(void)
 {
     TEST_ASSERT_EQUAL_INT(0, track_main());
-    TEST_ASSERT_EQUAL_INT(TICKS, ticks);
+    TEST_ASSERT_EQUAL_INT(TICKS + 1, ticks); /* the last finds no reference and sends the reading of the one before */
+    TEST_ASSERT_EQUAL_INT(TICKS + 1, written);
     TEST_ASSERT_EQUAL_UINT32(expected.dac_code, codes[0]);
     for (int k = 0; k < TICKS; k++) {
         rdpi_f32_step(&expected, references_um[k]);
@@ -95,12 +178,147 @@ void test_every_tick_outputs_the_code_of_its_reference(void)
     TEST_ASSERT_NOT_EQUAL_UINT32(codes[1], codes[TICKS / 2]);
 }
 
+void test_every_sample_is_sent_with_the_reading_one_period_later(void)
+{
+    runs_as_the_library_steps();
+    TEST_ASSERT_EQUAL_INT(TICKS, samples);
+}
+
+void test_the_host_is_told_of_the_start_and_of_the_end(void)
+{
+    runs_as_the_library_steps();
+    TEST_ASSERT_EQUAL_INT(2, infos);
+    TEST_ASSERT_EQUAL_INT(RDPI_TELEMETRY_FINISHED, last_state);
+    TEST_ASSERT_EQUAL_UINT32(10, counts.longest_tick_cycles);
+}
+
+void test_after_the_end_the_output_is_held_and_the_host_told_so_again(void)
+{
+    runs_as_the_library_steps();
+    for (int k = TICKS + 1; k < 1500; k++) {
+        timer();
+    }
+    TEST_ASSERT_EQUAL_INT(TICKS + 1, written);
+    TEST_ASSERT_EQUAL_INT(TICKS, samples);
+    TEST_ASSERT_EQUAL_INT(2 + 1, infos);
+    TEST_ASSERT_EQUAL_INT(RDPI_TELEMETRY_FINISHED, last_state);
+}
+
 void test_a_tick_without_reference_outputs_the_code_before(void)
 {
     references_um[7] = NAN;
     runs_as_the_library_steps();
     TEST_ASSERT_EQUAL_UINT32(codes[7], codes[8]);
-    TEST_ASSERT_EQUAL_UINT32(1, axis.input_count);
+    TEST_ASSERT_EQUAL_UINT32(1, counts.input_count);
+}
+
+static bool sweep_expected; /* the library is still sweeping */
+static int swept;
+
+static bool write_what_the_library_sweeps_and_steps(uint32_t code, int calls)
+{
+    if (calls > 0 && sweep_expected) {
+        sweep_expected = rdpi_f32_sweep(&expected);
+        swept++;
+    } else if (calls > 0) {
+        rdpi_f32_step(&expected, references_um[calls - swept - 1]);
+    }
+    TEST_ASSERT_EQUAL_UINT32(expected.dac_code, code);
+    written++;
+    return true;
+}
+
+static bool count_frames(const uint8_t *bytes, size_t count, int calls)
+{
+    (void)bytes;
+    (void)calls;
+    samples += count < 64u;
+    infos += count >= 64u;
+    return true;
+}
+
+void test_the_start_up_sweep_comes_first(void)
+{
+    sweeping = true;
+    sweep_expected = true;
+    swept = 0;
+    rdpi_port_write_dac_StubWithCallback(write_what_the_library_sweeps_and_steps);
+    rdpi_port_send_StubWithCallback(count_frames);
+    TEST_ASSERT_EQUAL_INT(0, track_main());
+    TEST_ASSERT_FALSE(sweep_expected);
+    TEST_ASSERT_GREATER_THAN_INT(100, swept);
+    TEST_ASSERT_EQUAL_INT(1 + swept + TICKS, written);
+    TEST_ASSERT_EQUAL_INT(swept + TICKS, samples);
+    TEST_ASSERT_EQUAL_INT(2 + (swept + TICKS) / 1000, infos); /* and one every 1000 samples */
+}
+
+static void lose_two_after_ten(int calls)
+{
+    idle(calls);
+    if (ticks == 10) {
+        lost = 2;
+    }
+}
+
+void test_lost_ticks_are_missed_samples_of_the_reference(void)
+{
+    rdpi_port_idle_StubWithCallback(lose_two_after_ten);
+    for (int k = 0; k < 10; k++) {
+        rdpi_f32_step(&expected, references_um[k]);
+    }
+    rdpi_f32_missed(&expected, 2);
+    rdpi_f32_step(&expected, references_um[12]);
+    rdpi_port_send_StubWithCallback(NULL);
+    rdpi_port_send_IgnoreAndReturn(true);
+    TEST_ASSERT_EQUAL_INT(0, track_main());
+    TEST_ASSERT_EQUAL_UINT32(expected.dac_code, codes[11]);
+    TEST_ASSERT_EQUAL_INT(TICKS - 2 + 1, written);
+    TEST_ASSERT_EQUAL_UINT32(2, counts.overruns);
+    TEST_ASSERT_EQUAL_UINT32(2, counts.missed_count);
+    TEST_ASSERT_EQUAL_UINT32(TICKS + 1, sample.tick);
+}
+
+void test_a_full_line_to_the_host_changes_no_code_and_is_counted(void)
+{
+    line_full = true;
+    TEST_ASSERT_EQUAL_INT(0, track_main());
+    TEST_ASSERT_EQUAL_UINT32(TICKS, line.refused_count);
+    for (int k = 0; k < TICKS; k++) {
+        rdpi_f32_step(&expected, references_um[k]);
+        TEST_ASSERT_EQUAL_UINT32(expected.dac_code, codes[k + 1]);
+    }
+    TEST_ASSERT_EQUAL_INT(TICKS + 1, written);
+}
+
+static uint16_t flags_of[TICKS + 1];
+
+static bool take_none_in_the_fifth(uint32_t code, int calls)
+{
+    write_dac(code, calls);
+    return calls != 5;
+}
+
+static bool keep_flags(const uint8_t *bytes, size_t count, int calls)
+{
+    uint8_t copy[RDPI_TELEMETRY_MAX_BYTES];
+    (void)calls;
+    memcpy(copy, bytes, count);
+    decode(copy, count);
+    if (copy[1] == 1u) {
+        flags_of[copy[4]] = (uint16_t)(copy[24] | copy[25] << 8);
+    }
+    return true;
+}
+
+void test_a_code_that_the_dac_does_not_take_is_flagged_and_counted(void)
+{
+    rdpi_port_write_dac_StubWithCallback(take_none_in_the_fifth);
+    rdpi_port_send_StubWithCallback(keep_flags);
+    runs_as_the_library_steps();
+    TEST_ASSERT_EQUAL_UINT32(1, counts.held_count);
+    for (int k = 1; k <= TICKS; k++) {
+        TEST_ASSERT_EQUAL_HEX16(k == 5 ? RDPI_TELEMETRY_HELD : 0, flags_of[k] & RDPI_TELEMETRY_HELD);
+    }
 }
 
 void test_nothing_runs_on_a_board_without_such_a_timer(void)
@@ -110,11 +328,5 @@ void test_nothing_runs_on_a_board_without_such_a_timer(void)
     TEST_ASSERT_EQUAL_INT(1, track_main());
     TEST_ASSERT_EQUAL_INT(0, ticks);
     TEST_ASSERT_EQUAL_INT(1, written);
-}
-
-void test_the_loss_of_ticks_is_asked_of_the_board_at_the_end(void)
-{
-    rdpi_port_overruns_StopIgnore();
-    rdpi_port_overruns_ExpectAndReturn(3);
-    TEST_ASSERT_EQUAL_INT(0, track_main());
+    TEST_ASSERT_EQUAL_INT(RDPI_TELEMETRY_REFUSED, last_state);
 }

@@ -16,6 +16,8 @@
 #define RDPI_PARAMS_PLAYS 10 /* n + 1 */
 #define RDPI_PARAMS_DEADZONES 3 /* m + 1 */
 #define RDPI_PARAMS_DAC_BITS 16 /* 0: output not quantised */
+#define RDPI_PARAMS_MIN_V (-20.0) /* output range, double: code 0 ... */
+#define RDPI_PARAMS_MAX_V (120.0) /* ... and the last one */
 
 #if RDPI_PARAMS_PLAYS > RDPI_MAX_PLAYS
 #error "define RDPI_MAX_PLAYS as 10 or more, for the library and its users alike"

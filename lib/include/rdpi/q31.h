@@ -90,11 +90,13 @@ typedef struct {
 
 /** Private part of rdpi_q31_t: the plays. */
 typedef struct {
-    int64_t rest;              /**< output times 2^30 is W_k(rho) x + rest + rho / 2^30 rest_rate, k = engaged; exact */
-    int64_t rest_rate;         /**< see rest */
-    int32_t y[RDPI_MAX_PLAYS]; /**< y_0 = x; states of the plays 1 .. engaged are implied by x */
-    uint16_t engaged;          /**< plays 1 .. engaged move with x */
-    bool falling;              /**< x came down to where it is */
+    int64_t f_rest;              /**< output times 2^30 at rate 0; exact */
+    int64_t f_rate;              /**< its change up to the guard; exact */
+    const rdpi_q31_play_t *last; /**< play [engaged] */
+    int32_t room;                /**< way that x can go on before the next play engages or the range ends */
+    int32_t y[RDPI_MAX_PLAYS];   /**< y_0 = x; states of the plays 1 .. engaged are implied by x */
+    uint16_t engaged;            /**< plays 1 .. engaged move with x */
+    bool falling;                /**< x came down to where it is */
 } rdpi_q31_bank_t;
 
 /** Private part of rdpi_q31_t: the rate estimator. */
@@ -106,9 +108,19 @@ typedef struct {
     uint32_t blend;             /**< 1 - exp(-T / filter), times 2^(32 + blend_shift); 0: no filter */
     uint8_t guard_shift;  /**< 0 .. 62 */
     uint8_t blend_shift;  /**< 0 .. 30 */
+    uint8_t shift;        /**< 31 - guard_shift, where that is not negative */
+    bool direct;          /**< the next sample's rate is its distance to z[0] */
     uint16_t window; /**< N */
     uint16_t oldest; /**< < window; == window: no sample yet */
 } rdpi_q31_rate_t;
+
+/** Private part of rdpi_q31_t: the piece of S^-1 that the latest reference lies on. */
+typedef struct {
+    int64_t offset;  /**< output times 2^30 is slope * reference + offset */
+    int32_t slope;   /**< times 2^30 */
+    int32_t from;    /**< where the piece begins */
+    uint32_t length; /**< 0: none found yet */
+} rdpi_q31_piece_t;
 
 /** One actuator at work. Read the fields under "result" at any time; the others are private. */
 typedef struct {
@@ -125,11 +137,13 @@ typedef struct {
     uint32_t missed_count; /**< samples reported to rdpi_q31_missed */
     /* private */
     const rdpi_q31_params_t *params; /**< as given to init */
-    uint16_t missed;      /**< samples since the latest usable reference */
+    uint8_t missed;       /**< samples since the latest usable reference, saturating */
+    bool plain;           /**< output are codes, and nothing limits the slew */
     uint16_t sweep_turns; /**< turning points of the start-up sweep that are still to come; 0: none runs */
     int64_t ramp;         /**< drive before rounding to a code, times 2^32 */
     int64_t slew;         /**< largest change per sample, likewise; 0: unlimited */
     int64_t sweep_step;   /**< of the start-up sweep per sample, likewise */
+    rdpi_q31_piece_t piece;         /**< of S^-1 */
     rdpi_q31_rate_t rate_estimator; /**< its state */
     rdpi_q31_bank_t bank;           /**< the plays */
 } rdpi_q31_t;

@@ -1,0 +1,227 @@
+#!/usr/bin/env python3
+"""The whole loop on a board: play an excitation, record, identify, generate, rebuild, sweep, track, report the errors.
+
+    examples/loop/loop.py                                          an emulated Cortex-M4F with a virtual actuator
+    examples/loop/loop.py --port /dev/ttyACM0 --preset stm32f405   a board on the bench; see README.md
+
+Everything of rdpi goes through its commands, which are printed. Results in build/loop/.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shlex
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "bench"))
+
+import bench  # noqa: E402
+import lockstep  # noqa: E402
+from rdpi.recording import read_recording  # noqa: E402
+
+RATE_HZ = 10_000
+SHARE = 0.85  # of the stroke that the excitation reached: what the profile spans
+PROFILE = "5-20-35hz"  # the paper's second; it repeats after 2 s
+SETTLED_S = 0.3  # it fades in before
+MODELS = "no model", "rate-independent", "rate-dependent"
+PATIENCE_S = 300.0
+
+
+class Loop:
+    """One folder of results, one board; subclasses say how an image gets to run and where its telemetry comes out."""
+
+    def __init__(self, out: Path, preset: str, dac: str, sensor: tuple[float, float], options: list[str]) -> None:
+        self.out, self.preset, self.dac = out, preset, dac
+        self.options = [f"-DRDPI_UM_PER_COUNT={sensor[0]!r}", f"-DRDPI_COUNT_0_UM={sensor[1]!r}", *options]
+        out.mkdir(parents=True, exist_ok=True)
+
+    def command(self, *words: str | Path) -> list[str]:
+        """A command as the user would type it in the results' folder, printed."""
+        texts = [str(word.relative_to(self.out) if isinstance(word, Path) and word.is_relative_to(self.out) else word)
+                 for word in words]
+        print("$ " + shlex.join(texts), flush=True)
+        program = ROOT / ".venv" / "bin" / texts[0]
+        return [str(program) if program.exists() else texts[0], *texts[1:]]
+
+    def do(self, *words: str | Path, quiet: bool = True) -> None:
+        done = subprocess.run(self.command(*words), cwd=self.out, text=True, stdout=subprocess.PIPE,
+                              stderr=subprocess.STDOUT, check=False)
+        if done.returncode or not quiet:
+            print("".join(f"    {line}\n" for line in done.stdout.splitlines()), end="")
+        if done.returncode:
+            sys.exit(f"loop: this command failed with status {done.returncode}")
+
+    def build(self, application: str, name: str, *options: str) -> Path:
+        """The image of examples/<application>, in a build folder of its own."""
+        folder = self.out / "build" / name
+        self.do("cmake", "-S", ROOT, "--preset", self.preset, "-B", folder, *self.options, *options)
+        self.do("cmake", "--build", folder, "--target", application)
+        return folder
+
+    def play(self, drive: str, name: str) -> Path:
+        """Play a drive in volts and record it."""
+        headers = self.out / name
+        headers.mkdir(exist_ok=True)
+        self.do("rdpi", "profile", drive, "--dac", self.dac, "-o", headers / "rdpi_profile.h")
+        return self.record(self.build("excite", name, f"-DRDPI_EXCITE_DIR={headers}"), "excite", name)
+
+    def track(self, model: str, reference: str, name: str) -> Path:
+        """Track a reference with the model's inverse, after the start-up sweep, and record it."""
+        headers = self.out / name
+        headers.mkdir(exist_ok=True)
+        self.do("rdpi", "header", model, "-o", headers / "rdpi_params.h")
+        self.do("rdpi", "profile", reference, "-o", headers / "rdpi_profile.h")
+        image = self.build("track", name, f"-DRDPI_PARAMS_DIR={headers}", f"-DRDPI_PROFILE_DIR={headers}",
+                           f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}")
+        return self.record(image, "track", name)
+
+    def record(self, folder: Path, application: str, name: str) -> Path:
+        """Run the image to its end; returns the recording."""
+        raise NotImplementedError
+
+    def listen(self, port: str, name: str) -> subprocess.Popen:
+        """Start `rdpi record`."""
+        words = self.command("rdpi", "record", port, "-o", f"{name}.csv", "--raw", f"{name}.raw")
+        return subprocess.Popen(words, cwd=self.out, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+
+    def recorded(self, recorder: subprocess.Popen, name: str) -> Path:
+        """Wait for `rdpi record` to end."""
+        output, _ = recorder.communicate(timeout=PATIENCE_S)
+        print("".join(f"    {line}\n" for line in output.splitlines()), end="")
+        if recorder.returncode:
+            sys.exit(f"loop: rdpi record failed with status {recorder.returncode}")
+        return self.out / f"{name}.csv"
+
+
+class Emulated(Loop):
+    """QEMU's board; the virtual actuator is behind its second UART, the telemetry comes out of a pseudo-terminal."""
+
+    def __init__(self, out: Path, preset: str, dac: str, kind: str) -> None:
+        super().__init__(out, preset, dac, lockstep.counts_scale(bench.make(kind, adc_bits=16)), ["-DRDPI_BENCH=ON"])
+        self.kind = kind
+        self.powered_up = 0
+
+    def record(self, folder: Path, application: str, name: str) -> Path:
+        self.powered_up += 1  # every time with another memory
+        actuator = subprocess.Popen(
+            self.command("python", ROOT / "tests/bench/lockstep.py", self.kind, "--socket", f"{name}.sock", "--dac",
+                         self.dac, "--rate", str(RATE_HZ), "--log", f"{name}.npy", "--seed", str(self.powered_up)),
+            cwd=self.out, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        board = None
+        try:
+            actuator.stdout.readline()  # it listens
+            machine = {"qemu-m3": "mps2-an385", "qemu-m4f": "mps2-an386", "qemu-m7": "mps2-an500"}[self.preset]
+            board = subprocess.Popen(
+                self.command("qemu-system-arm", "-M", machine, "-icount", "shift=4", "-display", "none",
+                             "-monitor", "none", "-serial", "pty", "-serial", f"unix:{name}.sock", "-kernel", folder / application),
+                cwd=self.out, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+            port = self.port_of(board)
+            recorder = self.listen(port, name)
+            time.sleep(3)  # until QEMU, which looks once a second, has seen that someone listens
+            actuator.stdin.write("go\n")
+            actuator.stdin.flush()
+            return self.recorded(recorder, name)
+        finally:
+            if board:
+                board.kill()
+                board.wait()
+            actuator.stdin.close()
+            actuator.wait(timeout=PATIENCE_S)
+
+    @staticmethod
+    def port_of(board: subprocess.Popen) -> str:
+        for line in board.stdout:
+            if found := re.search(r"redirected to (\S+)", line):
+                return found[1]
+        sys.exit("loop: QEMU opened no pseudo-terminal")
+
+
+class OnTheBench(Loop):
+    """A board with an actuator, a debug probe to flash it and a serial port."""
+
+    def __init__(self, out: Path, preset: str, dac: str, sensor: tuple[float, float], port: str) -> None:
+        super().__init__(out, preset, dac, sensor, [])
+        self.port = port
+
+    def record(self, folder: Path, application: str, name: str) -> Path:
+        recorder = self.listen(self.port, name)  # first: the image starts as soon as it is flashed
+        self.do("cmake", "--build", folder, "--target", "flash")
+        return self.recorded(recorder, name)
+
+
+def error_percent(recording: Path, reference_um: np.ndarray) -> tuple[float, float]:
+    """rms and max of the tracking error, % of the reference's peak-to-peak, once the profile has faded in."""
+    displacement_um = read_recording(recording).displacement_um
+    assert len(displacement_um) == len(reference_um), f"{recording}: {len(displacement_um)} samples"
+    part = slice(round(SETTLED_S * RATE_HZ), None)
+    error_um = (displacement_um - reference_um)[part]
+    stroke_um = np.ptp(reference_um[part])
+    return 100 * float(np.sqrt(np.mean(error_um**2)) / stroke_um), 100 * float(np.abs(error_um).max() / stroke_um)
+
+
+def run(loop: Loop, frequencies: str, seconds: float) -> dict[str, tuple[float, float]]:
+    """The whole loop; returns the error of each of MODELS, rms and max in %."""
+    bits, min_V, max_V = loop.dac.split(":")
+    limits = "--min-V", min_V, "--max-V", max_V
+    loop.do("rdpi", "excite", "sawtooth", *limits, "--sample-rate", str(RATE_HZ), "--frequencies", frequencies,
+            "-o", "excitation.csv", quiet=False)
+    excitation = loop.play("excitation.csv", "excitation")
+
+    seen = read_recording(excitation)
+    lowest_um, highest_um = seen.displacement_um.min(), seen.displacement_um.max()
+    stroke_um = SHARE * (highest_um - lowest_um)
+    reference_um = bench.paper_profile(PROFILE, RATE_HZ, seconds, stroke_um) + (lowest_um + highest_um - stroke_um) / 2
+    slope, offset = np.polyfit(seen.displacement_um, seen.command_V, 1)  # no model: the best straight line
+    line_V = np.clip(slope * reference_um + offset, float(min_V), float(max_V))
+    for name, column, values in (("reference", "reference_um", reference_um), ("line", "command_V", line_V)):
+        np.savetxt(loop.out / f"{name}.csv", np.column_stack([np.arange(len(values)) / RATE_HZ, values]), "%.9g", ",",
+                   header=f"time_s,{column}", comments="")
+
+    errors = {MODELS[0]: error_percent(loop.play("line.csv", "line"), reference_um)}
+    for model, options in ((MODELS[1], ["--rate-independent"]), (MODELS[2], [])):
+        loop.do("rdpi", "fit", excitation, *options, *limits, "--dac-bits", bits, "-o", f"{model}.json", quiet=False)
+        tracked = loop.track(f"{model}.json", "reference.csv", model)
+        errors[model] = error_percent(tracked, reference_um)
+    loop.do("rdpi", "simulate", f"{MODELS[2]}.json", tracked, quiet=False)  # how well the model explains what was seen
+    return errors
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="The whole loop on a board: excite, record, identify, track, report.")
+    parser.add_argument("--actuator", choices=("preisach", "bouc-wen", "paper"), default="preisach",
+                        help="the virtual one")
+    parser.add_argument("--port", help="serial port of a real board; without it, the board is emulated")
+    parser.add_argument("--preset", default="qemu-m4f", help="the board (default: %(default)s)")
+    parser.add_argument("--dac", default="16:0:100", metavar="BITS:MIN_V:MAX_V",
+                        help="volts at the actuator over the board's codes (default: %(default)s)")
+    parser.add_argument("--um-per-count", type=float, help="displacement sensor of a real board")
+    parser.add_argument("--count-0-um", type=float, default=0.0, help="likewise: um at count 0")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "loop", help="folder of the results")
+    parser.add_argument("--frequencies", default="1,5,10,20,40", help="of the excitation, Hz (default: %(default)s)")
+    parser.add_argument("--seconds", type=float, default=2.0, help="of the profile (default: %(default)s)")
+    options = parser.parse_args()
+    out = options.out.resolve()
+    if options.port:
+        if options.um_per_count is None:
+            parser.error("--port needs --um-per-count: the scale of the board's displacement sensor")
+        loop = OnTheBench(out, options.preset, options.dac, (options.um_per_count, options.count_0_um), options.port)
+    else:
+        loop = Emulated(out, options.preset, options.dac, options.actuator)
+    print(f"in {out}:")
+    errors = run(loop, options.frequencies, options.seconds)
+    print(f"\nTracking error of the {PROFILE} profile, rms / max in % of its peak-to-peak")
+    for model, (rms, peak) in errors.items():
+        print(f"  {model:20}{rms:8.2f} / {peak:.2f}")
+    (out / "loop.json").write_text(json.dumps(errors, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

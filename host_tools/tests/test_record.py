@@ -1,0 +1,336 @@
+"""`rdpi record` on a pseudo-terminal and a socket, and `rdpi import --telemetry`, as a user types them."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
+import termios
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import streams
+from streams import Info, samples, stream
+
+from rdpi import firmware
+from rdpi.recording import read_recording
+
+SENT = samples(3000)
+WITHOUT_A_FEW = [sample for sample in SENT if sample.sequence not in (1000, 1001, 1800)]
+A_MOMENT_S = 0.2
+
+
+class Board:
+    """The far end of a pseudo-terminal."""
+
+    def __init__(self) -> None:
+        self.line, self._port = pty.openpty()
+        self.port = os.ttyname(self._port)
+        self._as_it_was = termios.tcgetattr(self.line)
+
+    def send(self, data: bytes) -> None:
+        while data:
+            data = data[os.write(self.line, data[:1000]):]
+
+    def unplug(self) -> None:
+        for end in (self.line, self._port):
+            os.close(end)
+        self.line = -1
+
+    def renew(self) -> None:
+        """As it was before a command opened it."""
+        termios.tcsetattr(self.line, termios.TCSANOW, self._as_it_was)
+
+    def wait(self) -> None:
+        """Until a command has opened the port, which makes the terminal raw and then empties it."""
+        while termios.tcgetattr(self.line)[3] & termios.ICANON:
+            time.sleep(0.01)
+        time.sleep(A_MOMENT_S)
+
+    def later(self, *acts: Callable[[], None]) -> None:
+        """Do this once the command that follows is at work."""
+        self.renew()
+
+        def work() -> None:
+            self.wait()
+            with contextlib.suppress(OSError):  # unplugged in the middle of it
+                for act in acts:
+                    act()
+
+        threading.Thread(target=work, daemon=True).start()
+
+
+@pytest.fixture
+def board() -> Iterator[Board]:
+    board = Board()
+    yield board
+    if board.line >= 0:
+        board.unplug()
+
+
+@pytest.fixture
+def run_csv(tmp_path: Path) -> Path:
+    return tmp_path / "run.csv"
+
+
+def codes(path: Path) -> list[float]:
+    return read_recording(path, ("command_V",)).columns["dac_code"].tolist()
+
+
+# ---- record ----
+
+def test_until_the_target_has_finished(board: Board, run_csv: Path, rdpi: Callable, tmp_path: Path) -> None:
+    data = stream(SENT)
+    board.later(lambda: board.send(data))
+    done = rdpi("record", board.port, "-o", run_csv, "--raw", tmp_path / "raw", "--json", tmp_path / "json", "--actuator",
+                "stack 3", "--note", "first try", "--memory", "carried")
+    assert done.exit_code == 0, done.output
+    assert f"{board.port}: 3000 samples, 0 lost on the way, 0 not taken by the target; 0 corrupt frames" in done.output
+    assert "the target has finished" in done.output
+    recording = read_recording(run_csv)
+    assert recording.columns["dac_code"].tolist() == [sample.dac_code for sample in SENT]
+    assert recording.sample_rate_hz == 10_000
+    assert recording.metadata.items() >= {"actuator": "stack 3", "note": "first try", "memory": "carried",
+                                          "first_tick": "1", "telemetry_lost": "0"}.items()
+    assert (tmp_path / "raw").read_bytes() == data
+    result = json.loads((tmp_path / "json").read_text())
+    assert result["counts"]["samples"] == 3000 and result["stretches"] == [3000]
+    assert result["target"]["state"] == streams.FINISHED and not result["gate_failed"]
+
+
+def test_ctrl_c_keeps_what_was_received(board: Board, run_csv: Path, rdpi: Callable) -> None:
+    board.later(lambda: board.send(stream(SENT, finished=False)), lambda: time.sleep(A_MOMENT_S),
+                lambda: os.kill(os.getpid(), signal.SIGINT))
+    done = rdpi("record", board.port, "-o", run_csv)
+    assert done.exit_code == 0 and "stopped" in done.output
+    assert len(codes(run_csv)) == 3000
+    with pytest.raises(KeyboardInterrupt):  # and is Ctrl-C again from now on
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(1)
+
+
+def test_ctrl_c_before_anything_came(board: Board, rdpi: Callable, refused: Callable) -> None:
+    def stop() -> None:
+        for _ in range(2):
+            board.wait()
+            board.renew()
+            os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=stop, daemon=True).start()
+    assert refused("record", board.port, "-o", refused.output) == f"{board.port}: no samples: stopped"
+
+
+def test_a_duration_of_the_targets_time(board: Board, run_csv: Path, rdpi: Callable) -> None:
+    board.later(lambda: board.send(stream(SENT, finished=False)))
+    done = rdpi("record", board.port, "-o", run_csv, "--duration", "0.1")
+    assert done.exit_code == 0 and "0.1 s recorded" in done.output
+    assert 1000 <= len(codes(run_csv)) <= 3000
+
+
+def test_silence_from_the_start(board: Board, refused: Callable) -> None:
+    assert refused("record", board.port, "-o", refused.output, "--timeout", "0.2") == (
+        f"{board.port}: no samples: silent for 0.2 s")
+
+
+def test_silence_after_samples_saves_them(board: Board, run_csv: Path, rdpi: Callable) -> None:
+    board.later(lambda: board.send(stream(SENT, finished=False)))
+    done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.5")
+    assert done.exit_code == 2
+    assert done.output.endswith(f"rdpi: {board.port}: silent for 0.5 s; what came before has been written\n")
+    assert len(codes(run_csv)) == 3000
+
+
+@pytest.mark.parametrize("noise", [bytes(range(256)) * 4, b"\x55" * 1000], ids=["any", "no zero"])
+def test_noise_is_not_silence(board: Board, refused: Callable, noise: bytes) -> None:
+    stop = threading.Event()
+
+    def chatter() -> None:
+        while not stop.wait(0.05):
+            board.send(noise)
+
+    thread = threading.Thread(target=chatter)
+    thread.start()
+    try:
+        message = refused("record", board.port, "-o", refused.output, "--timeout", "0.3")
+    finally:
+        stop.set()
+        thread.join()
+    assert message == f"{board.port}: no samples: nothing that is telemetry for 0.3 s; is the baud rate right?"
+
+
+def test_a_port_that_vanishes_leaves_what_there_is(board: Board, run_csv: Path, rdpi: Callable) -> None:
+    board.later(lambda: board.send(stream(SENT, finished=False)), lambda: time.sleep(A_MOMENT_S), board.unplug)
+    done = rdpi("record", board.port, "-o", run_csv)
+    assert done.exit_code == 2 and "the port is gone" in done.output and "has been written" in done.output
+    assert len(codes(run_csv)) == 3000
+
+
+def test_a_target_that_refuses(board: Board, rdpi: Callable, run_csv: Path) -> None:
+    for status, words in ((-8, f"{firmware.status_text(-8)} (status -8)"),
+                          (0, "the board has no timer for 10000 samples per second")):
+        board.later(lambda: board.send(Info(streams.REFUSED, status).frame()))
+        done = rdpi("record", board.port, "-o", run_csv)
+        assert (done.exit_code, done.output) == (2, f"rdpi: {board.port}: the target refuses to run: {words}\n")
+        assert not run_csv.exists()
+
+
+def test_a_target_of_another_version(board: Board, rdpi: Callable, run_csv: Path) -> None:
+    board.later(lambda: board.send(Info().frame(version=9) * 2))
+    done = rdpi("record", board.port, "-o", run_csv)
+    assert done.exit_code == 2 and "telemetry of version 9, which this version of rdpi does not know" in done.output
+
+
+def test_reset_while_it_records(board: Board, run_csv: Path, rdpi: Callable) -> None:
+    board.later(lambda: board.send(stream(SENT, finished=False)[5000:20_000]), lambda: board.send(stream(SENT)))
+    done = rdpi("record", board.port, "-o", run_csv)
+    assert done.exit_code == 0 and "note: the target started anew 1 times" in done.output
+    assert codes(run_csv) == [sample.dac_code for sample in SENT]
+
+
+def test_from_a_socket(run_csv: Path, rdpi: Callable) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        def serve() -> None:
+            line, _ = server.accept()
+            with line:
+                time.sleep(A_MOMENT_S)  # pyserial drops what came with the connection
+                line.sendall(stream(SENT, finished=False))
+
+        threading.Thread(target=serve, daemon=True).start()
+        done = rdpi("record", f"socket://127.0.0.1:{server.getsockname()[1]}", "-o", run_csv)
+    assert done.exit_code == 2 and "the port is gone" in done.output
+    assert len(codes(run_csv)) == 3000
+
+
+@pytest.mark.parametrize("port", ["/nowhere/ttyACM0", "nonsense://x", "/dev/null"])
+def test_ports_that_are_none(port: str, refused: Callable) -> None:
+    message = refused("record", port, "-o", refused.output)
+    assert message.startswith(f"{port}: cannot be opened (") and "group dialout" in message
+
+
+def test_a_terminal_shows_how_it_goes(board: Board, run_csv: Path) -> None:
+    screen, its_end = pty.openpty()
+    with subprocess.Popen([sys.executable, "-m", "rdpi", "record", board.port, "-o", run_csv], stderr=its_end,
+                          stdout=subprocess.DEVNULL, env=os.environ | {"TERM": "xterm", "COLUMNS": "120"}) as process:
+        os.close(its_end)
+        shown = b""
+        half = len(stream(SENT)) // 2
+        while b"waiting for the first frame" not in shown:
+            shown += os.read(screen, 4096)
+        board.send(stream(SENT)[:half])
+        while b" samples, 0 lost, " not in shown or b" um; Ctrl-C ends" not in shown:
+            shown += os.read(screen, 4096)
+        board.send(stream(SENT)[half:])
+        threading.Thread(target=lambda: [None for _ in iter(lambda: _read(screen), b"")], daemon=True).start()
+        assert process.wait(timeout=20) == 0
+    assert len(codes(run_csv)) == 3000
+
+
+def _read(screen: int) -> bytes:
+    try:
+        return os.read(screen, 4096)
+    except OSError:  # the other end is closed
+        return b""
+
+
+# ---- import --telemetry ----
+
+@pytest.fixture
+def captured(tmp_path: Path) -> Path:
+    path = tmp_path / "captured.bin"
+    path.write_bytes(stream(WITHOUT_A_FEW))
+    return path
+
+
+def test_the_longest_stretch_of_a_captured_stream(captured: Path, run_csv: Path, rdpi: Callable,
+                                                  tmp_path: Path) -> None:
+    done = rdpi("import", "--telemetry", captured, "-o", run_csv, "--json", tmp_path / "json")
+    assert done.exit_code == 0, done.output
+    assert "2997 samples, 3 lost on the way" in done.output
+    assert codes(run_csv) == [sample.dac_code for sample in SENT[1801:]]
+    result = json.loads((tmp_path / "json").read_text())
+    assert result["streams"][0]["counts"]["lost"] == 3 and result["streams"][0]["stretches"] == [1000, 798, 1199]
+    assert [row["samples"] for row in result["recordings"]] == [1199]
+
+
+def test_every_stretch_of_it(captured: Path, run_csv: Path, rdpi: Callable) -> None:
+    done = rdpi("import", "--telemetry", captured, "-o", run_csv, "--stretches")
+    assert done.exit_code == 0 and not run_csv.exists()
+    parts = [codes(run_csv.with_stem(f"run-{k}")) for k in (1, 2, 3)]
+    assert [len(part) for part in parts] == [1000, 798, 1199]
+    assert sum(parts, []) == [sample.dac_code for sample in WITHOUT_A_FEW]
+
+
+@pytest.mark.parametrize("most, status", [(3, 0), (2, 1)])
+def test_the_gate(captured: Path, run_csv: Path, rdpi: Callable, most: int, status: int) -> None:
+    done = rdpi("import", "--telemetry", captured, "-o", run_csv, "--max-lost", most)
+    assert done.exit_code == status and run_csv.exists()
+    assert ("3 samples are missing, more than the 2 allowed by --max-lost" in done.output) == (status == 1)
+
+
+def test_several_streams_to_a_folder(captured: Path, rdpi: Callable, tmp_path: Path) -> None:
+    other = tmp_path / "other.bin"
+    other.write_bytes(stream(SENT[:500]))
+    done = rdpi("import", "--telemetry", captured, other, "-o", f"{tmp_path}/runs/")
+    assert done.exit_code == 0, done.output
+    assert len(codes(tmp_path / "runs/captured.csv")) == 1199 and len(codes(tmp_path / "runs/other.csv")) == 500
+
+
+def test_another_sensor(captured: Path, run_csv: Path, rdpi: Callable) -> None:
+    assert rdpi("import", "--telemetry", captured, "-o", run_csv, "--um-per-count", "-0.5", "--count-0-um",
+                "7").exit_code == 0
+    assert read_recording(run_csv).displacement_um.tolist() == [7 - 0.5 * s.adc_counts for s in SENT[1801:]]
+
+
+@pytest.mark.parametrize("data, message", [
+    (b"", "no telemetry frame in 0 bytes; nothing was sent"),
+    (b"abc" * 100, "no telemetry frame in 300 bytes; is the baud rate right?"),
+    (stream(SENT[:15]), "15 samples, 0 lost on the way, 0 not taken by the target; 0 corrupt frames: no 16 samples without"),
+    (Info().frame(), "0 samples, 0 lost on the way, 0 not taken by the target; 0 corrupt frames: no 16 samples without"),
+    (stream(SENT)[len(Info().frame()):20_000], "samples, but no info frame"),
+])
+def test_streams_without_a_recording(captured: Path, refused: Callable, data: bytes, message: str) -> None:
+    captured.write_bytes(data)
+    assert refused("import", "--telemetry", captured, "-o", refused.output).startswith(f"{captured}: {message}")
+
+
+def test_a_bad_stream_among_good_ones_leaves_nothing(captured: Path, tmp_path: Path, rdpi: Callable) -> None:
+    (tmp_path / "bad.bin").write_bytes(stream(SENT[:5]))
+    assert rdpi("import", "--telemetry", captured, tmp_path / "bad.bin", "-o", f"{tmp_path}/runs/").exit_code == 2
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("words, message", [
+    (["--telemetry", "--rate", "5"], "--rate: has a meaning only without --telemetry"),
+    (["--telemetry", "--command", "1"], "--command: has a meaning only without --telemetry"),
+    (["--stretches"], "--stretches: has a meaning only with --telemetry"),
+    (["--um-per-count", "1"], "--um-per-count: has a meaning only with --telemetry"),
+])
+def test_options_of_the_other_kind(captured: Path, refused: Callable, words: list[str], message: str) -> None:
+    assert refused("import", captured, "-o", refused.output, *words) == message
+
+
+def test_the_raw_stream_is_not_written_over_the_recording(refused: Callable) -> None:
+    message = refused("record", "/dev/null", "-o", refused.output, "--raw", refused.output)
+    assert "another output" in message
+
+
+def test_the_target_told_what_it_did_not_send(captured: Path, run_csv: Path, rdpi: Callable) -> None:
+    captured.write_bytes(stream(WITHOUT_A_FEW, Info(counts=(0, 3, *[0] * 7))))
+    done = rdpi("import", "--telemetry", captured, "-o", run_csv)
+    assert "note: 3 samples never left the target: its line is too slow" in done.output
+
+
+def test_samples_without_readings(captured: Path, run_csv: Path, rdpi: Callable) -> None:
+    captured.write_bytes(stream([replace(sample, adc_counts=streams.NO_READING) for sample in SENT]))
+    done = rdpi("import", "--telemetry", captured, "-o", run_csv)
+    assert done.exit_code == 0 and "note: no displacement_um" in done.output
+    assert read_recording(run_csv, ("command_V",)).displacement_um is None

@@ -1,0 +1,365 @@
+"""The decoder: what was sent comes out, in pieces of any size; what was damaged does not, and is counted."""
+
+from __future__ import annotations
+
+import binascii
+import struct
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import streams
+from hypothesis import given
+from hypothesis import strategies as st
+from streams import HELD, SWEEP, Info, Sample, frame, samples, stream
+
+from rdpi import telemetry
+from rdpi.errors import BadInput
+from rdpi.telemetry import Counts, Decoder, stretches
+
+
+def decode(data: bytes, size: int = 1 << 20) -> Decoder:
+    decoder = Decoder("board")
+    for start in range(0, len(data), size):
+        decoder.feed(data[start:start + size])
+    decoder.finish()
+    return decoder
+
+
+def received(decoder: Decoder, run: int = -1) -> list[Sample]:
+    """The believed samples of a run, as they would have been sent."""
+    frames = decoder.runs[run].samples
+    numbers = [np.ascontiguousarray(frames[name]).view("<f4").tolist() for name in ("reference", "rate")]
+    rest = [frames[name].tolist() for name in ("dac_code", "adc_counts", "flags")]
+    return [Sample(*fields) for fields in zip(frames["sequence"].tolist(), frames["tick"].tolist(), *numbers, *rest)]
+
+
+def wrapped(sent: list[Sample]) -> list[Sample]:
+    return [replace(sample, sequence=sample.sequence % 2**16, tick=sample.tick % 2**32) for sample in sent]
+
+
+def test_the_crc_is_the_one_of_the_layout() -> None:
+    assert binascii.crc_hqx(b"123456789", 0xFFFF) == 0x29B1
+
+
+def test_what_was_sent_comes_out() -> None:
+    sent, info = samples(2500), Info(counts=tuple(range(9)))
+    decoder = decode(stream(sent, info))
+    assert received(decoder) == sent
+    assert decoder.counts == Counts(samples=2500, infos=4)
+    assert decoder.runs[0].info == telemetry.Info(
+        streams.FINISHED, 0, 10_000, 16, streams.FLOAT, -20, 120, 1, 0, 1, 0.001, 0.5, *range(9))
+
+
+@given(st.lists(st.integers(0, 60_000), max_size=30), st.integers(0, 3))
+def test_it_does_not_matter_how_the_stream_is_cut(cuts: list[int], damage: int) -> None:
+    data = bytearray(stream(samples(2000)))
+    for place in np.random.default_rng(damage).integers(0, len(data), damage * 50).tolist():
+        data[place] ^= 0x55
+    whole, cut = decode(bytes(data)), Decoder("board")
+    for start, end in zip([0, *sorted(cuts)], [*sorted(cuts), len(data)]):
+        cut.feed(bytes(data[start:end]))
+    cut.finish()
+    assert cut.counts == whole.counts
+    assert [received(cut, k) for k in range(len(cut.runs))] == [received(whole, k) for k in range(len(whole.runs))]
+
+
+def test_byte_by_byte() -> None:
+    data = stream(samples(40))
+    assert received(decode(data, 1)) == received(decode(data)) == samples(40)
+
+
+def target(seed: int, count: int = 3000) -> list[Sample]:
+    """A run in which the target loses ticks, and does not send all that it takes."""
+    rng = np.random.default_rng(seed)
+    ticks = 1 + np.cumsum(np.where(rng.random(count) < 0.003, rng.integers(2, 30, count), 1)) - 1
+    taken = [replace(sample, tick=tick) for sample, tick in zip(samples(count, seed), ticks.tolist())]
+    return [sample for sample, sent in zip(taken, rng.random(count) > 0.002) if sent]
+
+
+def damaged(data: bytes, rng: np.random.Generator) -> bytes:
+    """1 % of the bytes changed, dropped, or with one put in before."""
+    line = bytearray()
+    for byte, hit, kind, other in zip(data, rng.random(len(data)) < 0.01, rng.integers(0, 8, len(data)).tolist(),
+                                      rng.integers(0, 256, len(data)).tolist()):
+        if not hit:
+            line.append(byte)
+        elif kind == 0:
+            line += bytes([other, byte])
+        elif kind > 1:
+            line.append(other)
+    return bytes(line)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_of_a_damaged_stream_nothing_wrong_is_accepted_and_every_loss_counted(seed: int) -> None:
+    sent = target(seed)
+    decoder = decode(damaged(stream(sent), np.random.default_rng(1000 + seed)))
+    got, counts = received(decoder), decoder.counts
+    assert len(decoder.runs) == 1
+    assert 0.5 * len(sent) < len(got) < 0.9 * len(sent), "the damage is meant to be felt"
+    by_tick = {sample.tick: sample for sample in sent}
+    assert all(sample == by_tick[sample.tick] for sample in got)
+    # From the first sample on if the line let a STARTING through, else from the first received.
+    started = any(info.state == streams.STARTING for info in decoder.runs[0].infos)
+    offered = got[-1].sequence - (-1 if started else got[0].sequence - 1)
+    ticks = got[-1].tick - (0 if started else got[0].tick - 1)
+    assert counts.lost == offered - len(got)
+    assert counts.ticks_lost == ticks - offered
+    assert counts.samples == len(got)
+
+
+@pytest.mark.slow
+def test_a_million_frames_take_seconds() -> None:
+    part = stream(samples(65_536), finished=False)  # the sequence wraps to the same bytes, the tick does not matter
+    began = time.monotonic()
+    decoder = Decoder("board")
+    for _ in range(16):
+        decoder.feed(part)
+    assert decoder.counts.samples > 1_000_000 and decoder.counts.corrupt == 0
+    assert time.monotonic() - began < 5
+
+
+@pytest.mark.parametrize("first, gap, ticks_lost", [
+    (65_530, 0, 0), (65_530, 3, 0), (10, 65_535, 0), (10, 65_536, 0), (10, 200_000, 17), (65_000, 1_000_000, 5),
+])
+def test_the_tick_tells_how_often_the_sequence_wrapped(first: int, gap: int, ticks_lost: int) -> None:
+    before = [Sample(first + k, 2**32 - 50 + k) for k in range(20)]
+    after = [Sample(first + 20 + gap + k, 2**32 - 30 + gap + ticks_lost + k) for k in range(40)]
+    decoder = decode(b"".join(sample.frame() for sample in before + after))
+    assert received(decoder) == wrapped(before + after)
+    assert (decoder.counts.lost, decoder.counts.ticks_lost, decoder.counts.resets) == (gap, ticks_lost, 0)
+
+
+def test_a_board_that_loses_every_other_tick_is_believed() -> None:
+    sent = [Sample(k, 2 * k + 1) for k in range(100)]
+    decoder = decode(b"".join(sample.frame() for sample in sent))
+    assert received(decoder) == sent[1:-1], "the first and the last have one neighbour only"
+    assert (decoder.counts.ticks_lost, decoder.counts.lost, decoder.counts.unconfirmed) == (97, 0, 2)
+
+
+@pytest.mark.parametrize("liar", [Sample(7000, 51), Sample(50, 7000), Sample(7000, 7000), Sample(50, 49), Sample(50, 50),
+                                  Sample(50, 60), Sample(50, 52), Sample(49, 50), Sample(51, 52),
+                                  Sample(50, 2**32 - 1)])
+def test_what_no_neighbour_confirms_is_not_believed(liar: Sample) -> None:
+    sent = samples(100)
+    decoder = decode(stream([*sent[:50], liar, *sent[51:]]))
+    assert received(decoder) == sent[:50] + sent[51:]
+    assert (decoder.counts.unconfirmed, decoder.counts.lost, decoder.counts.resets) == (1, 1, 0)
+
+
+def test_a_lonely_sample_is_not_believed_at_the_end_either() -> None:
+    decoder = decode(stream([*samples(50), Sample(60, 61)]))
+    assert (decoder.counts.samples, decoder.counts.unconfirmed, decoder.counts.lost) == (50, 1, 0)
+
+
+def test_what_is_lost_at_the_start_counts_if_the_start_was_heard() -> None:
+    data = stream(samples(100)[7:])
+    assert decode(data).counts.lost == 7
+    assert decode(data[len(Info().frame()):]).counts.lost == 0, "joined midway"
+
+
+@pytest.mark.parametrize("cut", range(1, 29, 3))
+def test_a_stream_may_begin_and_end_within_a_frame(cut: int) -> None:
+    frames = b"".join(sample.frame() for sample in samples(100))
+    decoder = decode(Info().frame() + frames[:-cut])
+    assert decoder.counts == Counts(samples=99, infos=1)
+    decoder = decode(frames[cut:] + Info().frame())
+    assert decoder.counts == Counts(samples=99, infos=1)
+
+
+def test_zeros_between_frames_do_no_harm() -> None:
+    decoder = decode(b"\0\0".join(sample.frame() for sample in samples(30)))
+    assert decoder.counts == Counts(samples=30)
+
+
+def test_corrupt_frames_after_the_last_sample_are_told_apart() -> None:
+    data = stream(samples(50), finished=False)
+    counts = decode(data[:200] + b"\x05\x05\0" + data[200:] + b"noise\0" * 3).counts
+    assert (counts.corrupt, counts.corrupt_at_end) == (5, 3), "two of them are one frame, cut in two"
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_reset_begins_a_new_run(told: bool) -> None:
+    first, second = samples(300, 1), samples(200, 2)
+    again = stream(second)
+    decoder = decode(stream(first, finished=False) + (again if told else again[len(Info().frame()):]))
+    assert [received(decoder, run) for run in range(2)] == [first, second]
+    assert (decoder.counts.resets, decoder.counts.lost) == (1, 0)
+    assert [len(stretch.columns["time_s"]) for stretch in stretches(decoder)] == [300, 200]
+
+
+def test_a_reset_is_told_even_if_the_ticks_go_on() -> None:
+    decoder = decode(stream(samples(100), finished=False) + stream([Sample(k, k + 1) for k in range(150, 200)]))
+    assert (len(decoder.runs), decoder.counts.resets, decoder.counts.lost) == (2, 1, 150)
+
+
+@pytest.mark.parametrize("data, message", [
+    (b"", "board: no telemetry frame in 0 bytes; nothing was sent"),
+    (bytes(range(256)) * 100, "board: no telemetry frame in 25600 bytes; is the baud rate right?"),
+    (b"x" * 5000, "board: no telemetry frame in 5000 bytes; is the baud rate right?"),
+    (Info().frame(version=2), "board: telemetry of version 2, which this version of rdpi does not know"),
+    (Info().frame() + frame(b"\x07abc") * 2, "board: a frame of type 7 with 4 bytes, which"),
+    (Info().frame() + frame(b"\x01abc") * 2, "board: a frame of type 1 with 4 bytes, which"),
+    (Info(rate_hz=0).frame(), "board: an info that says 0 samples per second"),
+    (Info(dac_bits=0).frame(), "board: an info that says 0 DAC bits"),
+    (Info(min_V=float("nan")).frame(), "board: an info that says 16 DAC bits from nan to 120 V"),
+    (Info(numbers=3).frame(), "board: an info of numbers 3 and state 1"),
+    (Info(um_per_count=float("inf")).frame(), "board: an info whose scales are not finite"),
+])
+def test_streams_that_are_none(data: bytes, message: str) -> None:
+    with pytest.raises(BadInput) as error:
+        decode(data)
+    assert str(error.value).startswith(message)
+
+
+def test_one_strange_frame_among_many_is_damage() -> None:
+    decoder = decode(stream(samples(50)) + frame(b"\x07abc"))
+    assert decoder.counts.corrupt == 1 and len(received(decoder)) == 50
+
+
+def test_samples_without_an_info_have_no_scale() -> None:
+    decoder = decode(b"".join(sample.frame() for sample in samples(50)))
+    with pytest.raises(BadInput, match="samples, but no info frame"):
+        stretches(decoder)
+
+
+def test_a_damaged_info_does_not_set_the_scale() -> None:
+    decoder = decode(stream(samples(3000)) + Info(max_V=5.0).frame())
+    assert decoder.info_of(decoder.runs[0]).max_V == 120
+
+
+# ---- recordings ----
+
+def test_a_recording_of_it() -> None:
+    sent = samples(50)
+    (stretch,) = stretches(decode(stream(sent)))
+    columns, metadata = stretch
+    assert list(columns) == ["time_s", "command_V", "displacement_um", "reference_um", "dac_code", "flags"]
+    assert columns["time_s"].tolist() == [round(k / 10_000, 9) for k in range(50)]
+    np.testing.assert_allclose(columns["command_V"], [-20 + 140 * s.dac_code / 65535 for s in sent], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(columns["displacement_um"], [0.5 + 0.001 * s.adc_counts for s in sent], atol=1e-12)
+    assert columns["reference_um"].tolist() == [s.reference for s in sent]
+    assert columns["dac_code"].tolist() == [s.dac_code for s in sent]
+    assert (metadata["sample_rate_hz"], metadata["memory"], metadata["first_tick"]) == (10_000, "unknown", 1)
+    assert metadata["telemetry_lost"] == 0
+
+
+def test_another_scale_of_the_sensor() -> None:
+    sent = samples(50)
+    (stretch,) = stretches(decode(stream(sent)), um_per_count=0.01, count_0_um=-1.0)
+    np.testing.assert_allclose(stretch.columns["displacement_um"], [-1 + 0.01 * s.adc_counts for s in sent], atol=1e-12)
+
+
+def test_references_in_fixed_point() -> None:
+    info = Info(numbers=streams.INT32, um_per_reference=1e-8, reference_0_um=5.0, um_per_s_per_rate=0.5)
+    integers = [k * 10**8 for k in range(-10, 10)]
+    frames = [Sample(k, k + 1, number, 3, 9).frame("ii") for k, number in enumerate(integers)]
+    decoder = decode(info.frame() + b"".join(frames))
+    (stretch,) = stretches(decoder)
+    np.testing.assert_allclose(stretch.columns["reference_um"], [5 + number * 1e-8 for number in integers], atol=1e-12)
+    assert set(telemetry.rates_um_per_s(decoder.runs[0].info, decoder.runs[0].samples)) == {1.5}
+
+
+def test_every_unbroken_stretch_of_sixteen() -> None:
+    sent = samples(400)
+    gaps = {100, 150, 160, 176, 390}  # leaves 100, 49, 9, 15, 213 and 9
+    found = stretches(decode(stream([sample for sample in sent if sample.sequence not in gaps])))
+    assert [(s.metadata["first_tick"], len(s.columns["time_s"])) for s in found] == [(1, 100), (102, 49), (178, 213)]
+    for stretch in found:
+        first = stretch.metadata["first_tick"] - 1
+        assert stretch.columns["dac_code"].tolist() == [
+            s.dac_code for s in sent[first:first + len(stretch.columns["time_s"])]]
+        assert stretch.columns["time_s"][0] == 0
+
+
+def test_a_tick_that_the_target_lost_is_a_gap() -> None:
+    late = [replace(sample, tick=sample.tick + 1) for sample in samples(100)[40:]]
+    assert [len(s.columns["time_s"]) for s in stretches(decode(stream(samples(100)[:40] + late)))] == [40, 60]
+
+
+def swept(sweep: int, count: int, code: int = 30_000) -> list[Sample]:
+    """A run that begins with a sweep which ends at 30000."""
+    return [replace(sample, flags=SWEEP, dac_code=30_000) if k < sweep else
+            replace(sample, dac_code=code) if k == sweep else sample for k, sample in enumerate(samples(count))]
+
+
+def test_after_the_sweep_the_memory_is_reset() -> None:
+    sent = swept(30, 100)
+    (stretch,) = stretches(decode(stream(sent)))
+    assert (stretch.metadata["memory"], stretch.metadata["first_tick"]) == ("reset", 31)
+    assert len(stretch.columns["time_s"]) == 70
+
+
+@pytest.mark.parametrize("sent", [
+    pytest.param(swept(30, 100)[:10] + swept(30, 100)[11:], id="a gap in the sweep"),
+    pytest.param(swept(30, 100)[1:], id="its first sample lost"),
+    pytest.param(swept(30, 100)[:29] + swept(30, 100)[30:], id="its last sample lost"),
+    pytest.param(swept(30, 100)[:30] + swept(30, 100)[31:], id="a gap behind it"),
+    pytest.param(swept(30, 100, 31_000), id="a jump behind it"),
+    pytest.param(samples(100), id="no sweep"),
+])
+def test_else_it_is_unknown(sent: list[Sample]) -> None:
+    assert {stretch.metadata["memory"] for stretch in stretches(decode(stream(sent)))} == {"unknown"}
+
+
+def test_a_drive_is_recorded_from_where_its_sweep_ended() -> None:
+    (stretch,) = stretches(decode(stream(swept(30, 100, 60_000), Info(numbers=streams.NONE))))
+    assert (stretch.metadata["memory"], stretch.metadata["first_tick"]) == ("reset", 30)
+    assert "reference_um" not in stretch.columns and stretch.columns["dac_code"][0] == 30_000
+
+
+def test_a_sweep_alone_is_no_recording() -> None:
+    assert stretches(decode(stream(samples(100, flags=SWEEP)))) == []
+
+
+def test_without_readings_no_displacement() -> None:
+    decoder = decode(stream(samples(100, adc_counts=streams.NO_READING)))
+    (stretch,) = stretches(decoder)
+    assert "displacement_um" not in stretch.columns
+    assert any("no displacement_um" in note for note in telemetry.notes(decoder, [stretch]))
+
+
+def test_a_sample_without_reading_among_others_is_a_gap() -> None:
+    sent = samples(100)
+    sent[40] = replace(sent[40], adc_counts=streams.NO_READING)
+    found = stretches(decode(stream(sent)))
+    assert [len(s.columns["displacement_um"]) for s in found] == [40, 59]
+
+
+def test_a_reference_that_is_none_leaves_the_column_out() -> None:
+    sent = samples(100)
+    sent[40] = replace(sent[40], reference=float("nan"))
+    decoder = decode(stream(sent))
+    (stretch,) = stretches(decoder)
+    assert "reference_um" not in stretch.columns and len(stretch.columns["time_s"]) == 100
+    assert any("no reference_um" in note for note in telemetry.notes(decoder, [stretch]))
+
+
+def test_where_the_dac_held_its_code_the_command_is_that_one() -> None:
+    sent = samples(100)
+    for k in (0, 1, 50, 51):
+        sent[k] = replace(sent[k], flags=HELD)
+    (stretch,) = stretches(decode(stream(sent)))
+    assert stretch.metadata["first_tick"] == 3
+    expected = [s.dac_code for s in sent[2:]]
+    assert stretch.columns["dac_code"].tolist() == expected
+    expected[48] = expected[49] = expected[47]
+    np.testing.assert_allclose(stretch.columns["command_V"], -20 + 140 * np.array(expected) / 65535, atol=1e-12)
+
+
+def test_a_code_that_the_dac_cannot_have_is_a_gap() -> None:
+    sent = samples(100)
+    sent[40] = replace(sent[40], dac_code=65_536)
+    assert [len(s.columns["time_s"]) for s in stretches(decode(stream(sent)))] == [40, 59]
+
+
+def test_notes() -> None:
+    sent = samples(300)
+    data = stream([*sent[:100], *sent[101:200], sent[210]], Info(counts=(0, 5, *[0] * 7)), finished=False)
+    decoder = decode(data + stream(sent) + b"noise\0")
+    text = "\n".join(telemetry.notes(decoder, stretches(decoder)))
+    assert "started anew 1 times" in text
+    assert "1 samples are not used" in text and "1 corrupt frames came after the last sample" in text
+    assert struct.calcsize("<BBBbIBB7d9I") == telemetry.INFO_BODY.size == 102

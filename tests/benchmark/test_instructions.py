@@ -1,0 +1,87 @@
+"""The instruction table: a miss of any target is seen, the counter refuses to guess, and no other search finds worse."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+
+import instructions
+from instructions import RATIOS, ROOT, SIZES, TARGETS, Case, Result
+
+README = "README.md"
+OLD = "| mean / worst, gcc 12.2.1 |\n| 1 / 2 |"
+
+
+def met() -> dict[tuple[str, str], dict[str, Result]]:
+    """Results that meet every target exactly, but for growth."""
+    results = {}
+    for key in instructions.ROWS:
+        mean, worst = TARGETS.get(key, (100, 260))
+        if key[0].startswith("formula"):
+            mean, worst = (ratio * target for ratio, target in zip(RATIOS, TARGETS["f32", "M4F"]))
+        results[key] = {head: Result(mean, round(worst * (case.n + 20) / 29), 0, "")
+                        for head, case in instructions.columns(*key).items()}
+    return results
+
+
+def missed(measured: dict[tuple[str, str], dict[str, Result]]) -> list[str]:
+    return instructions.table(measured, "12.2.1")[1]
+
+
+def test_targets_are_met() -> None:
+    assert missed(met()) == []
+
+
+@pytest.mark.parametrize("key", TARGETS)
+@pytest.mark.parametrize("change", [{"mean": 1}, {"worst": 1}])
+def test_a_target_missed_by_one_is_seen(key: tuple[str, str], change: dict[str, int]) -> None:
+    results = met()
+    (field, more), = change.items()
+    results[key]["9"] = replace(results[key]["9"], **{field: getattr(results[key]["9"], field) + more})
+    assert any(f"{key[1]}, n = 9: {field} is" in line for line in missed(results))
+
+
+@pytest.mark.parametrize("field", ["mean", "worst"])
+def test_a_ratio_missed_is_seen(field: str) -> None:
+    results = met()
+    formula = results["formula", "M4F"]
+    formula["9"] = replace(formula["9"], **{field: 0.99 * getattr(formula["9"], field)})
+    assert len(missed(results)) == 1
+
+
+@pytest.mark.parametrize("key", TARGETS)
+def test_growth_is_seen(key: tuple[str, str]) -> None:
+    results = met()
+    last = results[key][str(SIZES[-1])]
+    results[key][str(SIZES[-1])] = replace(last, mean=1.2 * last.mean)
+    assert len(missed(results)) == 1
+    results[key][str(SIZES[-1])] = replace(last, worst=2 * last.worst)
+    assert ["straight line" in line for line in missed(results)] == [True]
+
+
+def test_another_table_is_seen(capsys: pytest.CaptureFixture[str]) -> None:
+    assert instructions.compare(OLD, OLD, README) == []
+    assert len(instructions.compare(OLD, OLD.replace("2 |", "3 |"), README)) == 1
+    assert instructions.compare(OLD, OLD.replace("12.2.1", "14.2.1"), README) == []
+    assert "another compiler" in capsys.readouterr().out
+
+
+def test_counts_nothing_without_icount() -> None:
+    image = instructions.build(Case("M3", "q31", 4, seed=9))
+    with pytest.raises(SystemExit, match="does not count instructions"):
+        instructions.emulate(image, "M3")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 3, 4])
+@pytest.mark.parametrize("key", TARGETS)
+def test_no_other_search_finds_worse(key: tuple[str, str], seed: int) -> None:
+    engine, core = key
+    table = instructions.split((ROOT / README).read_text(encoding="utf-8"), README)[1]
+    if f"gcc {instructions.compiler()} " not in table:
+        pytest.skip("the table is of another compiler")
+    row = next(line for line in table.splitlines() if line.startswith(f"| {instructions.NAMES[engine]}, {core} |"))
+    worst = int(re.search(r"/ (\d+)", row.split("|")[2 + SIZES.index(9)])[1])
+    assert instructions.measure(Case(core, engine, 9, seed=seed, climbs=400)).worst <= worst
