@@ -4,7 +4,8 @@
 #include "rdpi_profile.h" /* the drive as DAC codes, made by `rdpi profile DRIVE.csv --dac BITS:MIN_V:MAX_V` */
 #include "telemetry.h"
 
-#define INFO_EVERY 1000u /* samples */
+#define INFO_EVERY 1000u    /* samples */
+#define END_INFO_EVERY 100u /* after the last: the host waits for one to get through */
 
 static const rdpi_telemetry_run_t run = {
     .min_V = RDPI_PROFILE_MIN_V,
@@ -62,7 +63,7 @@ static void tick(void)
         at_end = finished = counts.state == RDPI_TELEMETRY_FINISHED;
     }
     sample.tick += ticks;
-    if (at_end || sample.tick % INFO_EVERY < ticks) {
+    if (at_end || sample.tick % (finished ? END_INFO_EVERY : INFO_EVERY) < ticks) {
         (void)send_info();
     }
     uint32_t took = rdpi_port_cycles() - began;

@@ -89,7 +89,7 @@ class Loop:
 
     def listen(self, port: str, name: str) -> subprocess.Popen:
         """Start `rdpi record`."""
-        words = self.command("rdpi", "record", port, "-o", f"{name}.csv", "--raw", f"{name}.raw")
+        words = self.command("rdpi", "record", port, "-o", f"{name}.csv", "--raw", f"{name}.raw", "--timeout", "60")
         return subprocess.Popen(words, cwd=self.out, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
 
     def recorded(self, recorder: subprocess.Popen, name: str) -> Path:

@@ -38,7 +38,8 @@ typedef float number_t;
 #define SAY(...) ((void)0)
 #endif
 
-#define INFO_EVERY 1000u /* samples */
+#define INFO_EVERY 1000u    /* samples */
+#define END_INFO_EVERY 100u /* after the last: the host waits for one to get through */
 
 static const rdpi_telemetry_run_t run = {
     .min_V = RDPI_PARAMS_MIN_V,
@@ -135,7 +136,7 @@ static void tick(void)
         at_end = finished = counts.state == RDPI_TELEMETRY_FINISHED;
     }
     sample.tick += ticks;
-    if (at_end || sample.tick % INFO_EVERY < ticks) {
+    if (at_end || sample.tick % (finished ? END_INFO_EVERY : INFO_EVERY) < ticks) {
         (void)send_info();
     }
     uint32_t took = rdpi_port_cycles() - began;

@@ -141,9 +141,9 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
 
     Before the first sample the plays are as the metadata `memory` says: reset, a decaying sweep ended at the first
     reference; unknown, estimated if the run also has command and displacement, else the model's own. Engines "f32" and
-    "q31" are the firmware library, "f64" the first in double, "numpy" the independent reference; a function takes model
-    and reference to the steps. Returns the steps and the offset in um that was removed from the reference: with `remove_offset` the mean error of the model's prediction
-    of this run.
+    "q31" are the firmware library, "f64" the first in double, "numpy" the independent reference; a function makes the
+    steps of model and reference. Returns the steps and the offset in um that was removed from the reference: with
+    `remove_offset` the mean error of the model's prediction of this run.
     """
     reference = run.columns[column]
     usable = reference[np.abs(reference) <= MAX_REFERENCE_UM]

@@ -267,7 +267,8 @@ def _write_telemetry(decoder: Any, found: list[Any], target: Path, texts: dict[s
     recordings = []
     target.parent.mkdir(parents=True, exist_ok=True)
     for file, (columns, metadata) in files if stretches else [(target, longest)]:
-        metadata = {"source": Path(decoder.where).name, **metadata}
+        source = Path(decoder.where)
+        metadata = {"source": source.name if source.is_file() else decoder.where, **metadata}
         metadata |= {key: text for key, text in texts.items() if text is not None}
         write_recording(file, columns, metadata)
         samples = len(columns["time_s"])

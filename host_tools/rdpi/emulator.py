@@ -1,7 +1,8 @@
 """Processor in the loop: the firmware, examples/track, built for a board and run in QEMU on a reference.
 
-Needs the project's checkout: the one that this package lies in, or that RDPI_HOME names. Emulated time follows the count
-of instructions, at a speed at which no board loses a tick; what they cost on silicon is no matter of this module.
+Needs the project's checkout: the one that this package lies in, or that RDPI_HOME names. Emulated time follows the
+count of instructions, with room for so many per sample that no board loses one; what they cost on silicon is another
+matter.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ MACHINES = {"qemu-m0": "microbit", "qemu-m3": "mps2-an385", "qemu-m4f": "mps2-an
 TOOLS = {"cmake": "cmake", "make": "make", "arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi",
          "qemu-system-arm": "qemu-system-arm"}  # and the Debian packages that have them
 DEFAULTS = {"RDPI_MAX_PLAYS": 16, "RDPI_MAX_DEADZONES": 8, "RDPI_MAX_WINDOW": 16}  # lib/include/rdpi/types.h
+PER_SAMPLE, PER_SAMPLE_SOFT = 16_000, 64_000  # instructions, at least; the second where floats are software
+SOFT = "qemu-m0", "qemu-m3"
 SILENT_S = 30.0
 POLL_S = 0.01
 
@@ -46,7 +49,7 @@ def step(model: Model, reference_um: np.ndarray, run: Recording, board: str, fix
     rate_hz = profile.integer_rate_hz(run)
     with tempfile.TemporaryDirectory(prefix="rdpi-") as folder:
         image = build(model, reference_um, run, board, fixed_point, Path(folder))
-        decoder = _run(image, board, len(reference_um), report)
+        decoder = _run(image, board, rate_hz, len(reference_um), report)
     return _steps(decoder, board, rate_hz, len(reference_um))
 
 
@@ -120,25 +123,31 @@ def emulate(image: Path, board: str, *options: str) -> Iterator[subprocess.Popen
             process.kill()
 
 
-def _run(image: Path, board: str, samples: int, report: Callable[[float], None]) -> telemetry.Decoder:
+def _run(image: Path, board: str, rate_hz: int, samples: int,
+         report: Callable[[float], None]) -> telemetry.Decoder:
     """Run an image until it says that it has come to its end."""
     decoder = telemetry.Decoder(board)
     stream = image.with_name("telemetry")
     stream.touch()
+    per_sample = PER_SAMPLE_SOFT if board in SOFT else PER_SAMPLE
+    shift = min(max(int(math.log2(1e9 / rate_hz / per_sample)), 0), 10)  # 2^shift ns per instruction
     # into a file, which takes every byte at once: a pipe that is full would hold up the line, but not the board's time
-    with emulate(image, board, "-serial", f"file:{stream}", "-icount", "shift=0,sleep=off") as process, \
+    with emulate(image, board, "-serial", f"file:{stream}", "-icount", f"shift={shift},sleep=off") as process, \
             open(stream, "rb") as file:
-        heard = time.monotonic()
+        heard, frames = time.monotonic(), 0
         while decoder.info is None or decoder.info.state not in (telemetry.FINISHED, telemetry.REFUSED):
-            if data := file.read(1 << 20):
-                decoder.feed(data)
-                heard = time.monotonic()
+            data = file.read(1 << 20)
+            decoder.feed(data)
+            decoder.check()
+            if decoder.counts.samples + decoder.counts.infos > frames:
+                heard, frames = time.monotonic(), decoder.counts.samples + decoder.counts.infos
                 report(decoder.counts.samples / samples)
             elif process.poll() is not None:
                 raise BadInput(f"{board}: qemu-system-arm stopped: {' '.join(process.stderr.read().split())}")
             elif time.monotonic() - heard > SILENT_S:
-                raise BadInput(f"{board}: silent for {SILENT_S:g} s after {decoder.counts.samples} of {samples} samples")
-            else:
+                raise BadInput(f"{board}: silent for {SILENT_S:g} s after {decoder.counts.samples} of {samples} "
+                               "samples")
+            elif not data:
                 time.sleep(POLL_S)
     decoder.finish()
     return decoder

@@ -87,9 +87,10 @@ def sweep_samples(run: Recording) -> int:
 
 
 def integer_rate_hz(run: Recording) -> int:
-    """Samples per second, which the firmware takes as a whole number."""
+    """Samples per second, which the firmware takes as a whole number; times are in whole nanoseconds."""
     rate = run.sample_rate_hz
-    if not (1 <= rate <= MAX_RATE_HZ and abs(rate - round(rate)) <= 1e-9 * rate):
+    slack = 1e-9 * (1 + 1 / float(run.time_s[-1] - run.time_s[0]))
+    if not (1 <= rate <= MAX_RATE_HZ and abs(rate - round(rate)) <= slack * rate):
         raise BadInput(f"{run.path}: {rate:.9g} samples per second; the firmware takes whole numbers: resample, or, if "
                        "only the times are inexact, say so with `# sample_rate_hz: …`")
     return round(rate)

@@ -77,16 +77,20 @@ def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: floa
             raw.write(data)
         decoder.feed(data)
         now = time.monotonic()
-        if counts.samples + counts.infos > frames:
+        run = decoder.runs[-1]
+        info = run.infos[-1] if run.infos else None
+        over = info is not None and info.state == FINISHED
+        if counts.samples + counts.infos > frames and not over:
             frames, heard, heard_bytes = counts.samples + counts.infos, now, decoder.bytes
-        info = decoder.runs[-1].infos[-1] if decoder.runs[-1].infos else None
         if info is not None and info.state == REFUSED:
             raise BadInput(f"{decoder.where}: the target refuses to run: {refusal(info)}")
-        if info is not None and info.state == FINISHED:
+        if over and run.finished:
             return End("the target has finished", True)
         if info is not None and duration_s is not None and counts.samples + counts.missing >= duration_s * info.rate_hz:
             return End(f"{duration_s:g} s recorded", True)
         if now - heard > timeout_s:
+            if over:
+                return End("the target had finished before: reset it after this command has begun", False)
             return End(f"silent for {timeout_s:g} s" if decoder.bytes == heard_bytes else
                        f"nothing that is telemetry for {timeout_s:g} s; is the baud rate right?", False)
         if now - reported > REPORT_S:

@@ -5,7 +5,7 @@ received before or after it is its neighbour by sequence and tick, or both are b
 still believed where its CRC is right by chance and sequence and tick are undamaged: less than once in 65536 damaged
 frames. What no neighbour confirms is not used, and is missing like any other lost sample.
 
-A board that is reset begins a new run: told by a STARTING, or by confirmed samples that go back. No recording spans two.
+A board that is reset begins a new run, told by a STARTING or by confirmed samples that go back. No recording spans two.
 The bytes before the first zero of a stream, and after the last, may be parts of a frame and are not held against it.
 """
 
@@ -30,7 +30,7 @@ SWEEP, HELD = 0x100, 0x200  # among the flags: start-up sweep; the DAC held the 
 NO_READING = NO_VALUE = np.int32(-(2**31))  # of the sensor; in place of an int32 reference
 BODY = np.dtype([("type", "u1"), ("sequence", "<u2"), ("tick", "<u4"), ("reference", "<u4"), ("rate", "<u4"),
                  ("dac_code", "<u4"), ("adc_counts", "<i4"), ("flags", "<u2")])
-INFO_BODY = struct.Struct("<BBBbIBB7d9I")
+INFO_BODY = struct.Struct("<BBBbIBB7d10I")
 
 LONGEST = 254  # bytes of a frame of this kind of COBS without its zero: one block
 NEAR_TICKS = 1000  # more ticks than this are not lost between neighbours
@@ -55,8 +55,9 @@ class Info(NamedTuple):
     um_per_s_per_rate: float
     um_per_count: float
     count_0_um: float
-    overruns: int
+    offered_count: int
     refused_count: int
+    overruns: int
     guard_count: int
     clip_count: int
     input_count: int
@@ -91,14 +92,14 @@ class Counts:
     infos: int = 0
     corrupt: int = 0  # between two zeros, and no frame: CRC, COBS, length or kind
     unconfirmed: int = 0  # samples with a good CRC that no neighbour confirms; lost too
-    lost: int = 0  # samples that the target offered and that did not arrive, between the first and the last
-    ticks_lost: int = 0  # samples that the target did not take, likewise
+    lost: int = 0  # samples that the target offered and that did not arrive, since the first that is known of
+    ticks_lost: int = 0  # samples that the target did not take, between the first and the last
     resets: int = 0
     corrupt_at_end: int = 0  # of the corrupt: after the last sample, where nothing says what they were
 
     @property
     def missing(self) -> int:
-        """Sample times between first and last of which nothing is known."""
+        """Sample times of which nothing is known."""
         return self.lost + self.ticks_lost
 
 
@@ -113,6 +114,29 @@ class Run:
     def samples(self) -> np.ndarray:
         """The believed ones in order, fields of BODY, shape (samples,)."""
         return np.concatenate(self.pieces) if self.pieces else np.empty(0, BODY)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the target has come to its end in a run of which something was heard before."""
+        return bool(self.infos) and self.infos[-1].state == FINISHED and (bool(self.pieces) or self.started)
+
+    @property
+    def started(self) -> bool:
+        """Whether its start was heard."""
+        return any(info.state == STARTING for info in self.infos)
+
+    @property
+    def lost_at_end(self) -> int:
+        """Samples after the last received of which the latest info tells that they were offered."""
+        info = self.info
+        if info is None or not (self.pieces or self.started):
+            return 0
+        offered = 0
+        if self.pieces:  # up to the last received, that included: as many as its tick allows
+            last = self.pieces[-1][-1]
+            offered = int(last["tick"]) - (int(last["tick"]) - int(last["sequence"]) - 1) % 65536
+        lost = (info.offered_count - offered) % 2**32
+        return lost if lost < 2**31 else 0
 
     @property
     def info(self) -> Info | None:
@@ -142,7 +166,7 @@ class Decoder:
         self._rest = b""
         self._joined = False  # whether the first zero has come
         self._strange: Counter[str] = Counter()
-        self._last: np.void | None = None  # the last believed
+        self._last = np.empty(0, BODY)  # the last believed
         self._open = np.empty(0, BODY)  # the last frame of all, and whether it is believed already
         self._open_taken = self._open_near = False  # near: but for lost ticks a neighbour of the one before
 
@@ -184,10 +208,11 @@ class Decoder:
         self._take(samples[done:])
 
     def finish(self) -> None:
-        """Say that the stream has ended. Raises BadInput as `check` does, and if nothing in it was telemetry."""
+        """Say, once, that the stream has ended. Raises BadInput as `check` does, and if nothing in it was telemetry."""
         if len(self._open) and not self._open_taken:
             self.counts.unconfirmed += 1
             self._open_taken = True
+        self.counts.lost += self.runs[-1].lost_at_end
         if not self.counts.infos and self._strange:
             self._refuse(next(iter(self._strange)))
         self.check()
@@ -251,8 +276,8 @@ class Decoder:
             if self.runs[-1].pieces:
                 self._new_run()
             # a sample that never was, before the first: what is lost after it is counted
-            self._last = np.array((SAMPLE, 0xFFFF, 0, 0, 0, 0, 0, 0), BODY)[()]
-            self._open, self._open_taken, self._open_near = self._last.reshape(1), True, False
+            self._last = np.array([(SAMPLE, 0xFFFF, 0, 0, 0, 0, 0, 0)], BODY)
+            self._open, self._open_taken, self._open_near = self._last, True, False
         self.runs[-1].infos.append(info)
 
     def _take(self, new: np.ndarray) -> None:
@@ -273,7 +298,7 @@ class Decoder:
 
     def _append(self, taken: np.ndarray) -> None:
         """Believed samples: count what is missing between them, and begin a new run where they go back."""
-        chain = taken if self._last is None else np.concatenate([self._last.reshape(1), taken])
+        chain = np.concatenate([self._last, taken])
         ticks = _ticks(chain).astype(np.int64)
         sequence = np.diff(chain["sequence"].astype(np.int64))
         offered = ticks - (ticks - sequence) % 65536  # as many as the ticks allow
@@ -287,10 +312,11 @@ class Decoder:
                 self._new_run()
             if len(piece):
                 self.runs[-1].pieces.append(piece)
-        self._last = taken[-1]
+        self._last = taken[-1:]
 
     def _new_run(self) -> None:
         self.counts.resets += 1
+        self.counts.lost += self.runs[-1].lost_at_end
         self.runs.append(Run())
 
 
@@ -368,9 +394,11 @@ def notes(decoder: Decoder, found: list[Stretch]) -> list[str]:
         said.append(f"the target started anew {counts.resets} times; no recording spans that")
     if info.refused_count:
         said.append(f"{info.refused_count} samples never left the target: its line is too slow")
+    if info.held_count:
+        said.append(f"the DAC did not take {info.held_count} codes; command_V is the one that it held")
     if counts.unconfirmed:
         said.append(f"{counts.unconfirmed} samples are not used: both neighbours are lost, so nothing confirms them")
-    if counts.corrupt_at_end:
+    if counts.corrupt_at_end and not decoder.runs[-1].finished:
         said.append(f"{counts.corrupt_at_end} corrupt frames came after the last sample: as many more may be lost")
     if any("displacement_um" not in stretch.columns for stretch in found):
         said.append("no displacement_um: the target has no reading of the sensor")

@@ -44,12 +44,14 @@ class Info:
     um_per_s_per_rate: float = 1.0
     um_per_count: float = 0.001
     count_0_um: float = 0.5
-    counts: tuple[int, ...] = (0,) * 9
+    offered: int = 0
+    counts: tuple[int, ...] = (0,) * 9  # samples not taken, ticks lost, ...
 
     def frame(self, version: int = 1) -> bytes:
-        return frame(struct.pack("<BBBbIBB7d9I", 2, version, self.state, self.status, self.rate_hz, self.dac_bits,
+        return frame(struct.pack("<BBBbIBB7d10I", 2, version, self.state, self.status, self.rate_hz, self.dac_bits,
                                  self.numbers, self.min_V, self.max_V, self.um_per_reference, self.reference_0_um,
-                                 self.um_per_s_per_rate, self.um_per_count, self.count_0_um, *self.counts))
+                                 self.um_per_s_per_rate, self.um_per_count, self.count_0_um, self.offered,
+                                 *self.counts))
 
 
 def frame(body: bytes) -> bytes:
@@ -67,11 +69,12 @@ def samples(count: int, seed: int = 0, **fields: int) -> list[Sample]:
     return [replace(Sample(k, k + 1, references[k], rates[k], codes[k], counts[k]), **fields) for k in range(count)]
 
 
-def stream(sent: Iterable[Sample], info: Info = Info(), every: int = 1000, finished: bool = True) -> bytes:
-    """A whole run: infos at the start, every so many samples, and at the end."""
+def stream(sent: Iterable[Sample], info: Info = Info(), every: int = 1000, finished: int = 1) -> bytes:
+    """A whole run: infos at the start, every so many samples, and so many at the end."""
     parts = [replace(info, state=STARTING).frame()]
     for number, sample in enumerate(sent, 1):
         parts.append(sample.frame())
+        info = replace(info, offered=sample.sequence + 1)
         if number % every == 0:
             parts.append(info.frame())
     return b"".join(parts) + replace(info, state=FINISHED).frame() * finished

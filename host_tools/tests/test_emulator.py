@@ -29,8 +29,9 @@ slow = pytest.mark.slow
 @pytest.fixture(scope="module")
 def model() -> Model:
     """With offsets, memory, a guard and limits that the reference meets, and a longer window than is compiled in."""
-    return replace(read_model(MODEL), offset_V=0.3, offset_um=-0.2, memory=Memory(0.5, np.array([0.5, 0.3, 0.1, *[0.0] * 7])),
-                   rate=Rate("displacement", 2.5e-3, 2e-4, 400.0), drive=Drive(-1.7, 70.1, None, 16))
+    return replace(read_model(MODEL), offset_V=0.3, offset_um=-0.2,
+                   memory=Memory(0.5, np.array([0.5, 0.3, 0.1, *[0.0] * 7])),
+                   rate=Rate("displacement", 2.5e-3, 2e-4, 250.0), drive=Drive(-1.7, 60.1, None, 16))
 
 
 @pytest.fixture
@@ -64,7 +65,7 @@ def test_a_board_outputs_what_the_host_computes(folder: Path, rdpi: Callable, bo
     assert np.abs(codes - expected).max() <= (0 if fixed_point else 1)
     if fixed_point:
         assert target.columns["flags"].tolist() == host.columns["flags"].tolist()
-    np.testing.assert_allclose(target.command_V, host.command_V, rtol=0, atol=1.1 * 71.8 / 65535)
+    np.testing.assert_allclose(target.command_V, host.command_V, rtol=0, atol=1.1 * 61.8 / 65535)
     np.testing.assert_allclose(target.columns["rate_um_per_s"], host.columns["rate_um_per_s"], rtol=1e-4, atol=1e-3)
     flags = host.columns["flags"].astype(int)
     assert all((flags & flag).any() for flag in FLAGS), "the reference is meant to meet them all"
@@ -73,7 +74,8 @@ def test_a_board_outputs_what_the_host_computes(folder: Path, rdpi: Callable, bo
 def test_the_memory_is_that_of_the_recording(folder: Path, rdpi: Callable) -> None:
     run = read_recording("reference.csv", ("reference_um",))
     write_recording("reference.csv", {name: values[:200] for name, values in run.columns.items()}, {"memory": "reset"})
-    assert np.abs(compensated(rdpi, "qemu-m3").columns["dac_code"] - compensated(rdpi, "f32").columns["dac_code"]).max() <= 1
+    target, host = (compensated(rdpi, engine).columns["dac_code"] for engine in ("qemu-m3", "f32"))
+    assert np.abs(target - host).max() <= 1
 
 
 def refusal(folder: Path, rdpi: Callable, *options: str) -> str:
@@ -85,7 +87,7 @@ def refusal(folder: Path, rdpi: Callable, *options: str) -> str:
 
 def test_a_rate_that_is_no_whole_number(folder: Path, rdpi: Callable) -> None:
     write_recording("reference.csv", {"time_s": sample_times(100, 1000.5), "reference_um": np.zeros(100)}, {})
-    assert refusal(folder, rdpi, "--engine", "qemu-m4f").startswith("reference.csv: 1000.5 samples per second; the firm")
+    assert refusal(folder, rdpi, "--engine", "qemu-m4f").startswith("reference.csv: 1000.5 samples per second; the ")
 
 
 def test_a_rate_that_the_board_has_no_timer_for(folder: Path, rdpi: Callable) -> None:
@@ -96,19 +98,19 @@ def test_a_rate_that_the_board_has_no_timer_for(folder: Path, rdpi: Callable) ->
 
 
 def test_a_model_without_dac(folder: Path, model: Model, rdpi: Callable) -> None:
-    write_model("model.json", replace(model, drive=Drive(-1.7, 70.1)))
+    write_model("model.json", replace(model, drive=Drive(-1.7, 60.1)))
     assert "no drive.dac_bits: give --dac-bits" in refusal(folder, rdpi, "--engine", "qemu-m4f")
 
 
 def test_a_model_without_fixed_point(folder: Path, model: Model, rdpi: Callable) -> None:
-    write_model("model.json", replace(model, offset_V=-1e5, drive=Drive(0.0, 1.0, None, 16), memory=Memory(
-        model.gain_um_per_V * 1e5, np.full(10, model.gain_um_per_V * 1e5))))
+    narrow = Drive(0.0, 0.8, None, 20)  # against the largest threshold
+    write_model("model.json", replace(model, drive=narrow, memory=Memory(0.0, np.zeros(10))))
     message = refusal(folder, rdpi, "--engine", "qemu-m3", "--fixed-point")
     assert message.startswith("model.json: no fixed point: drive")
 
 
 def test_fixed_point_is_a_choice_of_the_boards(folder: Path, rdpi: Callable) -> None:
-    assert refusal(folder, rdpi, "--engine", "f32", "--fixed-point").startswith("--fixed-point: is for the engines qemu-")
+    assert refusal(folder, rdpi, "--engine", "f32", "--fixed-point").startswith("--fixed-point: is for the engines")
 
 
 @slow
@@ -136,7 +138,8 @@ def test_firmware_that_does_not_build(folder: Path, model: Model, rdpi: Callable
 
 
 @pytest.mark.parametrize("missing", [["qemu-system-arm"], ["cmake", "arm-none-eabi-gcc"]])
-def test_tools_that_are_missing(folder: Path, rdpi: Callable, monkeypatch: pytest.MonkeyPatch, missing: list[str]) -> None:
+def test_tools_that_are_missing(folder: Path, rdpi: Callable, monkeypatch: pytest.MonkeyPatch,
+                                missing: list[str]) -> None:
     (folder / "bin").mkdir()
     for name in set(emulator.TOOLS) - set(missing):
         (folder / "bin" / name).symlink_to(shutil.which(name))
@@ -178,6 +181,7 @@ def test_an_emulator_that_is_silent_is_ended(folder: Path, rdpi: Callable, monke
 
 def test_a_board_that_is_too_slow(folder: Path, rdpi: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
     real = shutil.which("qemu-system-arm")
-    fake(folder, monkeypatch, f"""exec {real} $(echo "$@" | sed s/shift=0/shift=10/)""")  # a microsecond an instruction
+    # a microsecond an instruction
+    fake(folder, monkeypatch, f"""exec {real} $(echo "$@" | sed s/shift=[0-9]*/shift=10/)""")
     message = refusal(folder, rdpi, "--engine", "qemu-m4f")
-    assert re.match(r"qemu-m4f: the run is not whole: \d+ of 2000 samples, [1-9]\d* ticks lost at 8000 samples", message)
+    assert re.match(r"qemu-m4f: the run is not whole: \d+ of 2000 samples, [1-9]\d* ticks lost at 8000 ", message)

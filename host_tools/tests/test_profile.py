@@ -22,7 +22,8 @@ PARAMS = ROOT / "examples/track/params"
 WARNINGS = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wpedantic", "-Wdouble-promotion", "-Werror"]
 
 
-def write(path: Path, values: np.ndarray, column: str = "reference_um", rate_hz: float = 10_000, **metadata: object) -> Path:
+def write(path: Path, values: np.ndarray, column: str = "reference_um", rate_hz: float = 10_000,
+          **metadata: object) -> Path:
     write_recording(path, {"time_s": sample_times(len(values), rate_hz), column: values}, metadata)
     return path
 
@@ -60,7 +61,8 @@ def references(count: int = 500) -> np.ndarray:
     return np.random.default_rng(5).uniform(-1, 9, count)
 
 
-def test_references_come_back_to_the_bit_in_single_precision(tmp_path: Path, rdpi: Callable, compiled: Callable) -> None:
+def test_references_come_back_to_the_bit_in_single_precision(tmp_path: Path, rdpi: Callable,
+                                                                 compiled: Callable) -> None:
     wanted = np.r_[references(), 1e-30, -0.0, 1e6, -1 / 3]
     write(tmp_path / "reference.csv", wanted)
     done = rdpi("profile", tmp_path / "reference.csv", "-o", tmp_path / "rdpi_profile.h", "--json", tmp_path / "json")
@@ -78,7 +80,8 @@ def test_references_come_back_as_the_host_rounds_them_in_fixed_point(tmp_path: P
     write_header(model, tmp_path / "rdpi_params.h")
     write(tmp_path / "reference.csv", wanted)
     assert rdpi("profile", tmp_path / "reference.csv", "-o", tmp_path / "rdpi_profile.h").exit_code == 0
-    got = compiled(reader("int32_t", "rdpi_reference_q31", "%d"), "-DRDPI_REFERENCE_Q31=1", "-Wno-unused-const-variable")
+    got = compiled(reader("int32_t", "rdpi_reference_q31", "%d"), "-DRDPI_REFERENCE_Q31=1",
+                   "-Wno-unused-const-variable")
     expected = FixedPoint(model, 1e-4).references(wanted)
     assert np.abs(np.array(got) - expected).max() <= 1
 
@@ -98,7 +101,8 @@ def test_lost_ticks_skip_references(tmp_path: Path, rdpi: Callable, compiled: Ca
     assert compiled(source) == [2, 5, 8, 11, 14, 17]
 
 
-def test_another_rate_than_the_applications_does_not_compile(tmp_path: Path, rdpi: Callable, compiled: Callable) -> None:
+def test_another_rate_than_the_applications_does_not_compile(tmp_path: Path, rdpi: Callable,
+                                                                     compiled: Callable) -> None:
     write(tmp_path / "reference.csv", references(), rate_hz=20_000)
     assert rdpi("profile", tmp_path / "reference.csv", "-o", tmp_path / "rdpi_profile.h").exit_code == 0
     source = reader("float", "rdpi_reference_um", "%.9g")
@@ -148,6 +152,12 @@ def test_a_drive_without_sweep(tmp_path: Path, rdpi: Callable, compiled: Callabl
     assert rdpi("profile", tmp_path / "drive.csv", "--dac", "16:0:10", "-o", tmp_path / "rdpi_profile.h").exit_code == 0
     about, codes = np.split(np.array(compiled(DRIVE)), [6])
     assert about[5] == 0 and codes[[0, -1]].tolist() == [0, 65535]
+
+
+@pytest.mark.parametrize("rate_hz, samples", [(44_100, 500), (3, 100), (96_000, 16), (1, 20)])
+def test_times_in_nanoseconds_are_exact_enough(tmp_path: Path, rate_hz: int, samples: int) -> None:
+    source = write(tmp_path / "reference.csv", np.zeros(samples), rate_hz=rate_hz)
+    assert profile.integer_rate_hz(read_recording(source, ("reference_um",))) == rate_hz
 
 
 def test_the_same_bytes_every_time_and_wherever(tmp_path: Path, rdpi: Callable) -> None:

@@ -91,8 +91,8 @@ def codes(path: Path) -> list[float]:
 def test_until_the_target_has_finished(board: Board, run_csv: Path, rdpi: Callable, tmp_path: Path) -> None:
     data = stream(SENT)
     board.later(lambda: board.send(data))
-    done = rdpi("record", board.port, "-o", run_csv, "--raw", tmp_path / "raw", "--json", tmp_path / "json", "--actuator",
-                "stack 3", "--note", "first try", "--memory", "carried")
+    done = rdpi("record", board.port, "-o", run_csv, "--raw", tmp_path / "raw", "--json", tmp_path / "json",
+                "--actuator", "stack 3", "--note", "first try", "--memory", "carried")
     assert done.exit_code == 0, done.output
     assert f"{board.port}: 3000 samples, 0 lost on the way, 0 not taken by the target; 0 corrupt frames" in done.output
     assert "the target has finished" in done.output
@@ -100,7 +100,8 @@ def test_until_the_target_has_finished(board: Board, run_csv: Path, rdpi: Callab
     assert recording.columns["dac_code"].tolist() == [sample.dac_code for sample in SENT]
     assert recording.sample_rate_hz == 10_000
     assert recording.metadata.items() >= {"actuator": "stack 3", "note": "first try", "memory": "carried",
-                                          "first_tick": "1", "telemetry_lost": "0"}.items()
+                                          "first_tick": "1", "telemetry_lost": "0",
+                                          "source": board.port}.items()
     assert (tmp_path / "raw").read_bytes() == data
     result = json.loads((tmp_path / "json").read_text())
     assert result["counts"]["samples"] == 3000 and result["stretches"] == [3000]
@@ -108,7 +109,7 @@ def test_until_the_target_has_finished(board: Board, run_csv: Path, rdpi: Callab
 
 
 def test_ctrl_c_keeps_what_was_received(board: Board, run_csv: Path, rdpi: Callable) -> None:
-    board.later(lambda: board.send(stream(SENT, finished=False)), lambda: time.sleep(A_MOMENT_S),
+    board.later(lambda: board.send(stream(SENT, finished=0)), lambda: time.sleep(A_MOMENT_S),
                 lambda: os.kill(os.getpid(), signal.SIGINT))
     done = rdpi("record", board.port, "-o", run_csv)
     assert done.exit_code == 0 and "stopped" in done.output
@@ -130,7 +131,7 @@ def test_ctrl_c_before_anything_came(board: Board, rdpi: Callable, refused: Call
 
 
 def test_a_duration_of_the_targets_time(board: Board, run_csv: Path, rdpi: Callable) -> None:
-    board.later(lambda: board.send(stream(SENT, finished=False)))
+    board.later(lambda: board.send(stream(SENT, finished=0)))
     done = rdpi("record", board.port, "-o", run_csv, "--duration", "0.1")
     assert done.exit_code == 0 and "0.1 s recorded" in done.output
     assert 1000 <= len(codes(run_csv)) <= 3000
@@ -142,7 +143,7 @@ def test_silence_from_the_start(board: Board, refused: Callable) -> None:
 
 
 def test_silence_after_samples_saves_them(board: Board, run_csv: Path, rdpi: Callable) -> None:
-    board.later(lambda: board.send(stream(SENT, finished=False)))
+    board.later(lambda: board.send(stream(SENT, finished=0)))
     done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.5")
     assert done.exit_code == 2
     assert done.output.endswith(f"rdpi: {board.port}: silent for 0.5 s; what came before has been written\n")
@@ -168,7 +169,7 @@ def test_noise_is_not_silence(board: Board, refused: Callable, noise: bytes) -> 
 
 
 def test_a_port_that_vanishes_leaves_what_there_is(board: Board, run_csv: Path, rdpi: Callable) -> None:
-    board.later(lambda: board.send(stream(SENT, finished=False)), lambda: time.sleep(A_MOMENT_S), board.unplug)
+    board.later(lambda: board.send(stream(SENT, finished=0)), lambda: time.sleep(A_MOMENT_S), board.unplug)
     done = rdpi("record", board.port, "-o", run_csv)
     assert done.exit_code == 2 and "the port is gone" in done.output and "has been written" in done.output
     assert len(codes(run_csv)) == 3000
@@ -189,8 +190,18 @@ def test_a_target_of_another_version(board: Board, rdpi: Callable, run_csv: Path
     assert done.exit_code == 2 and "telemetry of version 9, which this version of rdpi does not know" in done.output
 
 
+def test_a_target_that_had_finished_before(board: Board, run_csv: Path, rdpi: Callable) -> None:
+    over = Info(streams.FINISHED, offered=3000).frame()
+    board.later(lambda: board.send(over * 3))
+    done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.5")
+    assert done.exit_code == 2 and "no samples: the target had finished before: reset it" in done.output
+    board.later(lambda: board.send(over * 3 + stream(SENT)))
+    assert rdpi("record", board.port, "-o", run_csv).exit_code == 0
+    assert len(codes(run_csv)) == 3000
+
+
 def test_reset_while_it_records(board: Board, run_csv: Path, rdpi: Callable) -> None:
-    board.later(lambda: board.send(stream(SENT, finished=False)[5000:20_000]), lambda: board.send(stream(SENT)))
+    board.later(lambda: board.send(stream(SENT, finished=0)[5000:20_000]), lambda: board.send(stream(SENT)))
     done = rdpi("record", board.port, "-o", run_csv)
     assert done.exit_code == 0 and "note: the target started anew 1 times" in done.output
     assert codes(run_csv) == [sample.dac_code for sample in SENT]
@@ -202,7 +213,7 @@ def test_from_a_socket(run_csv: Path, rdpi: Callable) -> None:
             line, _ = server.accept()
             with line:
                 time.sleep(A_MOMENT_S)  # pyserial drops what came with the connection
-                line.sendall(stream(SENT, finished=False))
+                line.sendall(stream(SENT, finished=0))
 
         threading.Thread(target=serve, daemon=True).start()
         done = rdpi("record", f"socket://127.0.0.1:{server.getsockname()[1]}", "-o", run_csv)
@@ -256,6 +267,7 @@ def test_the_longest_stretch_of_a_captured_stream(captured: Path, run_csv: Path,
     assert done.exit_code == 0, done.output
     assert "2997 samples, 3 lost on the way" in done.output
     assert codes(run_csv) == [sample.dac_code for sample in SENT[1801:]]
+    assert read_recording(run_csv).metadata.items() >= {"source": "captured.bin", "telemetry_lost": "3"}.items()
     result = json.loads((tmp_path / "json").read_text())
     assert result["streams"][0]["counts"]["lost"] == 3 and result["streams"][0]["stretches"] == [1000, 798, 1199]
     assert [row["samples"] for row in result["recordings"]] == [1199]
@@ -293,8 +305,8 @@ def test_another_sensor(captured: Path, run_csv: Path, rdpi: Callable) -> None:
 @pytest.mark.parametrize("data, message", [
     (b"", "no telemetry frame in 0 bytes; nothing was sent"),
     (b"abc" * 100, "no telemetry frame in 300 bytes; is the baud rate right?"),
-    (stream(SENT[:15]), "15 samples, 0 lost on the way, 0 not taken by the target; 0 corrupt frames: no 16 samples without"),
-    (Info().frame(), "0 samples, 0 lost on the way, 0 not taken by the target; 0 corrupt frames: no 16 samples without"),
+    (stream(SENT[:15]), "15 samples, 0 lost on the way, 0 not taken by the target; 0 corrupt frames: no 16 samples w"),
+    (Info().frame(), "0 samples, 0 lost on the way, 0 not taken by the target; 0 corrupt frames: no 16 samples w"),
     (stream(SENT)[len(Info().frame()):20_000], "samples, but no info frame"),
 ])
 def test_streams_without_a_recording(captured: Path, refused: Callable, data: bytes, message: str) -> None:
@@ -324,7 +336,7 @@ def test_the_raw_stream_is_not_written_over_the_recording(refused: Callable) -> 
 
 
 def test_the_target_told_what_it_did_not_send(captured: Path, run_csv: Path, rdpi: Callable) -> None:
-    captured.write_bytes(stream(WITHOUT_A_FEW, Info(counts=(0, 3, *[0] * 7))))
+    captured.write_bytes(stream(WITHOUT_A_FEW, Info(counts=(3, *[0] * 8))))
     done = rdpi("import", "--telemetry", captured, "-o", run_csv)
     assert "note: 3 samples never left the target: its line is too slow" in done.output
 

@@ -49,7 +49,7 @@ def test_what_was_sent_comes_out() -> None:
     assert received(decoder) == sent
     assert decoder.counts == Counts(samples=2500, infos=4)
     assert decoder.runs[0].info == telemetry.Info(
-        streams.FINISHED, 0, 10_000, 16, streams.FLOAT, -20, 120, 1, 0, 1, 0.001, 0.5, *range(9))
+        streams.FINISHED, 0, 10_000, 16, streams.FLOAT, -20, 120, 1, 0, 1, 0.001, 0.5, 2500, *range(9))
 
 
 @given(st.lists(st.integers(0, 60_000), max_size=30), st.integers(0, 3))
@@ -95,24 +95,24 @@ def damaged(data: bytes, rng: np.random.Generator) -> bytes:
 @pytest.mark.parametrize("seed", range(60))
 def test_of_a_damaged_stream_nothing_wrong_is_accepted_and_every_loss_counted(seed: int) -> None:
     sent = target(seed)
-    decoder = decode(damaged(stream(sent), np.random.default_rng(1000 + seed)))
+    decoder = decode(damaged(stream(sent, finished=10), np.random.default_rng(1000 + seed)))
     got, counts = received(decoder), decoder.counts
     assert len(decoder.runs) == 1
     assert 0.5 * len(sent) < len(got) < 0.9 * len(sent), "the damage is meant to be felt"
     by_tick = {sample.tick: sample for sample in sent}
     assert all(sample == by_tick[sample.tick] for sample in got)
     # From the first sample on if the line let a STARTING through, else from the first received.
-    started = any(info.state == streams.STARTING for info in decoder.runs[0].infos)
-    offered = got[-1].sequence - (-1 if started else got[0].sequence - 1)
-    ticks = got[-1].tick - (0 if started else got[0].tick - 1)
-    assert counts.lost == offered - len(got)
-    assert counts.ticks_lost == ticks - offered
+    run = decoder.runs[0]
+    assert run.finished, "one of ten is meant to come through"
+    first = Sample(-1, 0) if run.started else replace(got[0], sequence=got[0].sequence - 1, tick=got[0].tick - 1)
+    assert counts.lost == sent[-1].sequence - first.sequence - len(got)
+    assert counts.ticks_lost == got[-1].tick - first.tick - (got[-1].sequence - first.sequence)
     assert counts.samples == len(got)
 
 
 @pytest.mark.slow
 def test_a_million_frames_take_seconds() -> None:
-    part = stream(samples(65_536), finished=False)  # the sequence wraps to the same bytes, the tick does not matter
+    part = stream(samples(65_536), finished=0)  # the sequence wraps to the same bytes, the tick does not matter
     began = time.monotonic()
     decoder = Decoder("board")
     for _ in range(16):
@@ -139,8 +139,8 @@ def test_a_board_that_loses_every_other_tick_is_believed() -> None:
     assert (decoder.counts.ticks_lost, decoder.counts.lost, decoder.counts.unconfirmed) == (97, 0, 2)
 
 
-@pytest.mark.parametrize("liar", [Sample(7000, 51), Sample(50, 7000), Sample(7000, 7000), Sample(50, 49), Sample(50, 50),
-                                  Sample(50, 60), Sample(50, 52), Sample(49, 50), Sample(51, 52),
+@pytest.mark.parametrize("liar", [Sample(7000, 51), Sample(50, 7000), Sample(7000, 7000), Sample(50, 49),
+                                  Sample(50, 50), Sample(50, 60), Sample(50, 52), Sample(49, 50), Sample(51, 52),
                                   Sample(50, 2**32 - 1)])
 def test_what_no_neighbour_confirms_is_not_believed(liar: Sample) -> None:
     sent = samples(100)
@@ -151,7 +151,21 @@ def test_what_no_neighbour_confirms_is_not_believed(liar: Sample) -> None:
 
 def test_a_lonely_sample_is_not_believed_at_the_end_either() -> None:
     decoder = decode(stream([*samples(50), Sample(60, 61)]))
-    assert (decoder.counts.samples, decoder.counts.unconfirmed, decoder.counts.lost) == (50, 1, 0)
+    assert (decoder.counts.samples, decoder.counts.unconfirmed, decoder.counts.lost) == (50, 1, 11)
+
+
+@pytest.mark.parametrize("last, lost_ticks", [(40, 0), (40, 7), (70_000, 3)])
+def test_what_is_lost_at_the_end_is_counted_by_the_next_info(last: int, lost_ticks: int) -> None:
+    sent = [Sample(last - 20 + k, last - 19 + k + lost_ticks) for k in range(20)]
+    for offered in (last, last + 1, last + 70_000):
+        info = Info(streams.FINISHED, offered=offered).frame()
+        assert decode(b"".join(sample.frame() for sample in sent) + info * 2).counts.lost == offered - last
+
+
+def test_a_run_of_which_nothing_but_start_and_end_was_heard() -> None:
+    end = Info(streams.FINISHED, offered=500).frame()
+    assert decode(Info(streams.STARTING).frame() + end).counts.lost == 500
+    assert decode(end).counts.lost == 0, "joined when it was over"
 
 
 def test_what_is_lost_at_the_start_counts_if_the_start_was_heard() -> None:
@@ -175,7 +189,7 @@ def test_zeros_between_frames_do_no_harm() -> None:
 
 
 def test_corrupt_frames_after_the_last_sample_are_told_apart() -> None:
-    data = stream(samples(50), finished=False)
+    data = stream(samples(50), finished=0)
     counts = decode(data[:200] + b"\x05\x05\0" + data[200:] + b"noise\0" * 3).counts
     assert (counts.corrupt, counts.corrupt_at_end) == (5, 3), "two of them are one frame, cut in two"
 
@@ -184,14 +198,14 @@ def test_corrupt_frames_after_the_last_sample_are_told_apart() -> None:
 def test_a_reset_begins_a_new_run(told: bool) -> None:
     first, second = samples(300, 1), samples(200, 2)
     again = stream(second)
-    decoder = decode(stream(first, finished=False) + (again if told else again[len(Info().frame()):]))
+    decoder = decode(stream(first, finished=0) + (again if told else again[len(Info().frame()):]))
     assert [received(decoder, run) for run in range(2)] == [first, second]
     assert (decoder.counts.resets, decoder.counts.lost) == (1, 0)
     assert [len(stretch.columns["time_s"]) for stretch in stretches(decoder)] == [300, 200]
 
 
 def test_a_reset_is_told_even_if_the_ticks_go_on() -> None:
-    decoder = decode(stream(samples(100), finished=False) + stream([Sample(k, k + 1) for k in range(150, 200)]))
+    decoder = decode(stream(samples(100), finished=0) + stream([Sample(k, k + 1) for k in range(150, 200)]))
     assert (len(decoder.runs), decoder.counts.resets, decoder.counts.lost) == (2, 1, 150)
 
 
@@ -357,9 +371,9 @@ def test_a_code_that_the_dac_cannot_have_is_a_gap() -> None:
 
 def test_notes() -> None:
     sent = samples(300)
-    data = stream([*sent[:100], *sent[101:200], sent[210]], Info(counts=(0, 5, *[0] * 7)), finished=False)
-    decoder = decode(data + stream(sent) + b"noise\0")
+    data = stream([*sent[:100], *sent[101:200], sent[210]], Info(counts=(5, *[0] * 8)), finished=0)
+    decoder = decode(data + stream(sent, finished=0) + b"noise\0")
     text = "\n".join(telemetry.notes(decoder, stretches(decoder)))
     assert "started anew 1 times" in text
     assert "1 samples are not used" in text and "1 corrupt frames came after the last sample" in text
-    assert struct.calcsize("<BBBbIBB7d9I") == telemetry.INFO_BODY.size == 102
+    assert struct.calcsize("<BBBbIBB7d10I") == telemetry.INFO_BODY.size == 106

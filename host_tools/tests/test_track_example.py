@@ -18,6 +18,7 @@ from rdpi.firmware import Firmware
 from rdpi.header import render, write_header
 from rdpi.model import Drive, Memory, Model, Rate, read_model
 from rdpi.recording import read_recording, write_recording
+from rdpi.telemetry import Decoder, rates_um_per_s, references_um, volts
 
 ROOT = Path(__file__).resolve().parents[2]
 PARAMS = ROOT / "examples/track/params"
@@ -101,6 +102,30 @@ def test_what_it_writes_is_a_recording_of_a_drive(track: Run, reference: dict, t
     assert track(tmp_path / "reference.csv", "--dac", "15:0:1", "-o", tmp_path / "drive.csv").returncode == 0
     drive = read_recording(tmp_path / "drive.csv", required=("time_s", "command_V", "reference_um", "dac_code"))
     assert (len(drive), drive.sample_rate_hz) == (4000, RATE_HZ)
+
+
+def test_what_it_tells_the_host_is_what_it_did(track: Run, model: Model, reference: dict, tmp_path: Path) -> None:
+    write_recording(tmp_path / "reference.csv", reference, {})
+    done = track(tmp_path / "reference.csv", "-o", tmp_path / "drive.csv", "--telemetry", tmp_path / "stream")
+    assert done.returncode == 0, done.stderr
+    decoder = Decoder("track")
+    decoder.feed((tmp_path / "stream").read_bytes())
+    decoder.finish()
+    (run,) = decoder.runs
+    assert run.started and run.finished
+    assert (decoder.counts.samples, decoder.counts.missing, decoder.counts.corrupt) == (4000, 0, 0)
+
+    firmware = Firmware(model, 1 / RATE_HZ, "f32")
+    expected, info, samples = firmware.step(reference["reference_um"]), run.info, run.samples
+    assert samples["tick"].tolist() == list(range(1, 4001))
+    for name in ("dac_code", "flags"):
+        assert samples[name].tolist() == getattr(expected, name).tolist()
+    assert rates_um_per_s(info, samples).tolist() == expected.rate_um_per_s.tolist()
+    assert references_um(info, samples).tolist() == reference["reference_um"].astype(np.float32).tolist()
+    np.testing.assert_allclose(volts(info, samples["dac_code"]), expected.drive_V, rtol=0, atol=1e-4)
+    assert (info.rate_hz, info.dac_bits, info.min_V, info.max_V, info.offered_count) == (RATE_HZ, 15, -1.7, 80.1, 4000)
+    counts = {name: getattr(info, f"{name}_count") for name in firmware.counts}
+    assert counts == firmware.counts
 
 
 def test_as_a_filter(track: Run, tmp_path: Path) -> None:

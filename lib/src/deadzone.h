@@ -11,12 +11,13 @@ static inline rdpi_real_t rdpi_f32_deadzone(rdpi_real_t v_um, rdpi_real_t d_um)
 }
 
 /* Eq. 8: S(v) = sum of ws_j S_dj(v), S_0(v) = v. Its inverse is another such sum (eq. 13), so this is also S^-1(z).
- * O(count), count >= 1. */
+ * Thresholds ascend, so beyond the first that v does not exceed there is nothing to add. O(count), count >= 1. */
 static inline rdpi_real_t rdpi_f32_saturation(const rdpi_f32_deadzone_t *term, size_t count, rdpi_real_t v_um)
 {
-    rdpi_real_t z_um = term[0].weight * v_um;
-    for (size_t j = 1; j < count; j++) {
-        z_um += term[j].weight * rdpi_f32_deadzone(v_um, term[j].d_um);
+    const rdpi_f32_deadzone_t *end = &term[count];
+    rdpi_real_t z_um = term->weight * v_um;
+    for (term++; term != end && v_um > term->d_um; term++) {
+        z_um += term->weight * rdpi_f32_deadzone(v_um, term->d_um);
     }
     return z_um;
 }

@@ -14,11 +14,26 @@
  * play engages or x turns round; w and P are linear in the rate, so rest is kept in two parts. Falling is rising seen
  * in a mirror: `side`, +1 or -1, turns it over.
  *
- * rest is summed afresh whenever a play engages or x turns round, so rounding cannot pile up. */
+ * rest is summed afresh whenever a play engages or x turns round, so rounding cannot pile up. While none
+ * engages and the engaged ones do not let go, the solution is one division (rdpi_f32_bank_near, rdpi_f32_bank_room). */
 #ifndef RDPI_INVERSE_H
 #define RDPI_INVERSE_H
 
+#include <tgmath.h> /* fabs of whichever type rdpi_real_t is */
+
 #include "play.h"
+
+/* Whether steps take a short way where no play engages or lets go: half the instructions, for 400 bytes of code. */
+#if !defined(RDPI_QUICK_STEP)
+#if defined(__OPTIMIZE_SIZE__)
+#define RDPI_QUICK_STEP 0
+#else
+#define RDPI_QUICK_STEP 1
+#endif
+#endif
+
+/* Beyond any x, and its square is finite. */
+#define RDPI_F32_FAR ((rdpi_real_t)1e18)
 
 static inline rdpi_real_t rdpi_f32_bank_side(bool falling)
 {
@@ -64,6 +79,22 @@ static inline void rdpi_f32_bank_engage(rdpi_f32_bank_t *bank, const rdpi_f32_pl
     bank->engaged = (uint16_t)engaged;
 }
 
+/* Notes how far x may go before the next play engages. */
+static inline void rdpi_f32_bank_mark(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count)
+{
+    size_t next = bank->engaged + 1u;
+    rdpi_real_t away_um = next < count ? play[next].r_um : RDPI_F32_FAR;
+    if (bank->engaged > 0u) {
+        away_um *= rdpi_f32_bank_side(bank->falling);
+        away_um += next < count ? bank->y_um[next] : 0;
+    } else if (next == count) {
+        bank->y_um[next] = 0; /* one play alone is as free around 0 as anywhere */
+    } else {
+        /* as far as r_1 from y_1 */
+    }
+    bank->edge_um = away_um;
+}
+
 /* Takes on `y_um`, states that one history can reach. */
 static inline void rdpi_f32_bank_set(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
                                      const rdpi_real_t *y_um)
@@ -73,6 +104,26 @@ static inline void rdpi_f32_bank_set(rdpi_f32_bank_t *bank, const rdpi_f32_play_
     }
     bank->falling = false;
     rdpi_f32_bank_engage(bank, play, count, 0);
+#if RDPI_QUICK_STEP
+    rdpi_f32_bank_mark(bank, play, count);
+#endif
+}
+
+/* The x at which f is `v_um` if no play engages or lets go on the way there. */
+static inline rdpi_real_t rdpi_f32_bank_near(const rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play,
+                                             rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
+{
+    rdpi_real_t rest_um = bank->rest_um + rate_um_per_s * bank->rest_rate_s;
+    return (v_um - rest_um) / rdpi_f32_slope(&play[bank->engaged], rate_um_per_s);
+}
+
+/* Negative if one does on the way to `x_um`. */
+static inline rdpi_real_t rdpi_f32_bank_room(const rdpi_f32_bank_t *bank, rdpi_real_t x_um)
+{
+    if (bank->engaged > 0u) {
+        return (x_um - bank->y_um[0]) * (bank->edge_um - x_um);
+    }
+    return bank->edge_um - fabs(x_um - bank->y_um[1]);
 }
 
 /* x turns round: the engaged plays stay where it has taken them. Leaves rest as it was. */
@@ -154,6 +205,9 @@ static inline void rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const rdpi_f32_play
         rdpi_f32_bank_engage(bank, play, count, k);
     }
     bank->y_um[0] = target.x_um;
+#if RDPI_QUICK_STEP
+    rdpi_f32_bank_mark(bank, play, count);
+#endif
 }
 
 #endif

@@ -8,8 +8,7 @@
  * way that x can go on before anything happens but that: up to where the next play engages, or to the end of the range.
  *
  * Scaling and overflow: |x|, |y|, r <= 2^29 and neighbouring states differ by no more than their thresholds do, so ways
- * to corners stay within 2^30; slopes <= 2^30, so |f_rest|, |f_rate| <= 2^60, and half as much again while they are
- * summed. */
+ * to corners stay within 2^30; slopes <= 2^30, so |f_rest|, |f_rate| <= 2^60, and twice that while they are summed. */
 #ifndef RDPI_Q31_INVERSE_H
 #define RDPI_Q31_INVERSE_H
 
@@ -105,6 +104,8 @@ static inline int64_t rdpi_q31_bank_missing(const rdpi_q31_bank_t *bank, int32_t
     return v - bank->f_rest - rdpi_q31_mul_rate((int32_t)(bank->f_rate >> 30), rate);
 }
 
+/* rdpi_q31_bank_walk, compiled for either direction: much of what the loop does depends on it. Falling is rising seen
+ * in a mirror. */
 static inline bool rdpi_q31_bank_walk_on(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t rate,
                                          int64_t v, const bool falling)
 {
@@ -115,12 +116,8 @@ static inline bool rdpi_q31_bank_walk_on(rdpi_q31_bank_t *bank, const rdpi_q31_p
     int64_t excess = falling ? v - bank->f_rest : bank->f_rest - v; /* of f over v, at rate 0 */
     int64_t f_rate = falling ? -bank->f_rate : bank->f_rate;
     int32_t x = side * bank->y[0], room = -1;
-    while (y != last) {
-        int32_t corner = side * y[1] + play[1].r;
-        if (corner > end) {
-            break;
-        }
-        int32_t way = corner - x;
+    while (y != last && side * y[1] + play[1].r <= end) {
+        int32_t corner = side * y[1] + play[1].r, way = corner - x;
         excess += rdpi_q31_mul(play->slope, way);
         f_rate += rdpi_q31_mul(play->slope_rate, way);
         if (excess + rdpi_q31_mul_rate((int32_t)(f_rate >> 30), rate) >= 0) {
@@ -215,13 +212,15 @@ static inline void rdpi_q31_bank_back(rdpi_q31_bank_t *bank, const rdpi_q31_para
 RDPI_Q31_SELDOM void rdpi_q31_bank_move(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t from, int32_t x)
 {
     int32_t side = rdpi_q31_bank_side(bank->falling);
-    if (side * (x - from) < 0) {
+    bool turns = side * (x - from) < 0;
+    if (!turns && side * (x - bank->y[0]) < 0) {
+        rdpi_q31_bank_back(bank, params, x);
+        return;
+    }
+    if (turns) {
         rdpi_q31_bank_back(bank, params, from);
         rdpi_q31_bank_turn(bank, params);
         side = -side;
-    } else if (side * (x - bank->y[0]) < 0) {
-        rdpi_q31_bank_back(bank, params, x);
-        return;
     }
     for (; bank->engaged + 1u < params->plays; bank->engaged++, bank->last++) {
         int32_t corner = rdpi_q31_bank_corner(bank, params, bank->engaged + 1u);

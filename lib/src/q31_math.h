@@ -8,7 +8,9 @@
 
 /* Cores that multiply 32 by 32 bits to 32 only; their compilers call a routine for 64 by 64. */
 #if defined(RDPI_Q31_PORTABLE) || defined(__ARM_ARCH_6M__) || defined(__ARM_ARCH_8M_BASE__)
-#define RDPI_Q31_HALVES
+#define RDPI_Q31_HALVES 1
+#else
+#define RDPI_Q31_HALVES 0
 #endif
 
 /* Code that most steps do not need is kept out of the way of what they do. */
@@ -23,8 +25,8 @@ static inline int32_t rdpi_q31_clamp(int64_t value, int32_t low, int32_t high)
     return value < low ? low : (value > high ? high : (int32_t)value);
 }
 
-/* The same number, of which the compiler knows nothing. On cores with a long multiply, gcc widens a factor early, shares
- * that between products, and then multiplies 64 by 64 bits: not one that it has just got to know. */
+/* The same number, of which the compiler knows nothing. On cores with a long multiply, gcc widens a factor early,
+ * shares that between products, and then multiplies 64 by 64 bits: not one that it has just got to know. */
 static inline int32_t rdpi_q31_fresh(int32_t number)
 {
 #if defined(__ARM_ARCH) && defined(__GNUC__)
@@ -36,7 +38,7 @@ static inline int32_t rdpi_q31_fresh(int32_t number)
 /* a b */
 static inline int64_t rdpi_q31_mul(int32_t a, int32_t b)
 {
-#if defined(RDPI_Q31_HALVES)
+#if RDPI_Q31_HALVES
     int32_t a_low = a & 0xFFFF, a_high = a >> 16;
     int32_t b_low = b & 0xFFFF, b_high = b >> 16;
     int32_t middle = a_high * b_low + (int32_t)(((uint32_t)a_low * (uint32_t)b_low) >> 16);
@@ -51,7 +53,7 @@ static inline int64_t rdpi_q31_mul(int32_t a, int32_t b)
 /* a rate for a rate, 0 .. RDPI_Q31_ONE, of which both ends are common. */
 static inline int64_t rdpi_q31_mul_rate(int32_t a, int32_t rate)
 {
-#if defined(RDPI_Q31_HALVES)
+#if RDPI_Q31_HALVES
     if (rate == 0) {
         return 0;
     }
@@ -65,7 +67,7 @@ static inline int64_t rdpi_q31_mul_rate(int32_t a, int32_t rate)
 /* High word of a product. */
 static inline uint32_t rdpi_q31_mulh(uint32_t a, uint32_t b)
 {
-#if defined(RDPI_Q31_HALVES)
+#if RDPI_Q31_HALVES
     uint32_t a_low = a & 0xFFFFu, a_high = a >> 16;
     uint32_t b_low = b & 0xFFFFu, b_high = b >> 16;
     uint32_t middle = a_high * b_low + ((a_low * b_low) >> 16);
@@ -79,7 +81,7 @@ static inline uint32_t rdpi_q31_mulh(uint32_t a, uint32_t b)
 /* floor(whole / parts), parts 1 .. RDPI_MAX_MISSED + 1. */
 static inline uint32_t rdpi_q31_part(uint32_t whole, unsigned parts)
 {
-#if defined(RDPI_Q31_HALVES)
+#if RDPI_Q31_HALVES
 #define RDPI_Q31_PER(parts) (UINT32_MAX / (parts) + 1u) /* 2^32 over that, rounded up */
     static const uint32_t per[RDPI_MAX_MISSED + 2u] = {
         0, 0, RDPI_Q31_PER(2u), RDPI_Q31_PER(3u), RDPI_Q31_PER(4u), RDPI_Q31_PER(5u), RDPI_Q31_PER(6u),

@@ -52,6 +52,15 @@ static inline rdpi_status_t rdpi_f32_rate_init(rdpi_f32_rate_t *rate, rdpi_real_
     return RDPI_OK;
 }
 
+/* The rate of the sample `z_um` in the plain case, which is the frequent one: N = 1, no low-pass, the sample before it
+ * seen and none missed. O(1). */
+static inline rdpi_real_t rdpi_f32_rate_plain(rdpi_f32_rate_t *rate, rdpi_real_t z_um)
+{
+    rdpi_real_t moved_um = z_um - rate->z_um[0];
+    rate->z_um[0] = z_um;
+    return fabs(moved_um) * rate->per_window_s;
+}
+
 /* Takes the sample `z_um`, after `missed` of which nothing is known but that they lay on the straight line from the one
  * before, and returns the rate in um/s, >= 0. O(missed + 1), the first sample O(N). |z_um| <= 2e7. */
 static inline rdpi_real_t rdpi_f32_rate_step(rdpi_f32_rate_t *rate, rdpi_real_t z_um, unsigned missed)

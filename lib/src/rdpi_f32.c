@@ -30,6 +30,13 @@
 
 #define MAX_SWEEP_CYCLES 10000u
 
+/* Kept out of callers whose usual way must not pay for it. */
+#if defined(__GNUC__) && RDPI_QUICK_STEP
+#define APART __attribute__((noinline))
+#else
+#define APART
+#endif
+
 static rdpi_real_t clamp(rdpi_real_t value, rdpi_real_t low, rdpi_real_t high)
 {
     return value > low ? (value < high ? value : high) : low;
@@ -218,7 +225,6 @@ rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, r
     if (status == RDPI_OK) {
         rdpi_real_t last_code = (rdpi_real_t)((1uL << params->dac_bits) - 1u);
         self->params = params;
-        self->sample_time_s = sample_time_s;
         self->codes_per_V = last_code / (params->max_V - params->min_V);
         self->V_per_code = params->dac_bits > 0u ? (params->max_V - params->min_V) / last_code : 0;
         rdpi_f32_reset(self);
@@ -233,12 +239,19 @@ static void forget_samples(rdpi_f32_t *self)
 {
     rdpi_f32_rate_reset(&self->rate);
     self->missed = 0;
+    self->plain = false;
 }
 
 /* The code nearest to a drive inside the range. */
 static uint32_t code_of_drive(const rdpi_f32_t *self, rdpi_real_t drive_V)
 {
     return (uint32_t)((drive_V - self->params->min_V) * self->codes_per_V + (rdpi_real_t)0.5);
+}
+
+static rdpi_real_t drive_of_code(const rdpi_f32_t *self, uint32_t code)
+{
+    rdpi_real_t drive_V = self->params->min_V + (rdpi_real_t)code * self->V_per_code;
+    return drive_V > self->params->max_V ? self->params->max_V : drive_V; /* the last code, rounded */
 }
 
 /* Takes checked states, as they are: what rdpi_f32_get_memory gave comes back bit for bit. */
@@ -291,12 +304,14 @@ static void set_flag(rdpi_f32_t *self, uint32_t flag, uint32_t *count)
 }
 
 /* The input is not usable: the sample passes with everything held. */
-static void refuse_input(rdpi_f32_t *self)
+APART static rdpi_real_t refuse_input(rdpi_f32_t *self)
 {
     set_flag(self, RDPI_FLAG_INPUT, &self->input_count);
-    if (self->missed < UINT16_MAX) {
+    if (self->missed < UINT8_MAX) {
         self->missed++;
     }
+    self->plain = false;
+    return self->drive_V;
 }
 
 /* The singularity guard. */
@@ -310,6 +325,12 @@ static rdpi_real_t limit_rate(rdpi_f32_t *self, rdpi_real_t rate_um_per_s)
     return rate_um_per_s;
 }
 
+/* How much per sample is so much per second. */
+static rdpi_real_t per_sample(const rdpi_f32_t *self, rdpi_real_t per_s)
+{
+    return per_s / ((rdpi_real_t)self->rate.window * self->rate.per_window_s);
+}
+
 /* Range and slew: what may be output of the drive wished for. */
 static rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V)
 {
@@ -320,7 +341,7 @@ static rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V)
         clipped |= RDPI_FLAG_RANGE;
     }
     if (params->slew_V_per_s > 0) {
-        rdpi_real_t slew_V = params->slew_V_per_s * self->sample_time_s;
+        rdpi_real_t slew_V = per_sample(self, params->slew_V_per_s);
         rdpi_real_t reached_V = clamp(drive_V, self->ramp_V - slew_V, self->ramp_V + slew_V);
         if (reached_V != drive_V) {
             clipped |= RDPI_FLAG_SLEW;
@@ -341,10 +362,7 @@ static void output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t wish_V, rd
     self->ramp_V = drive_V;
     if (params->dac_bits > 0u) {
         self->dac_code = code_of_drive(self, drive_V);
-        drive_V = params->min_V + (rdpi_real_t)self->dac_code * self->V_per_code;
-        if (drive_V > params->max_V) { /* the last code, rounded */
-            drive_V = params->max_V;
-        }
+        drive_V = drive_of_code(self, self->dac_code);
     }
     self->drive_V = drive_V;
     if (drive_V != wish_V) {
@@ -353,33 +371,88 @@ static void output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t wish_V, rd
     rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
 }
 
-rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
+/* The bank output that makes the reference. */
+static rdpi_real_t v_of_reference(const rdpi_f32_params_t *params, rdpi_real_t reference_um)
+{
+    return rdpi_f32_saturation(params->inverse_saturation, params->deadzones, reference_um - params->offset_um);
+}
+
+/* The end of any step. */
+APART static rdpi_real_t walk(rdpi_f32_t *self, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
     const rdpi_f32_params_t *params = self->params;
-
-    self->flags = 0;
-    if (!(fabs(reference_um) <= RDPI_MAX_REFERENCE_UM)) {
-        refuse_input(self);
-        return self->drive_V;
-    }
-    if (self->missed > 0u) {
-        self->flags = RDPI_FLAG_MISSED;
-    }
-    rdpi_real_t z_um = reference_um - params->offset_um;
-    /* From the reference, which is exact, and not from z, which is rounded: the offset cancels. */
-    rdpi_real_t rate_um_per_s = limit_rate(self, rdpi_f32_rate_step(&self->rate, reference_um, self->missed));
-    rdpi_real_t v_um = rdpi_f32_saturation(params->inverse_saturation, params->deadzones, z_um);
-    self->missed = 0;
     rdpi_f32_target_t target = rdpi_f32_bank_solve(&self->bank, params->play, params->plays, rate_um_per_s, v_um);
     rdpi_real_t wish_V = drive_of_x(params, target.x_um);
     output(self, limit_drive(self, wish_V), wish_V, target);
     return self->drive_V;
 }
 
+/* Any step with a usable reference. */
+APART static rdpi_real_t full_step(rdpi_f32_t *self, rdpi_real_t reference_um)
+{
+    if (self->missed > 0u) {
+        self->flags = RDPI_FLAG_MISSED;
+    }
+    /* From the reference, which is exact, and not from z, which is rounded: the offset cancels. */
+    rdpi_real_t rate_um_per_s = limit_rate(self, rdpi_f32_rate_step(&self->rate, reference_um, self->missed));
+    self->missed = 0;
+#if RDPI_QUICK_STEP
+    self->plain = self->rate.window == 1u && self->rate.keep <= 0 && self->params->slew_V_per_s <= 0;
+#endif
+    return walk(self, rate_um_per_s, v_of_reference(self->params, reference_um));
+}
+
+#if RDPI_QUICK_STEP
+/* The same in half the instructions while no play engages or lets go and no limit is met, which is nearly always. */
+static rdpi_real_t quick_step(rdpi_f32_t *self, rdpi_real_t reference_um)
+{
+    const rdpi_f32_params_t *params = self->params;
+    rdpi_f32_bank_t *bank = &self->bank;
+    rdpi_real_t rate_um_per_s = limit_rate(self, rdpi_f32_rate_plain(&self->rate, reference_um));
+    rdpi_real_t v_um = v_of_reference(params, reference_um);
+    rdpi_real_t x_um = rdpi_f32_bank_near(bank, params->play, rate_um_per_s, v_um);
+    if (!(rdpi_f32_bank_room(bank, x_um) >= 0)) {
+        return walk(self, rate_um_per_s, v_um);
+    }
+    rdpi_real_t drive_V = drive_of_x(params, x_um);
+    if (!((drive_V - params->min_V) * (params->max_V - drive_V) >= 0)) {
+        return walk(self, rate_um_per_s, v_um);
+    }
+    self->ramp_V = drive_V;
+    if (params->dac_bits > 0u) {
+        uint32_t code = code_of_drive(self, drive_V);
+        drive_V = drive_of_code(self, code);
+        x_um = x_of_drive(params, drive_V);
+        if (x_um != bank->y_um[0] && !(rdpi_f32_bank_room(bank, x_um) >= 0)) {
+            return walk(self, rate_um_per_s, v_um);
+        }
+        self->dac_code = code;
+    }
+    self->drive_V = drive_V;
+    bank->y_um[0] = x_um;
+    return drive_V;
+}
+#endif
+
+rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
+{
+    self->flags = 0;
+    if (!(fabs(reference_um) <= RDPI_MAX_REFERENCE_UM)) {
+        return refuse_input(self);
+    }
+#if RDPI_QUICK_STEP
+    if (self->plain) {
+        return quick_step(self, reference_um);
+    }
+#endif
+    return full_step(self, reference_um);
+}
+
 void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks)
 {
-    uint32_t missed = self->missed + (ticks < UINT16_MAX ? ticks : UINT16_MAX);
-    self->missed = (uint16_t)(missed < UINT16_MAX ? missed : UINT16_MAX);
+    uint32_t missed = self->missed + (ticks < UINT8_MAX ? ticks : UINT8_MAX);
+    self->missed = (uint8_t)(missed < UINT8_MAX ? missed : UINT8_MAX);
+    self->plain = false;
     self->missed_count += ticks < UINT32_MAX - self->missed_count ? ticks : UINT32_MAX - self->missed_count;
 }
 
@@ -395,7 +468,7 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     rdpi_real_t limit_V = self->sweep_turns % 2u != 0u ? params->max_V : params->min_V;
     rdpi_real_t turn_V = clamp(params->sweep_end_V + left * (limit_V - params->sweep_end_V), params->min_V,
                                params->max_V);
-    rdpi_real_t step_V = params->sweep_V_per_s * self->sample_time_s;
+    rdpi_real_t step_V = per_sample(self, params->sweep_V_per_s);
     rdpi_real_t drive_V = clamp(turn_V, self->ramp_V - step_V, self->ramp_V + step_V);
 
     self->flags = 0;
@@ -429,8 +502,7 @@ rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t 
     rdpi_real_t outside_V = drive_V - clamp(drive_V, params->min_V, params->max_V);
     if (!isfinite(displacement_um) || !isfinite(rate_um_per_s) ||
         fabs(outside_V) > MAX_SPANS * (params->max_V - params->min_V)) {
-        refuse_input(self);
-        return rdpi_f32_predict(self, self->drive_V, self->rate_um_per_s);
+        return rdpi_f32_predict(self, refuse_input(self), self->rate_um_per_s);
     }
     rdpi_f32_target_t target = {x_of_drive(params, drive_V), 0, false};
     (void)limit_rate(self, rate_um_per_s);

@@ -48,11 +48,11 @@ static int32_t last_code(const rdpi_q31_params_t *params)
     return (int32_t)(((uint32_t)1 << params->dac_bits) - 1u);
 }
 
-/* Whether codes are so far apart, some 4 drive units, that the numbers of output_code fit 32 bits. */
+/* Whether codes are 4 drive units or more apart, which makes drive_shift 30 at most, and the numbers of output_code fit
+ * 32 bits. */
 static bool codes_are_coarse(const rdpi_q31_params_t *params)
 {
-    return params->dac_bits > 0u && params->code_shift >= 33u && params->drive_shift <= 31u &&
-           (uint32_t)last_code(params) >> params->drive_shift == 0u;
+    return params->dac_bits > 0u && params->code_shift >= 33u && last_code(params) >> params->drive_shift == 0;
 }
 
 /* ---- what init checks ---- */

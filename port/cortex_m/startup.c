@@ -30,8 +30,7 @@ void reset(void)
         *to++ = 0;
     }
     (void)main();
-    for (;;) { /* interrupts go on: the timer, what is still to be sent */
-        cortex_m_sleep();
+    for (;;) { /* interrupts go on: the timer, what is still to be sent. Awake: see rdpi_port_idle in port/qemu_mps2 */
     }
 }
 

@@ -2,32 +2,36 @@
  * and the test that defines it brings its own functions for what reads, writes and enables.
  *
  *     what                                                                          sources
- *     offsets          PWR, RCC, SPI, TIM, USART, ADC                               [1]; SPI, TIM, USART, ADC also [2]
- *                      GPIO, FLASH, ADC common                                      [3]; ADC common also [1]
+ *     offsets          PWR, RCC, SPI, TIM, USART, ADC                               [1]; RCC, SPI, ADC also [3]
+ *                      GPIO, ADC common                                             [5]; ADC common also [1]
  *     base addresses   TIM2, ADC1, SPI1, USART1, GPIOA, RCC, FLASH, PWR             [2]
  *     interrupts       TIM2 28, SPI1 35, USART1 37, TIM7 55                         [1]; the first three also [2]
  *     RCC_CR           HSION 0, HSIRDY 1, HSEON 16, HSERDY 17, PLLON 24, PLLRDY 25  [3]
- *     RCC_PLLCFGR      PLLM 5:0, PLLN 14:6, PLLP 17:16, PLLSRC 22, PLLQ 27:24       [1] [3]
- *     RCC_CFGR         SW 1:0, SWS 3:2, HPRE 7:4, PPRE1 12:10, PPRE2 15:13          [1] [3]
+ *     RCC_PLLCFGR      PLLM 5:0, PLLN 14:6, PLLP 17:16, PLLSRC 22, PLLQ 27:24       [3] [5]
+ *     RCC_CFGR         SW 1:0, SWS 3:2, HPRE 7:4, PPRE1 12:10, PPRE2 15:13          [3] [5]
  *     RCC enable and   GPIOA 0; TIM2 0, PWR 28; USART1 4, ADC1 8, SPI1 12           [3]
  *     reset registers
- *     FLASH_ACR        LATENCY 2:0, PRFTEN 8, ICEN 9, DCEN 10                       [3]
- *     PWR_CR           VOS 14: full speed, as after reset                           [3]
- *     GPIO             two bits a pin (MODER, OSPEEDR), four (AFR), BSRR            [3]
- *                      PA5, PA7 SPI1 = AF5; PA9 USART1_TX = AF7; PA0 ADC channel 0  [3]
+ *     FLASH_ACR        LATENCY 2:0, PRFTEN 8, ICEN 9, DCEN 10                       ICEN, DCEN [3]; all [6]
+ *                      five wait states for 168 MHz                                 [6]
+ *     PWR_CR           VOS 14: full speed, as after reset                           [5]
+ *     GPIO             two bits a pin (MODER, OSPEEDR), four (AFR), BSRR            [5]
+ *                      PA5, PA7 SPI1 = AF5; PA9 USART1_TX = AF7; PA0 ADC channel 0  [6]
  *     SPI_CR1          CPHA 0, MSTR 2, BR 5:3, SPE 6, SSI 8, SSM 9                  [3]
  *     SPI_CR2, SR      RXNEIE 6; RXNE 0                                             [3]; RXNE also [2]
- *     USART_CR1, SR    TE 3, TXEIE 7, UE 13; TXE 7                                  [1] [2]
- *     ADC              CR2 ADON 0, CONT 1, SWSTART 30; SR EOC 1, STRT 4;            [3]; CR2 also [1] [2]
- *                      SMPR2 SMP0 2:0; common CCR ADCPRE 17:16
- *     TIM              CR1 CEN 0; DIER UIE 0; SR UIF 0, cleared by 0                [2] [3]
- *                      TIM2 has 32 bits; timers run at twice APB1 / 4               [3]
+ *     USART_CR1, SR    TE 3, TXEIE 7, UE 13; TXE 7                                  [5]; TXEIE, TXE also [2]
+ *     ADC              CR2 ADON 0, CONT 1; SR EOC 1, STRT 4                         [3]; ADON also [2]
+ *                      CR2 SWSTART 30, SMPR2 84 cycles = 4, CCR ADCPRE 17:16        [5]; SWSTART also [2]
+ *                      stable after 3 us                                            [6]
+ *     TIM              CR1 CEN 0; DIER UIE 0; SR UIF 0, cleared by 0                [2], as in stm32g474
+ *                      TIM2 has 32 bits; timers run at twice APB1 / 4               [6]
  *     DWT, DEMCR       CTRL CYCCNTENA 0, CYCCNT; TRCENA 24                          [4]
  *
- * [1] ST, github.com/STMicroelectronics/cmsis_device_f4, Include/stm32f405xx.h, and ST's headers of the same family;
+ * [1] ST, github.com/STMicroelectronics/cmsis_device_f4, Include/stm32f405xx.h;
  * [2] QEMU's models of the chip: hw/arm/stm32f405_soc.c, hw/{timer,ssi,char,adc}/stm32f2xx_*.c;
- * [3] from memory of RM0090, chapters 3, 5, 7, 8, 13, 18, 28 and 30: the manual was not at hand;
- * [4] Armv7-M Architecture Reference Manual (DDI 0403), C1.6 and C1.8.
+ * [3] libopencm3, stm32/f4/rcc.h, stm32/common/{spi_common_all,adc_common_v1,flash_common_idcache}.h;
+ * [4] Armv7-M Architecture Reference Manual (DDI 0403), C1.6 and C1.8, from memory;
+ * [5] headers of ST's and libopencm3's for this family, as they turn up in public projects;
+ * [6] from memory of RM0090 and DS8626, which were not at hand: to be checked against them.
  *
  * QEMU's machine ran what it models, which is neither clock nor converter nor the SPI's interrupt. Nothing ran on
  * silicon. */

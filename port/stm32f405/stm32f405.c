@@ -81,7 +81,7 @@ static bool clock_is_modelled(void)
     return (reg_read(&RCC->cr) & (RCC_CR_HSIRDY | RCC_CR_HSERDY | RCC_CR_PLLRDY)) != 0u;
 }
 
-/* RM0090 7.2 and 3.5.1. Stops where the chip does not follow. */
+/* RM0090, chapters 3, 5 and 7. Stops where the chip does not follow. */
 static bool clock_start(void)
 {
     if (!clock_is_modelled()) {

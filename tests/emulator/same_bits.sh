@@ -33,7 +33,7 @@ host() { # host COMPILER FLAGS...
 core() { # core MACHINE FLASH RAM FLAGS...
     local machine=$1 flash=$2 ram=$3
     shift 3
-    arm-none-eabi-gcc -mthumb "$@" "${common[@]}" --specs=rdimon.specs -nostartfiles -T tests/emulator/board.ld \
+    arm-none-eabi-gcc -mthumb "$@" "${common[@]}" --specs=rdimon.specs -nostartfiles -T port/cortex_m/cortex_m.ld \
         -Wl,--defsym=flash_size="$flash" -Wl,--defsym=ram_size="$ram" -ffunction-sections -Wl,--gc-sections \
         tests/emulator/board.c "${sources[@]}" -lm -o $build/core.elf 2>&1 &&
         timeout 300 qemu-system-arm -M "$machine" -nographic -monitor none -serial none -semihosting \

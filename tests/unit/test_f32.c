@@ -1758,6 +1758,91 @@ void test_missed_samples_do_not_survive_a_reset(void)
     TEST_ASSERT_EQUAL_UINT32(0, axis.flags);
 }
 
+/* ---- the short way ---- */
+
+/* Steps through references of all kinds, beside a twin that is made to take the long way. */
+static void equals_the_long_way(size_t plays)
+{
+    given.params.plays = (uint16_t)plays;
+    start();
+    rdpi_f32_t twin = axis;
+    uint32_t seed = 5;
+    double reference_um = 0;
+    for (int k = 0; k < 20000; k++) {
+        seed = seed * 1664525u + 1013904223u;
+        double change = (double)(seed >> 8) / (1 << 23) - 1;
+        switch (k / 50 % 4) {
+        case 0: /* jumps, also beyond the range */
+            reference_um = k % 7 == 0 ? 24 * change : reference_um;
+            break;
+        case 1:
+            reference_um += change;
+            break;
+        case 2:
+            reference_um += change / 64;
+            break;
+        default:
+            reference_um = 4 * sin(0.02 * k);
+            break;
+        }
+        bool plain = axis.plain;
+        twin.plain = false;
+        rdpi_real_t drive_V = rdpi_f32_step(&twin, (rdpi_real_t)reference_um);
+        EQUAL_REAL(drive_V, rdpi_f32_step(&axis, (rdpi_real_t)reference_um));
+        EQUAL_REAL(drive_V, axis.drive_V);
+        EQUAL_REAL(twin.ramp_V, axis.ramp_V);
+        EQUAL_REAL(twin.rate_um_per_s, axis.rate_um_per_s);
+        TEST_ASSERT_EQUAL_UINT32(twin.dac_code, axis.dac_code);
+        TEST_ASSERT_EQUAL_UINT32(twin.flags, axis.flags);
+        rdpi_real_t y_um[RDPI_MAX_PLAYS], twin_y_um[RDPI_MAX_PLAYS];
+        rdpi_f32_get_memory(&axis, y_um);
+        rdpi_f32_get_memory(&twin, twin_y_um);
+        for (size_t i = 0; i < plays; i++) {
+            TEST_ASSERT_FLOAT_WITHIN(1e-4f, (float)twin_y_um[i], (float)y_um[i]);
+        }
+        TEST_ASSERT_EQUAL(k > 0, plain);
+    }
+    TEST_ASSERT_EQUAL_UINT32(twin.clip_count, axis.clip_count);
+    TEST_ASSERT_EQUAL_UINT32(twin.guard_count, axis.guard_count);
+    TEST_ASSERT_TRUE(axis.clip_count > 100 && axis.guard_count > 100);
+}
+
+void test_short_and_long_way_lead_to_the_same_drive(void)
+{
+    for (size_t plays = 1; plays <= PLAYS; plays++) {
+        equals_the_long_way(plays);
+    }
+}
+
+void test_short_and_long_way_lead_to_the_same_code(void)
+{
+    five_bit_dac();
+    equals_the_long_way(PLAYS);
+    given.params.gain_um_per_V = (rdpi_real_t)-1.5; /* corners between codes: rounding alone can reach one */
+    equals_the_long_way(PLAYS);
+}
+
+void test_windows_filters_and_slew_limits_take_the_long_way(void)
+{
+    start();
+    rdpi_f32_step(&axis, 0);
+    TEST_ASSERT_TRUE(axis.plain);
+    given.params.rate_window_s = 2 * T_S;
+    start();
+    rdpi_f32_step(&axis, 0);
+    TEST_ASSERT_FALSE(axis.plain);
+    given.params.rate_window_s = 0;
+    given.params.rate_filter_s = T_S;
+    start();
+    rdpi_f32_step(&axis, 0);
+    TEST_ASSERT_FALSE(axis.plain);
+    given.params.rate_filter_s = 0;
+    given.params.slew_V_per_s = 512;
+    start();
+    rdpi_f32_step(&axis, 0);
+    TEST_ASSERT_FALSE(axis.plain);
+}
+
 /* ---- the start-up sweep ---- */
 
 /* A whole sweep, its plant moving along: each sample goes `step_V` towards the next of `count` turning points and stops

@@ -1,5 +1,6 @@
 #include "unity.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "actuator.h"
@@ -357,6 +358,94 @@ void test_solution_says_how_many_plays_it_engages_and_whether_it_turned(void)
     target = rdpi_f32_bank_solve(&bank, halving, COUNT, 0, (rdpi_real_t)7.5);
     TEST_ASSERT_EQUAL_UINT(1, target.engaged);
     TEST_ASSERT_TRUE(target.turned);
+}
+
+/* ---- the short way ---- */
+
+/* Not to be left by: nearest inputs beside these that do and do not engage a play or let one go. */
+static void free_between(rdpi_real_t low_um, rdpi_real_t high_um)
+{
+    const rdpi_real_t near_um = (rdpi_real_t)0.0625;
+    TEST_ASSERT_TRUE(rdpi_f32_bank_room(&bank, low_um) >= 0);
+    TEST_ASSERT_TRUE(rdpi_f32_bank_room(&bank, high_um) >= 0);
+    TEST_ASSERT_TRUE(rdpi_f32_bank_room(&bank, low_um - near_um) < 0);
+    TEST_ASSERT_TRUE(rdpi_f32_bank_room(&bank, high_um + near_um) < 0);
+}
+
+void test_there_is_room_from_the_present_input_to_the_next_corner(void)
+{
+    move(3);
+    free_between(3, 4);
+    move((rdpi_real_t)3.5);
+    free_between((rdpi_real_t)3.5, 4);
+    move(-2);
+    free_between(-4, -2);
+}
+
+void test_while_no_play_is_engaged_there_is_room_on_both_sides(void)
+{
+    free_between(-1, 1);
+    move(5);
+    move(4);
+    free_between(3, 5);
+}
+
+void test_with_every_play_engaged_there_is_room_without_end(void)
+{
+    move(5);
+    TEST_ASSERT_TRUE(rdpi_f32_bank_room(&bank, (rdpi_real_t)1e7) >= 0);
+    TEST_ASSERT_TRUE(rdpi_f32_bank_room(&bank, (rdpi_real_t)4.9375) < 0);
+    move(-9);
+    TEST_ASSERT_TRUE(rdpi_f32_bank_room(&bank, (rdpi_real_t)-1e7) >= 0);
+    TEST_ASSERT_TRUE(rdpi_f32_bank_room(&bank, (rdpi_real_t)-8.9375) < 0);
+}
+
+void test_one_play_alone_has_room_everywhere(void)
+{
+    const rdpi_real_t x_um = 3;
+    bank.y_um[1] = NAN;
+    rdpi_f32_bank_set(&bank, halving, 1, &x_um);
+    TEST_ASSERT_TRUE(rdpi_f32_bank_room(&bank, (rdpi_real_t)1e7) >= 0);
+    TEST_ASSERT_TRUE(rdpi_f32_bank_room(&bank, (rdpi_real_t)-1e7) >= 0);
+    EQUAL_REAL(8, rdpi_f32_bank_near(&bank, halving, 0, 4));
+}
+
+void test_where_there_is_no_number_there_is_no_room(void)
+{
+    TEST_ASSERT_FALSE(rdpi_f32_bank_room(&bank, (rdpi_real_t)NAN) >= 0);
+    move(3);
+    TEST_ASSERT_FALSE(rdpi_f32_bank_room(&bank, (rdpi_real_t)NAN) >= 0);
+}
+
+/* And x alone need be noted: the states follow. */
+void test_where_there_is_room_the_short_way_leads_to_the_solution(void)
+{
+    const rdpi_real_t path_um[] = {0, (rdpi_real_t)0.5, 3, 5, 4, 2, -1, -4, -5, -4, 1};
+    unsigned found = 0;
+    for (size_t k = 0; k < sizeof path_um / sizeof path_um[0]; k++) {
+        move(path_um[k]);
+        for (int step = -16; step <= 16; step++) {
+            rdpi_f32_bank_t before = bank;
+            rdpi_real_t x_um = path_um[k] + (rdpi_real_t)step / 8, rate = (rdpi_real_t)(step & 1);
+            rdpi_real_t v_um = rdpi_f32_bank_at(&bank, halving, COUNT, rate, x_um);
+            rdpi_real_t near_um = rdpi_f32_bank_near(&bank, halving, rate, v_um);
+            if (rdpi_f32_bank_room(&bank, near_um) >= 0) {
+                rdpi_real_t solved_um = solution(halving, COUNT, rate, v_um);
+                found++;
+                EQUAL_REAL(solved_um, near_um);
+                rdpi_real_t states_um[COUNT];
+                for (size_t i = 0; i < COUNT; i++) {
+                    states_um[i] = rdpi_f32_play(near_um, halving[i].r_um, rdpi_f32_bank_state(&bank, halving, i));
+                }
+                bank.y_um[0] = near_um;
+                equal_states(states_um[0], states_um[1], states_um[2], states_um[3]);
+                bank = before;
+            } else {
+                TEST_ASSERT_TRUE(step != 0);
+            }
+        }
+    }
+    TEST_ASSERT_TRUE(found > 50);
 }
 
 /* ---- solving, then moving ---- */

@@ -39,12 +39,12 @@ void setUp(void)
     given = (actuator_q31_t){
         .play = {{0, ONE / 4, -ONE / 8}, {U, ONE / 2, -ONE / 8}, {3 * U, ONE / 4 * 3, 0}},
         .saturation = {{0, 1 << 30}, {U, -(1 << 29)}},         /* over 2^29: 2, then 1 */
-        .inverse_saturation = {{0, 1 << 28}, {2 * U, 1 << 28}}, /* 1/2, then 1 */
+        .inverse_saturation = {{0, 1 << 29}, {2 * U, 1 << 29}}, /* 1/2, then 1 */
         .params = {
             .plays = PLAYS,
             .deadzones = DEADZONES,
             .saturation_shift = 29,
-            .inverse_shift = 29,
+            .inverse_shift = 30,
             .guard_mantissa = (uint32_t)1 << 31,
             .guard_exponent = -33, /* 2^(31 - 33 + 20) = U / 4 a sample */
             .min_slope_ratio = 32768, /* W_0 just keeps it */
@@ -97,7 +97,8 @@ static void one_slope(int32_t slope)
 {
     given.params.plays = given.params.deadzones = 1;
     given.play[0] = (rdpi_q31_play_t){0, slope, 0};
-    given.saturation[0].weight = given.inverse_saturation[0].weight = 1 << 29;
+    given.saturation[0].weight = 1 << 29;
+    given.inverse_saturation[0].weight = 1 << 30;
 }
 
 static void whole_format(void)
@@ -1319,6 +1320,105 @@ void test_codes_are_the_nearest_over_the_whole_range(void)
             TEST_ASSERT_EQUAL_UINT32(seen, axis.dac_code);
         }
     }
+}
+
+/* Without a slew limit, and with one that never limits: the same codes and drives, coarse or fine. */
+void test_codes_do_not_depend_on_how_they_are_found(void)
+{
+    whole_format();
+    for (unsigned bits = 1; bits <= RDPI_MAX_DAC_BITS; bits++) {
+        for (int falling = 0; falling < 2; falling++) {
+            for (unsigned shift = 0; shift < 26u; shift += 5u) { /* down to steps of less than one drive unit */
+                rdpi_q31_t twin;
+                given.params.max_drive = (MAX >> shift) - 3;
+                given.params.min_drive = -(MAX >> shift);
+                given.params.sweep_end = 0;
+                given.params.slew_per_us = 0;
+                actuator_q31_codes(&given, bits, falling);
+                start();
+                twin = axis;
+                given.params.slew_per_us = UINT64_MAX;
+                start();
+                TEST_ASSERT_TRUE(twin.slew == 0 && axis.slew > 0);
+                actuator_q31_t limited = given;
+                given.params.slew_per_us = 0;
+                actuator_q31_derive(&given);
+                actuator_q31_seal(&limited);
+                axis.params = &limited.params;
+                for (int k = 0; k < 200; k++) {
+                    int32_t reference = random_size(MAX >> shift, 3);
+                    rdpi_q31_step(&twin, reference);
+                    rdpi_q31_step(&axis, reference);
+                    TEST_ASSERT_EQUAL_INT32(axis.drive, twin.drive);
+                    TEST_ASSERT_EQUAL_HEX32(axis.dac_code, twin.dac_code);
+                    TEST_ASSERT_EQUAL_INT64(axis.ramp, twin.ramp);
+                    TEST_ASSERT_EQUAL_HEX32(axis.flags, twin.flags);
+                }
+            }
+        }
+    }
+}
+
+/* Within what init allows: the range ends before the last code. */
+void test_the_last_code_s_drive_ends_with_the_range(void)
+{
+    int32_t y[PLAYS];
+    given.params.max_drive = MAX - 10;
+    given.params.min_drive = -MAX + 10;
+    actuator_q31_codes(&given, 20, false);
+    given.params.drive_per_code++; /* a unit of 2^30, and so is the last drive */
+    start();
+    TEST_ASSERT_TRUE(axis.plain);
+    TEST_ASSERT_EQUAL_INT32(MAX - 10, rdpi_q31_step(&axis, FAR));
+    TEST_ASSERT_EQUAL_INT32((1 << 20) - 1, axis.dac_code);
+    rdpi_q31_get_memory(&axis, y);
+    TEST_ASSERT_EQUAL_INT32(MAX - 10, y[0]);
+}
+
+/* The same quotients with fewer digits. */
+void test_codes_do_not_depend_on_how_their_steps_are_written(void)
+{
+    rdpi_q31_t twin;
+    given.params.dac_bits = 16;
+    given.params.min_drive = given.params.code_0_drive = -(1 << 28);
+    given.params.max_drive = given.params.min_drive + (65535 << 13);
+    given.params.codes_per_drive = given.params.drive_per_code = 1 << 30;
+    given.params.code_shift = 43;
+    given.params.drive_shift = 17;
+    start();
+    twin = axis;
+    actuator_q31_t long_steps = given;
+    actuator_q31_seal(&long_steps);
+    twin.params = &long_steps.params;
+    given.params.drive_per_code = 1 << 14;
+    given.params.drive_shift = 1;
+    start();
+    for (int k = 0; k < 1000; k++) {
+        int32_t reference = random_size(MAX / 2, 3);
+        TEST_ASSERT_EQUAL_INT32(rdpi_q31_step(&twin, reference), rdpi_q31_step(&axis, reference));
+        TEST_ASSERT_EQUAL_HEX32(twin.dac_code, axis.dac_code);
+    }
+}
+
+void test_clipped_by_range_and_slew_counts_once(void)
+{
+    given.params.slew_per_us = PER_SAMPLE(U);
+    start();
+    rdpi_q31_step(&axis, FAR);
+    TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_RANGE | RDPI_FLAG_SLEW, axis.flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW));
+    TEST_ASSERT_EQUAL_UINT32(1, axis.clip_count);
+}
+
+void test_init_forgets_another_actuators_saturation(void)
+{
+    start();
+    rdpi_q31_step(&axis, U);
+    given.inverse_saturation[0].weight = 1 << 28; /* z is 4 v: half the drive */
+    start();
+    rdpi_q31_t fresh;
+    memset(&fresh, 0, sizeof fresh);
+    TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_q31_init(&fresh, &given.params, T_NS));
+    TEST_ASSERT_EQUAL_INT32(rdpi_q31_step(&fresh, U), rdpi_q31_step(&axis, U));
 }
 
 /* An eighth of a code a sample: the output goes more slowly, and does not freeze. */

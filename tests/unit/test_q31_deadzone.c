@@ -180,7 +180,8 @@ static void found(int32_t v, int32_t begin, int32_t end)
     TEST_ASSERT_TRUE(rdpi_q31_piece_holds(&piece, end - 1));
     TEST_ASSERT_FALSE(rdpi_q31_piece_holds(&piece, end));
     TEST_ASSERT_FALSE(rdpi_q31_piece_holds(&piece, begin - 1));
-    for (int32_t at = begin > -500 ? begin : -500; at <= (end < 900 ? end : 900); at++) { /* its end is the next's begin */
+    int32_t last = end < 900 ? end : 900; /* the end of one is the beginning of the next */
+    for (int32_t at = begin > -500 ? begin : -500; at <= last; at++) {
         TEST_ASSERT_EQUAL_INT32(rdpi_q31_saturation(fine, COUNT, FINE, INT32_MAX, at),
                                 (int32_t)(rdpi_q31_piece_at(&piece, at) >> 30));
     }

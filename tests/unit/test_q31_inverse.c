@@ -602,6 +602,14 @@ void test_nothing_drifts_in_a_hundred_thousand_moves(void)
     exact_in_every_bit();
 }
 
+/* Or where a play engages. */
+static int32_t any_x_or_corner(void)
+{
+    int32_t i = random_between(0, params.plays - 1), side = random_bits() % 2u ? 1 : -1;
+    int32_t x = random_bits() % 2u ? any_x() : plain[i] + side * any_play[i].r;
+    return rdpi_q31_clamp(x, params.min_drive, params.max_drive);
+}
+
 /* Any v that an x within the range has: a few units of v, whatever the slopes. */
 void test_the_solution_put_into_any_bank_gives_what_was_asked(void)
 {
@@ -609,9 +617,10 @@ void test_the_solution_put_into_any_bank_gives_what_was_asked(void)
         any_bank(1);
         for (int k = 0; k < 500; k++) {
             int32_t rate = random_bits() % 4u ? random_between(0, ONE) : (int32_t)(random_bits() % 2u) * ONE;
-            int32_t v = rdpi_q31_bank_at(&bank, &params, rate, any_x_in_range());
+            int32_t v = rdpi_q31_bank_at(&bank, &params, rate, any_x_or_corner());
             int32_t from = bank.y[0], x = solve(rate, v);
             TEST_ASSERT_TRUE(x >= params.min_drive && x <= params.max_drive);
+            TEST_ASSERT_TRUE(!beyond || x == params.min_drive || x == params.max_drive);
             move_from(from, x);
             TEST_ASSERT_INT32_WITHIN(8, v, rdpi_q31_bank_at(&bank, &params, rate, bank.y[0]));
             exact_in_every_bit();

@@ -83,7 +83,8 @@ void test_products_with_a_rate_are_exact_at_both_ends_and_in_between(void)
     const int32_t rates[] = {0, 1, RDPI_Q31_ONE / 3, RDPI_Q31_ONE - 1, RDPI_Q31_ONE};
     for (size_t i = 0; i < WORDS; i++) {
         for (size_t k = 0; k < 5; k++) {
-            TEST_ASSERT_EQUAL_INT64((int64_t)(int32_t)words[i] * rates[k], rdpi_q31_mul_rate((int32_t)words[i], rates[k]));
+            int32_t a = (int32_t)words[i];
+            TEST_ASSERT_EQUAL_INT64((int64_t)a * rates[k], rdpi_q31_mul_rate(a, rates[k]));
         }
     }
 }

@@ -19,7 +19,9 @@
  * Not for -ffast-math, which cannot tell NaN from numbers. With -ffreestanding or -fno-builtin, fabsf is libm's.
  *
  * Cost classes: n + 1 plays, m + 1 pieces of saturation. "Amortised" counts a reversal, and each play that engages
- * after it, against the step in which it happens: O(n) at worst, none in most steps. */
+ * after it, against the step in which it happens: O(n) at worst, none in most steps. Those take a short way, unless the
+ * rate has a window of several samples or a filter, or there is a slew limit. RDPI_QUICK_STEP, 0 or 1, defined for
+ * lib/src says whether the short way is compiled; by default it is but for -Os, as it adds some 400 bytes of code. */
 #ifndef RDPI_F32_H
 #define RDPI_F32_H
 
@@ -89,11 +91,14 @@ typedef struct {
 
 /** Private part of rdpi_f32_t: the plays. */
 typedef struct {
-    rdpi_real_t y_um[RDPI_MAX_PLAYS]; /**< y_0 = x; states of the plays 1 .. engaged are implied by x */
-    rdpi_real_t rest_um;              /**< output at rate rho is W_k(rho) x + rest_um + rho rest_rate_s, k = engaged */
-    rdpi_real_t rest_rate_s;          /**< see rest_um */
-    uint16_t engaged; /**< plays 1 .. engaged move with x */
-    bool falling;     /**< x came down to where it is */
+    rdpi_real_t y_um[RDPI_MAX_PLAYS > 1 ? RDPI_MAX_PLAYS : 2]; /**< y_0 = x; states of the plays 1 .. engaged are
+                                                                    implied by x */
+    rdpi_real_t rest_um;     /**< output at rate rho is W_k(rho) x + rest_um + rho rest_rate_s, k = engaged */
+    rdpi_real_t rest_rate_s; /**< see rest_um */
+    rdpi_real_t edge_um;     /**< no play engages or lets go while x is between here and y_0 or, where none is
+                                  engaged, within this distance of y_1 */
+    uint16_t engaged;        /**< plays 1 .. engaged move with x */
+    bool falling;            /**< they are pulled down */
 } rdpi_f32_bank_t;
 
 /** Private part of rdpi_f32_t: the rate estimator. */
@@ -121,12 +126,12 @@ typedef struct {
     uint32_t missed_count; /**< samples reported to rdpi_f32_missed */
     /* private */
     const rdpi_f32_params_t *params; /**< as given to init */
-    rdpi_real_t sample_time_s;       /**< as given to init */
     rdpi_real_t codes_per_V;         /**< (2^dac_bits - 1) / (max_V - min_V) */
     rdpi_real_t V_per_code;          /**< its inverse; 0 without codes */
     rdpi_real_t ramp_V;   /**< drive_V before rounding to a code, or slow slews would never leave one */
-    uint16_t missed;      /**< samples since the latest usable reference */
     uint16_t sweep_turns; /**< turning points of the start-up sweep that are still to come; 0: none runs */
+    uint8_t missed;       /**< samples since the latest usable reference, saturating */
+    bool plain;           /**< the next sample's rate is the difference from the one before; no slew limit */
     rdpi_f32_rate_t rate; /**< the rate estimator */
     rdpi_f32_bank_t bank; /**< the plays */
 } rdpi_f32_t;
@@ -174,7 +179,8 @@ void rdpi_f32_get_memory(const rdpi_f32_t *self, rdpi_real_t *y_um);
  * because there is none before it. The reference that goes on from the present drive is
  * rdpi_f32_predict(self, self->drive_V, 0).
  *
- * Amortised O(m), at most O(n + m); with a rate window of N samples the first O(N); one division. ISR safe. */
+ * Amortised O(m), at most O(n + m); with a rate window of N samples the first O(N); one division, two where the short
+ * way turns out not to lead there. ISR safe. */
 rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um);
 
 /** Says that `ticks` samples went by without a step, the last drive held all the while. The next step takes the

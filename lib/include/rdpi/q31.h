@@ -1,7 +1,7 @@
 /** @file
  * The library in 32-bit integers, for cores without floating point: the same functions as rdpi/f32.h, the same bits on
- * every machine. No floating point, no libm, no heap; init divides 64 bits by 32, the step 32 by 32, once and
- * once more per missed sample.
+ * every machine. No floating point, no libm, no heap; init divides 64 bits by 32, the step divides only where samples
+ * were missed, and by 17 at most.
  *
  *     static rdpi_q31_t axis;
  *     rdpi_q31_init(&axis, &rdpi_params_q31, 100000);  // once, sample time in ns; the header comes from `rdpi header`
@@ -16,7 +16,7 @@
  *   rate           RDPI_Q31_ONE is the guard
  *   v              bank output, x times slope over 2^30
  *
- * Scaling and overflow, all functions: sums of products are carried in 64 bits, of which 62 are used. Where a result
+ * Scaling and overflow, all functions: sums of products are carried in 64 bits, of which 63 are used. Where a result
  * leaves its format it saturates; nothing wraps for any parameters that init accepts and any input.
  *
  * Cost classes and contexts are those of rdpi/f32.h. */
@@ -101,7 +101,7 @@ typedef struct {
 
 /** Private part of rdpi_q31_t: the rate estimator. */
 typedef struct {
-    int64_t filtered;           /**< distance per window, times 2^31 */
+    int64_t filtered;           /**< distance per window, times 2^31; not kept for what is direct */
     int32_t z[RDPI_MAX_WINDOW]; /**< ring of the latest N samples, the oldest at `oldest` */
     uint32_t guard;             /**< distance per window at the guard, times 2^31, over 2^guard_shift; >= 2^31 */
     uint32_t per_guard;         /**< 2^62 / guard */
@@ -172,11 +172,14 @@ void rdpi_q31_get_memory(const rdpi_q31_t *self, int32_t *y);
 /** As rdpi_f32_step: takes the reference, returns the drive. RDPI_Q31_NO_REFERENCE stands for NaN; every other value of
  * `reference` is usable.
  *
- * Scaling and overflow: S^-1 is summed in 64 bits and saturates at +-2^30, twice what any drive in range reaches; the
- * drive wished for saturates at the range (RDPI_FLAG_RANGE). The drive is within 2^-20 of RDPI_Q31_MAX_DRIVE of that of
- * exact arithmetic with the same parameters whose plays have followed the same drives, whatever the samples before: no
- * rounding adds up. (Where the guard's distance per window is fewer reference units than the rate filter has samples,
- * the rate's own rounding comes on top. No real actuator is near that.) */
+ * Fastest with a rate window of one sample, no rate filter, no slew limit, codes that are some 4 drive units apart or
+ * more, and S^-1 with a shift of 30 .. 61 and slopes below 2.
+ *
+ * Scaling and overflow: S^-1 is summed in 64 bits and saturated, if at all, at +-2^30, twice what a drive in range
+ * reaches; the drive wished for saturates at the range (RDPI_FLAG_RANGE). The drive is within 2^-20 of
+ * RDPI_Q31_MAX_DRIVE of that of exact arithmetic with the same parameters whose plays have followed the same drives,
+ * whatever the samples before: no rounding adds up. (Where the guard's distance per window is fewer reference units
+ * than the rate filter has samples, the rate's own rounding comes on top. No real actuator is near that.) */
 int32_t rdpi_q31_step(rdpi_q31_t *self, int32_t reference);
 
 /** As rdpi_f32_missed; the references on the straight line are whole units, rounded towards the one before. */
