@@ -31,6 +31,7 @@ RATE_HZ = 10_000
 SHARE = 0.85  # of the stroke that the excitation reached: what the profile spans
 PROFILE = "5-20-35hz"  # the paper's second; it repeats after 2 s
 SETTLED_S = 0.3  # it fades in before
+MACHINES = {"qemu-m3": "mps2-an385", "qemu-m4f": "mps2-an386", "qemu-m7": "mps2-an500"}  # with a second UART
 MODELS = "no model", "rate-independent", "rate-dependent"
 PATIENCE_S = 300.0
 
@@ -118,10 +119,10 @@ class Emulated(Loop):
         board = None
         try:
             actuator.stdout.readline()  # it listens
-            machine = {"qemu-m3": "mps2-an385", "qemu-m4f": "mps2-an386", "qemu-m7": "mps2-an500"}[self.preset]
             board = subprocess.Popen(
-                self.command("qemu-system-arm", "-M", machine, "-icount", "shift=4", "-display", "none",
-                             "-monitor", "none", "-serial", "pty", "-serial", f"unix:{name}.sock", "-kernel", folder / application),
+                self.command("qemu-system-arm", "-M", MACHINES[self.preset], "-icount", "shift=4", "-display", "none",
+                             "-monitor", "none", "-serial", "pty", "-serial", f"unix:{name}.sock", "-kernel",
+                             folder / application),
                 cwd=self.out, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
             port = self.port_of(board)
             recorder = self.listen(port, name)
@@ -213,6 +214,8 @@ def main() -> None:
         if options.um_per_count is None:
             parser.error("--port needs --um-per-count: the scale of the board's displacement sensor")
         loop = OnTheBench(out, options.preset, options.dac, (options.um_per_count, options.count_0_um), options.port)
+    elif options.preset not in MACHINES:
+        parser.error(f"--preset {options.preset} has no emulator; give --port, or one of {', '.join(MACHINES)}")
     else:
         loop = Emulated(out, options.preset, options.dac, options.actuator)
     print(f"in {out}:")

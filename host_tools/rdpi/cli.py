@@ -389,7 +389,7 @@ def _targets(sources: tuple[str, ...], output: str) -> list[Path]:
 @click.argument("port", metavar="PORT")
 @click.option("-o", "--output", required=True, metavar="RUN.csv", type=click.Path(dir_okay=False),
               help="The recording.")
-@click.option("--baud", type=click.IntRange(min=1), default=2_000_000, show_default=True, metavar="BAUD",
+@click.option("--baud", type=click.IntRange(min=1), default=3_000_000, show_default=True, metavar="BAUD",
               help="Bits per second on the line.")
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S",
               help="Stop after so many seconds of the target's time. Default: when it has finished, or at Ctrl-C.")

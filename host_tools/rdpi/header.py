@@ -111,7 +111,8 @@ def render(model: Model, name: str = NAME, source: str = "") -> str:
         name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(file_name(source)),
         actuator=comment(model.actuator), digest=model.digest(), rate_source=model.rate.source, runs=_runs(model.fit),
         plays=single.plays, deadzones=single.deadzones, dac_bits=single.dac_bits, sweep_cycles=single.sweep_cycles,
-        limits_V=(float(model.drive.min_V), float(model.drive.max_V)), params_digest=f"0x{firmware.digest(single):08X}u",
+        limits_V=(float(model.drive.min_V), float(model.drive.max_V)),
+        params_digest=f"0x{firmware.digest(single):08X}u",
         tables=[(field, *about, _rows(getattr(single, field), literal)) for field, about in TABLES.items()],
         scalars=[(field, text, literal(getattr(single, field))) for field, text in SCALARS.items()],
         **_q31_parts(*fixed_point(model)))

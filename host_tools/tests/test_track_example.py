@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rdpi.firmware import Firmware
+from rdpi.firmware import Firmware, FixedPoint
 from rdpi.header import render, write_header
 from rdpi.model import Drive, Memory, Model, Rate, read_model
 from rdpi.recording import read_recording, write_recording
@@ -126,6 +126,19 @@ def test_what_it_tells_the_host_is_what_it_did(track: Run, model: Model, referen
     assert (info.rate_hz, info.dac_bits, info.min_V, info.max_V, info.offered_count) == (RATE_HZ, 15, -1.7, 80.1, 4000)
     counts = {name: getattr(info, f"{name}_count") for name in firmware.counts}
     assert counts == firmware.counts
+
+
+def test_in_fixed_point_and_after_the_sweep(build: Callable[..., Path], reference: dict, tmp_path: Path) -> None:
+    """The sweep's ticks write no rows; the references then begin where it has left the actuator."""
+    model = read_model(PARAMS / "model.json")
+    program = build("-DRDPI_TRACK_Q31=ON", "-DRDPI_TRACK_SWEEP=ON", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}")
+    write_recording(tmp_path / "reference.csv", reference, {})
+    done = subprocess.run([program, tmp_path / "reference.csv"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    firmware = FixedPoint(model, 1 / RATE_HZ)
+    firmware.sweep()
+    codes = firmware.step(reference["reference_um"]).dac_code
+    assert [int(row["dac_code"]) for row in rows(done.stdout)] == codes.tolist()
 
 
 def test_as_a_filter(track: Run, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@
 #define RDPI_HSE_HZ 8000000 /* the crystal */
 #endif
 #ifndef RDPI_BAUD
-#define RDPI_BAUD 2000000
+#define RDPI_BAUD 3000000
 #endif
 
 #if RDPI_HSE_HZ % 1000000 != 0 || RDPI_HSE_HZ < 4000000 || RDPI_HSE_HZ > 26000000

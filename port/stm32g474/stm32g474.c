@@ -6,7 +6,7 @@
 #include "registers.h"
 
 #ifndef RDPI_BAUD
-#define RDPI_BAUD 2000000
+#define RDPI_BAUD 3000000
 #endif
 #define USART_HZ 170000000
 #define BAUD_DIVIDER ((USART_HZ + RDPI_BAUD / 2) / RDPI_BAUD)

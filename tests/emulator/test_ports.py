@@ -1,41 +1,28 @@
-"""examples/track as firmware on the emulated boards: no tick lost, no sample missing, the codes of the host's library.
-
-An instruction takes 2 ns of emulated time (shift=1), less than on these boards, so that single precision in software
-has time at 20 kHz on a Cortex-M0 too: what is tested is what the firmware does. What it costs, tests/benchmark counts.
-"""
+"""examples/track as firmware on the emulated boards: no tick lost, no sample missing, the host's codes."""
 
 from __future__ import annotations
 
-import math
 import socket
 import struct
-import subprocess
-import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bench import paper_profile
+from boards import SHIFT, Builder, run
 
 from rdpi import emulator, telemetry
 from rdpi.firmware import engine
-from rdpi.header import write_header
-from rdpi.model import Model, read_model
-from rdpi.profile import render_reference
-from rdpi.recording import read_recording, sample_times, write_recording
+from rdpi.model import Model
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests/bench"))
-
-from bench import paper_profile  # noqa: E402
-
-SHIFT = 1
 CORE_HZ = {board: 16_000_000 if board == "qemu-m0" else 25_000_000 for board in emulator.MACHINES}  # rdpi_port_cycles
-QUICK = ("qemu-m0", "q31", "10hz", 10_000), ("qemu-m4f", "f32", "5-20-35hz", 10_000)
+QUICK = (("qemu-m0", "q31", "10hz", 10_000), ("qemu-m4f", "f32", "5-20-35hz", 10_000),
+         ("stm32f405", "f32", "5-20-35hz", 10_000))
 CASES = [pytest.param(*case, marks=[] if case in QUICK else pytest.mark.slow)
-         for case in ((board, number, *profile) for board in emulator.MACHINES for number in ("f32", "q31")
-                      for profile in (("10hz", 10_000), ("5-20-35hz", 10_000), ("5-20-35hz", 20_000)))]
+         for case in ((board, number, *profile) for board in emulator.BOARDS for number in ("f32", "q31")
+                      for profile in (("10hz", 10_000), ("5-20-35hz", 10_000), ("5-20-35hz", 20_000))
+                      if (board, *profile) != ("stm32f405", "5-20-35hz", 20_000))]  # too fast for QEMU's timers of it
 SLOW_REFERENCE = """
 #include "rdpi_port.h"
 #include "rdpi_reference.h"
@@ -73,65 +60,9 @@ bool rdpi_reference_um(uint32_t ticks, float *reference_um)
 """
 REQUEST, ANSWER = struct.Struct("<II"), struct.Struct("<Ii")
 
-Build = Callable[..., Path]
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return read_model(ROOT / "examples/track/params/model.json")
-
-
-@pytest.fixture(scope="module")
-def build(model: Model, tmp_path_factory: pytest.TempPathFactory) -> Build:
-    """Configure and build track for a board, a reference in um and a number of samples per second; returns the image.
-
-    One build folder per board: the next image takes the place of the one before.
-    """
-    folders: dict[str, Path] = {}
-
-    def run(board: str, reference_um: np.ndarray, rate_hz: int, number: str, *options: str) -> Path:
-        folder = folders.setdefault(board, tmp_path_factory.mktemp(board))
-        columns = {"time_s": sample_times(len(reference_um), rate_hz), "reference_um": reference_um}
-        write_recording(folder / "reference.csv", columns, {"sample_rate_hz": rate_hz})
-        write_header(model, folder / "rdpi_params.h")
-        reference = read_recording(folder / "reference.csv", required=("time_s", "reference_um"))
-        (folder / "rdpi_profile.h").write_text(render_reference(reference))
-        window = max(16, math.ceil(model.rate.window_s * rate_hz))
-        for command in (["cmake", "--fresh", "-S", ROOT, "-B", folder / "build", "--preset", board,
-                         f"-DRDPI_PARAMS_DIR={folder}", f"-DRDPI_PROFILE_DIR={folder}",
-                         f"-DRDPI_TRACK_RATE_HZ={rate_hz}",
-                         f"-DRDPI_TRACK_Q31={number == 'q31'}", f"-DRDPI_MAX_WINDOW={window}", *options],
-                        ["cmake", "--build", folder / "build", "--target", "track"]):
-            done = subprocess.run(command, capture_output=True, text=True)
-            assert done.returncode == 0, done.stdout + done.stderr
-            assert "warning" not in done.stdout + done.stderr
-        return folder / "build" / "track"
-
-    return run
-
-
-def run(image: Path, board: str, silent_s: float = 30) -> telemetry.Decoder:
-    """Run an image until it says that it has finished, or refuses to run; its telemetry up to there."""
-    decoder, stream = telemetry.Decoder(board), image.with_name("telemetry")
-    stream.write_bytes(b"")
-    # a file takes every byte at once; sleep=off: emulated time does not wait for the host's
-    with (emulator.emulate(image, board, "-serial", f"file:{stream}", "-icount", f"shift={SHIFT},sleep=off") as process,
-          open(stream, "rb") as file):
-        heard = time.monotonic()
-        while decoder.info is None or decoder.info.state not in (telemetry.FINISHED, telemetry.REFUSED):
-            assert process.poll() is None, "the emulator stopped"
-            assert time.monotonic() - heard < silent_s, f"nothing for {silent_s:g} s: {decoder.counts}"
-            time.sleep(0.02)
-            if data := file.read():
-                decoder.feed(data)
-                decoder.check()
-                heard = time.monotonic()
-    decoder.finish()
-    return decoder
-
 
 @pytest.mark.parametrize("board, number, profile, rate_hz", CASES)
-def test_every_sample_is_the_hosts(build: Build, model: Model, board: str, number: str, profile: str,
+def test_every_sample_is_the_hosts(build: Builder, model: Model, board: str, number: str, profile: str,
                                    rate_hz: int) -> None:
     reference_um = paper_profile(profile, rate_hz, 2.0)
     decoder = run(build(board, reference_um, rate_hz, number), board)
@@ -154,7 +85,7 @@ def test_every_sample_is_the_hosts(build: Build, model: Model, board: str, numbe
 
 
 @pytest.mark.parametrize("board", CORE_HZ)
-def test_lost_ticks_are_counted_and_told_to_the_library(build: Build, model: Model, board: str,
+def test_lost_ticks_are_counted_and_told_to_the_library(build: Builder, model: Model, board: str,
                                                         tmp_path: Path) -> None:
     """A reference for which the tick takes 1.5, 2.5, ... 7.5 periods, every twentieth time."""
     rate_hz, every, waits = 10_000, 20, 7
@@ -179,7 +110,7 @@ def test_lost_ticks_are_counted_and_told_to_the_library(build: Build, model: Mod
 
 
 @pytest.mark.parametrize("board", ["qemu-m0", "qemu-m4f"])
-def test_fault_stops_everything(build: Build, board: str, tmp_path: Path) -> None:
+def test_fault_stops_everything(build: Builder, board: str, tmp_path: Path) -> None:
     """An undefined instruction in a tick: none follows, and what was queued before is out."""
     source, calls = tmp_path / "faulty.c", 100
     source.write_text(FAULTY_REFERENCE % calls)
@@ -189,14 +120,14 @@ def test_fault_stops_everything(build: Build, board: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("board", ["qemu-m0", "qemu-m4f"])
-def test_refuses_a_rate_that_the_timer_misses(build: Build, board: str) -> None:
+def test_refuses_a_rate_that_the_timer_misses(build: Builder, board: str) -> None:
     """99 kHz is 0.2 % away from what 25 MHz or 16 MHz divide into."""
     decoder = run(build(board, np.zeros(16), 99_000, "f32"), board)
     assert (decoder.info.state, decoder.info.status) == (telemetry.REFUSED, 0)
     assert decoder.counts.samples == 0
 
 
-def test_bench_link_is_in_lockstep(build: Build, tmp_path: Path) -> None:
+def test_bench_link_is_in_lockstep(build: Builder, tmp_path: Path) -> None:
     """One exchange per tick, for which the timers stand; the answer is the next tick's reading; a wrong one holds."""
     board, ticks = "qemu-m4f", 500
     image = build(board, paper_profile("10hz", 10_000, 0.1), 10_000, "f32", "-DRDPI_BENCH=ON", "-DRDPI_TRACK_SWEEP=OFF")
@@ -206,7 +137,7 @@ def test_bench_link_is_in_lockstep(build: Build, tmp_path: Path) -> None:
         server.listen(1)
         with emulator.emulate(image, board, "-serial", f"file:{stream}",
                               "-chardev", f"socket,id=bench,path={tmp_path / 'bench'}", "-serial", "chardev:bench",
-                              "-icount", f"shift={SHIFT}"):
+                              "-icount", f"shift={SHIFT[board]}"):
             server.settimeout(30)
             line = server.accept()[0]
             line.settimeout(30)

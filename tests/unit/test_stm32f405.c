@@ -601,7 +601,7 @@ void test_cycles_are_those_of_the_core(void)
 void test_telemetry_goes_out_in_order_as_the_transmitter_takes_it(void)
 {
     SystemInit();
-    TEST_ASSERT_EQUAL_UINT32(42, fake.usart1.brr); /* 84 MHz / 2 MBd */
+    TEST_ASSERT_EQUAL_UINT32(28, fake.usart1.brr); /* 84 MHz / 3 MBd */
     TEST_ASSERT_EQUAL_HEX32(0x2008, fake.usart1.cr1);
     usart_room = 2;
     TEST_ASSERT_TRUE(rdpi_port_send((const uint8_t *)"abcd", 4));

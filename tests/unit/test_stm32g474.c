@@ -597,7 +597,7 @@ void test_cycles_are_those_of_the_core(void)
 void test_telemetry_goes_out_in_order_as_the_transmitter_takes_it(void)
 {
     SystemInit();
-    TEST_ASSERT_EQUAL_UINT32(85, fake.usart2.brr); /* 170 MHz / 2 MBd */
+    TEST_ASSERT_EQUAL_UINT32(57, fake.usart2.brr); /* 170 MHz / 3 MBd */
     TEST_ASSERT_EQUAL_HEX32(0x09, fake.usart2.cr1);
     TEST_ASSERT_EQUAL_HEX32(0x700, fake.gpioa.afrl);
     TEST_ASSERT_EQUAL_HEX32(2u << 4, fake.gpioa.ospeedr);
