@@ -1,5 +1,5 @@
 #define RING_BYTES 16u
-#include "../../port/cortex_m/ring.h"
+#include "ring.h"
 
 #include "unity.h"
 
