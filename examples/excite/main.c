@@ -4,6 +4,10 @@
 #include "rdpi_profile.h" /* the drive as DAC codes, made by `rdpi profile DRIVE.csv --dac BITS:MIN_V:MAX_V` */
 #include "telemetry.h"
 
+#if defined(RDPI_PORT_DAC_BITS) && RDPI_PORT_DAC_BITS != RDPI_PROFILE_DAC_BITS
+#error "this board's DAC has other bits than the drive: give them to `rdpi profile --dac`"
+#endif
+
 #define INFO_EVERY 1000u    /* samples */
 #define END_INFO_EVERY 100u /* after the last: the host waits for one to get through */
 

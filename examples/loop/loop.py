@@ -80,8 +80,7 @@ class Loop:
         headers.mkdir(exist_ok=True)
         self.do("rdpi", "header", model, "-o", headers / "rdpi_params.h")
         self.do("rdpi", "profile", reference, "-o", headers / "rdpi_profile.h")
-        image = self.build("track", name, f"-DRDPI_PARAMS_DIR={headers}", f"-DRDPI_PROFILE_DIR={headers}",
-                           f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}")
+        image = self.build("track", name, f"-DRDPI_PARAMS_DIR={headers}", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}")
         return self.record(image, "track", name)
 
     def record(self, folder: Path, application: str, name: str) -> Path:

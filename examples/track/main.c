@@ -11,6 +11,9 @@
 #if RDPI_PARAMS_DAC_BITS == 0
 #error "the actuator's model has no DAC: set drive.dac_bits, with `rdpi fit --dac-bits` or in the model file"
 #endif
+#if defined(RDPI_PORT_DAC_BITS) && RDPI_PORT_DAC_BITS != RDPI_PARAMS_DAC_BITS
+#error "this board's DAC has other bits than the model: set drive.dac_bits, with `rdpi fit --dac-bits` or in the file"
+#endif
 
 #if TRACK_Q31
 #if !RDPI_PARAMS_Q31

@@ -69,7 +69,7 @@ def build(model: Model, reference_um: np.ndarray, run: Recording, board: str, fi
     (folder / "rdpi_profile.h").write_text(profile.render(run, rate_hz, references))
     needs = {"RDPI_MAX_PLAYS": len(model.slopes), "RDPI_MAX_DEADZONES": len(model.deadzones_um),
              "RDPI_MAX_WINDOW": math.ceil(model.rate.window_s * rate_hz) + 1}
-    options = [f"-DRDPI_PARAMS_DIR={folder}", f"-DRDPI_PROFILE_DIR={folder}", f"-DRDPI_TRACK_RATE_HZ={rate_hz}",
+    options = [f"-DRDPI_PARAMS_DIR={folder}", f"-DRDPI_TRACK_RATE_HZ={rate_hz}",
                "-DRDPI_TRACK_SWEEP=OFF", f"-DRDPI_TRACK_Q31={'ON' if fixed_point else 'OFF'}",
                *(f"-D{name}={need}" for name, need in needs.items() if need > DEFAULTS[name])]
     _make([["cmake", "--preset", board, "-S", str(home), "-B", str(folder / "build"), *options],

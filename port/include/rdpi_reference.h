@@ -10,8 +10,8 @@
 extern "C" {
 #endif
 
-/* The reference of the present sample, `ticks` samples after the one before (more than 1 where ticks were lost): a
- * displacement in um, or NaN if there is none at the moment, which rdpi_f32_step answers by holding the drive. Returns
+/* The reference of the present sample, `ticks` samples after the one before, or after the start (1, and more where ticks
+ * were lost): a displacement in um, or NaN if there is none at the moment, which rdpi_f32_step answers by holding the drive. Returns
  * false, and leaves `reference_um`, when the source is at its end. Called from the tick; returns at once. */
 bool rdpi_reference_um(uint32_t ticks, float *reference_um);
 

@@ -2,7 +2,11 @@
 # qemu-system-arm runs tests on; the presets set both.
 set(CMAKE_SYSTEM_NAME Generic)
 set(CMAKE_SYSTEM_PROCESSOR arm)
-set(CMAKE_C_COMPILER arm-none-eabi-gcc)
+find_program(RDPI_ARM_GCC arm-none-eabi-gcc)
+if(NOT RDPI_ARM_GCC)
+  message(FATAL_ERROR "No arm-none-eabi-gcc: apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi")
+endif()
+set(CMAKE_C_COMPILER "${RDPI_ARM_GCC}")
 set(CMAKE_TRY_COMPILE_TARGET_TYPE STATIC_LIBRARY) # no board yet, so nothing to link a program with
 set(CMAKE_TRY_COMPILE_PLATFORM_VARIABLES RDPI_CPU)
 set(CMAKE_CROSSCOMPILING_EMULATOR

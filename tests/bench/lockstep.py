@@ -66,7 +66,7 @@ def main() -> None:
             os.unlink(options.socket)
         server.bind(options.socket)
         server.listen(1)
-        print("listening", flush=True)
+        print("listening; the sensor has {!r} um per count, {!r} um at count 0".format(*counts_scale(bench)), flush=True)
         line, _ = server.accept()
     sys.stdin.readline()
     with line:

@@ -45,8 +45,7 @@ class Builder:
         (folder / "rdpi_profile.h").write_text(render_reference(reference))
         window = max(16, math.ceil(self.model.rate.window_s * rate_hz))
         for command in (["cmake", "--fresh", "-S", ROOT, "-B", folder / "build", "--preset", board,
-                         f"-DRDPI_PARAMS_DIR={folder}", f"-DRDPI_PROFILE_DIR={folder}",
-                         f"-DRDPI_TRACK_RATE_HZ={rate_hz}",
+                         f"-DRDPI_PARAMS_DIR={folder}", f"-DRDPI_TRACK_RATE_HZ={rate_hz}",
                          f"-DRDPI_TRACK_Q31={number == 'q31'}", f"-DRDPI_MAX_WINDOW={window}", *options],
                         ["cmake", "--build", folder / "build", "--target", "track"]):
             done = subprocess.run(command, capture_output=True, text=True)

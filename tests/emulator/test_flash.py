@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 import os
+import shutil
 import struct
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from rdpi.header import write_header
+from rdpi.model import Model
+
 ROOT = Path(__file__).resolve().parents[2]
-BOARDS = {"stm32f405": ("target/stm32f4x.cfg", "stm32f405rg", 0x20020000),  # and where the stack begins, the first word
-          "stm32g474": ("target/stm32g4x.cfg", "stm32g474retx", 0x20018000)}
+# OpenOCD's and pyOCD's names of the chip; where the stack begins, which is the first word; bits of the DAC
+BOARDS = {"stm32f405": ("target/stm32f4x.cfg", "stm32f405rg", 0x20020000, 16),
+          "stm32g474": ("target/stm32g4x.cfg", "stm32g474retx", 0x20018000, 12)}
 
 
 @pytest.fixture(scope="module", params=BOARDS)
-def flash(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Callable:
+def flash(request: pytest.FixtureRequest, model: Model, tmp_path_factory: pytest.TempPathFactory) -> Callable:
     """Configure with options and build `flash`; returns board, image and the arguments of each program that was run."""
     board, folder, programs = request.param, tmp_path_factory.mktemp("build"), tmp_path_factory.mktemp("programs")
+    params = tmp_path_factory.mktemp("params")
+    write_header(replace(model, drive=replace(model.drive, dac_bits=BOARDS[board][3])), params / "rdpi_params.h")
+    shutil.copy(ROOT / "examples/track/params/rdpi_profile.h", params)
     for name in ("openocd", "pyocd", "st-flash"):
         (programs / name).write_text(f'#!/bin/sh\nprintf "%s\\n" {name} "$@" >>"{programs}/log"\n')
         (programs / name).chmod(0o755)
@@ -27,7 +36,8 @@ def flash(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
     def run(*options: str) -> tuple[str, Path, list[str], subprocess.CompletedProcess]:
         (programs / "log").write_text("")
-        configure = ["cmake", "--preset", board, "-S", ROOT, "-B", folder, "-DRDPI_EXCITE_DIR=", *options]
+        configure = ["cmake", "--preset", board, "-S", ROOT, "-B", folder, "-DRDPI_EXCITE_DIR=",
+                     f"-DRDPI_PARAMS_DIR={params}", *options]
         configured = subprocess.run(configure, env=environment, capture_output=True, text=True)
         assert configured.returncode == 0, configured.stderr
         done = subprocess.run(["cmake", "--build", folder, "--target", "flash"], env=environment, capture_output=True,
@@ -66,9 +76,18 @@ def test_without_any_the_packages_are_named(flash: Callable) -> None:
 
 
 def test_of_two_applications_it_is_the_excitation(flash: Callable, tmp_path: Path) -> None:
+    bits = BOARDS[flash("-DRDPI_FLASHER=openocd")[0]][3]
     (tmp_path / "drive.csv").write_text("time_s,command_V\n" + "".join(f"{k / 1000:.3f},{k}\n" for k in range(20)))
-    subprocess.run([sys.executable, "-m", "rdpi", "profile", tmp_path / "drive.csv", "--dac", "12:0:100",
+    subprocess.run([sys.executable, "-m", "rdpi", "profile", tmp_path / "drive.csv", "--dac", f"{bits}:0:100",
                     "-o", tmp_path / "rdpi_profile.h"], check=True, capture_output=True)
     _, image, arguments, done = flash("-DRDPI_FLASHER=openocd", f"-DRDPI_EXCITE_DIR={tmp_path}")
     assert done.returncode == 0, done.stdout + done.stderr
     assert arguments[-1] == f"program {{{image.with_name('excite')}}} verify reset exit"
+
+
+def test_a_model_of_another_dac_does_not_build(flash: Callable, model: Model, tmp_path: Path) -> None:
+    write_header(replace(model, drive=replace(model.drive, dac_bits=14)), tmp_path / "rdpi_params.h")
+    shutil.copy(ROOT / "examples/track/params/rdpi_profile.h", tmp_path)
+    _, _, arguments, done = flash("-DRDPI_FLASHER=openocd", f"-DRDPI_PARAMS_DIR={tmp_path}")
+    assert done.returncode != 0 and not arguments
+    assert "this board's DAC has other bits than the model" in done.stderr
