@@ -24,6 +24,7 @@ static const rdpi_telemetry_run_t run = {
 static rdpi_telemetry_t line;
 static rdpi_telemetry_counts_t counts;
 static rdpi_telemetry_sample_t sample; /* the latest; sent one tick later, with its reading */
+static const uint32_t swept = RDPI_PROFILE_SWEEP; /* may be 0 */
 static uint32_t played;
 static volatile bool finished;
 
@@ -40,7 +41,7 @@ static void take_sample(int32_t adc_counts)
         counts.state = RDPI_TELEMETRY_FINISHED;
     } else {
         sample.dac_code = rdpi_profile_codes[played];
-        sample.flags = played < RDPI_PROFILE_SWEEP ? RDPI_TELEMETRY_SWEEP : 0u;
+        sample.flags = played < swept ? RDPI_TELEMETRY_SWEEP : 0u;
         played++;
         if (!rdpi_port_write_dac(sample.dac_code)) {
             sample.flags |= RDPI_TELEMETRY_HELD;

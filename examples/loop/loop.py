@@ -10,12 +10,16 @@ Everything of rdpi goes through its commands, which are printed. Results in buil
 from __future__ import annotations
 
 import argparse
+import fcntl
 import json
+import math
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -115,7 +119,7 @@ class Emulated(Loop):
             self.command("python", ROOT / "tests/bench/lockstep.py", self.kind, "--socket", f"{name}.sock", "--dac",
                          self.dac, "--rate", str(RATE_HZ), "--log", f"{name}.npy", "--seed", str(self.powered_up)),
             cwd=self.out, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        board = None
+        board = recorder = None
         try:
             actuator.stdout.readline()  # it listens
             board = subprocess.Popen(
@@ -123,16 +127,15 @@ class Emulated(Loop):
                              "-monitor", "none", "-serial", "pty", "-serial", f"unix:{name}.sock", "-kernel",
                              folder / application),
                 cwd=self.out, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-            port = self.port_of(board)
-            recorder = self.listen(port, name)
+            recorder = self.listen(self.port_of(board), name)
             time.sleep(3)  # until QEMU, which looks once a second, has seen that someone listens
             actuator.stdin.write("go\n")
             actuator.stdin.flush()
             return self.recorded(recorder, name)
         finally:
-            if board:
-                board.kill()
-                board.wait()
+            for process in filter(None, (recorder, board)):
+                process.kill()
+                process.wait()
             actuator.stdin.close()
             actuator.wait(timeout=PATIENCE_S)
 
@@ -153,8 +156,13 @@ class OnTheBench(Loop):
 
     def record(self, folder: Path, application: str, name: str) -> Path:
         recorder = self.listen(self.port, name)  # first: the image starts as soon as it is flashed
-        self.do("cmake", "--build", folder, "--target", "flash")
-        return self.recorded(recorder, name)
+        try:
+            time.sleep(2)
+            if recorder.poll() is None:  # or it has something to say, and no actuator moves
+                self.do("cmake", "--build", folder, "--target", "flash")
+            return self.recorded(recorder, name)
+        finally:
+            recorder.kill()
 
 
 def error_percent(recording: Path, reference_um: np.ndarray) -> tuple[float, float]:
@@ -194,27 +202,56 @@ def run(loop: Loop, frequencies: str, seconds: float) -> dict[str, tuple[float, 
     return errors
 
 
+def dac(text: str) -> str:
+    """As lockstep.dac, but as it was written."""
+    lockstep.dac(text)
+    return text
+
+
+def number(low: float) -> Callable[[str], float]:
+    """A finite number above `low`, as an option's type."""
+    def parse(text: str) -> float:
+        value = float(text)
+        if not low < value < math.inf:
+            raise ValueError(text)
+        return value
+    parse.__name__ = "number"  # in argparse's message
+    return parse
+
+
 def main() -> None:
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("loop: ended"))  # so that what it has started ends with it
     parser = argparse.ArgumentParser(description="The whole loop on a board: excite, record, identify, track, report.")
     parser.add_argument("--actuator", choices=("preisach", "bouc-wen", "paper"), default="preisach",
                         help="the virtual one")
     parser.add_argument("--port", help="serial port of a real board; without it, the board is emulated")
     parser.add_argument("--preset", default="qemu-m4f", help="the board (default: %(default)s)")
-    parser.add_argument("--dac", default="16:0:100", metavar="BITS:MIN_V:MAX_V",
+    parser.add_argument("--dac", type=dac, default="16:0:100", metavar="BITS:MIN_V:MAX_V",
                         help="volts at the actuator over the board's codes (default: %(default)s)")
-    parser.add_argument("--um-per-count", type=float, help="displacement sensor of a real board")
-    parser.add_argument("--count-0-um", type=float, default=0.0, help="likewise: um at count 0")
+    parser.add_argument("--um-per-count", type=number(-math.inf), help="displacement sensor of a real board")
+    parser.add_argument("--count-0-um", type=number(-math.inf), default=0.0, help="likewise: um at count 0")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "loop", help="folder of the results")
     parser.add_argument("--frequencies", default="1,5,10,20,40", help="of the excitation, Hz (default: %(default)s)")
-    parser.add_argument("--seconds", type=float, default=2.0, help="of the profile (default: %(default)s)")
+    parser.add_argument("--seconds", type=number(SETTLED_S), default=2.0, help="of the profile (default: %(default)s)")
     options = parser.parse_args()
     out = options.out.resolve()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        lock = open(out / "lock", "w")
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        parser.error(f"--out {out}: another loop runs there")
+    except OSError as error:
+        parser.error(f"--out {out}: {error.strerror}")
+    if options.port and options.preset.startswith("qemu-"):
+        parser.error(f"--preset {options.preset} is an emulator's; with --port give the board's")
     if options.port:
         if options.um_per_count is None:
             parser.error("--port needs --um-per-count: the scale of the board's displacement sensor")
         loop = OnTheBench(out, options.preset, options.dac, (options.um_per_count, options.count_0_um), options.port)
     elif options.preset not in MACHINES:
-        parser.error(f"--preset {options.preset} has no emulator; give --port, or one of {', '.join(MACHINES)}")
+        parser.error(f"--preset {options.preset}: no emulated board with a bench link; give --port, or one of "
+                     + ", ".join(MACHINES))
     else:
         loop = Emulated(out, options.preset, options.dac, options.actuator)
     print(f"in {out}:")
@@ -226,4 +263,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:
+        sys.exit("loop: stopped")

@@ -136,14 +136,16 @@ def start_states(model: Model, run: Recording) -> tuple[np.ndarray, float, float
 
 
 def follow(model: Model, run: Recording, column: str = "reference_um", engine: str | Engine = "f32",
-           remove_offset: bool = False) -> tuple[Steps, float]:
+           remove_offset: bool = False, sweep: bool = False) -> tuple[Steps, float]:
     """The drive that makes the actuator follow a column of `run`, sample by sample as the firmware computes it.
 
     Before the first sample the plays are as the metadata `memory` says: reset, a decaying sweep ended at the first
-    reference; unknown, estimated if the run also has command and displacement, else the model's own. Engines "f32" and
-    "q31" are the firmware library, "f64" the first in double, "numpy" the independent reference; a function makes the
-    steps of model and reference. Returns the steps and the offset in um that was removed from the reference: with
-    `remove_offset` the mean error of the model's prediction of this run.
+    reference; unknown, estimated if the run also has command and displacement, else the model's own. With `sweep` they
+    are, whatever the metadata say, as the start-up sweep leaves them, from the model's own. Engines "f32" and "q31" are
+    the firmware library, "f64" the first in double, "numpy" the independent reference, which has no sweep; a function
+    makes the steps of model and reference, and the sweep before them is its own affair. Returns the steps and the
+    offset in um that was removed from the reference: with `remove_offset` the mean error of the model's prediction of
+    this run.
     """
     reference = run.columns[column]
     usable = reference[np.abs(reference) <= MAX_REFERENCE_UM]
@@ -157,7 +159,10 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
             raise BadInput(f"{run.path}: an offset can only be removed from a recording "
                            "(command_V and displacement_um)")
         offset = score(simulate(model, [run])[0].predicted_um, run.displacement_um).offset_um
-    if run.memory == "reset":
+    if sweep:
+        if engine == "numpy":
+            raise BadInput("the engine numpy has no start-up sweep; take f64, which agrees with it, or f32 or q31")
+    elif run.memory == "reset":
         model = replace(model, memory=rest_at(model, float(usable[0] - offset)))
     elif recorded:
         states = estimate_states(model, run)
@@ -167,7 +172,10 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
         return engine(model, reference - offset), offset
     if engine == "numpy":
         return Steps(*operators.step(model, reference - offset, run.sample_time_s)[0]), offset
-    return firmware.engine(model, run.sample_time_s, engine).step(reference - offset), offset
+    library = firmware.engine(model, run.sample_time_s, engine)
+    if sweep:
+        library.sweep()
+    return library.step(reference - offset), offset
 
 
 def rest_at(model: Model, displacement_um: float) -> Memory:

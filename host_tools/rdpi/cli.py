@@ -8,11 +8,12 @@ from __future__ import annotations
 import functools
 import json
 import os
+import re
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -22,6 +23,7 @@ from . import version
 from .errors import BadInput
 
 PROGRESS_DELAY_S = 2.0
+LARGEST = 1e9
 
 
 class Percent(click.ParamType):
@@ -36,12 +38,29 @@ class Percent(click.ParamType):
         return number
 
 
+class Number(click.ParamType):
+    """A finite number, as large as a voltage, a scale or a time may be."""
+
+    name = "number"
+
+    def __init__(self, positive: bool = False) -> None:
+        self.positive = positive
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = click.FLOAT.convert(value, param, ctx)
+        if not -LARGEST < number < LARGEST:  # nan neither
+            self.fail(f"{value!r}: must be a number within ±{LARGEST:g}", param, ctx)
+        if self.positive and number <= 0:
+            self.fail(f"{value!r}: must be positive", param, ctx)
+        return number
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(version(), prog_name="rdpi")
 def main() -> None:
     """Rate-dependent hysteresis of piezoelectric actuators: record, identify, simulate, compensate.
 
-    Exit status: 0 done, 1 done but a quality gate you set failed, 2 bad input.
+    Exit status: 0 done, 1 done but a quality gate you set failed, 2 bad input, 130 stopped by Ctrl-C.
     """
     for name in ("SIGTERM", "SIGHUP"):  # leave by the ordinary way, so that nothing half written stays behind
         if hasattr(signal, name) and signal.getsignal(getattr(signal, name)) == signal.SIG_DFL:
@@ -71,6 +90,9 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
                     raise click.exceptions.Exit(1)
             except BadInput as error:
                 _fail(str(error))
+            except KeyboardInterrupt:
+                click.echo("rdpi: stopped", err=True)
+                raise click.exceptions.Exit(128 + signal.SIGINT) from None
             except BrokenPipeError:
                 raise  # `rdpi … | head`: click ends quietly
             except OSError as error:
@@ -99,6 +121,11 @@ def _check_paths(context: click.Context) -> None:
         makes_folder = "report" in context.params or (context.command.name == "import" and name.endswith("/"))
         if not os.path.isdir(folder) and not makes_folder:
             raise BadInput(f"{name}: there is no folder {folder}; make it first")
+        if "port" in context.params and os.path.realpath(name) == os.path.realpath(context.params["port"]):
+            raise BadInput(f"{name}: is the port; give a file to write to")
+        target = os.path.realpath(name)
+        if os.path.isdir(folder) and not _is_device(target) and not os.access(os.path.dirname(target), os.W_OK):
+            raise BadInput(f"{name}: the folder {os.path.dirname(target)} cannot be written to; check its permissions")
         for other in (*paths["in"], *paths["out"][:k]):
             if os.path.realpath(name) == os.path.realpath(other) and os.path.basename(name) and not _is_device(name):
                 kind = "an input" if other in paths["in"] else "another output"
@@ -194,9 +221,9 @@ def _pairs(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) 
 def _telemetry_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """What record and import --telemetry have in common."""
     for option in reversed((
-        click.option("--um-per-count", type=float, metavar="UM",
+        click.option("--um-per-count", type=Number(), metavar="UM",
                      help="Displacement sensor, um per count. Default: what the firmware says."),
-        click.option("--count-0-um", "count_0_um", type=float, metavar="UM",
+        click.option("--count-0-um", "count_0_um", type=Number(), metavar="UM",
                      help="Displacement at the sensor's count 0, um. Default: what the firmware says."),
         click.option("--stretches", is_flag=True,
                      help="Write every stretch between lost samples, as RUN-1.csv, RUN-2.csv, ... Default: the "
@@ -223,7 +250,7 @@ def _import_telemetry(sources: tuple[str, ...], output: str, texts: dict[str, st
     from .recording import read_bytes
     from .telemetry import Decoder
 
-    targets = _targets(sources, output)
+    targets = _targets(sources, output, options["stretches"])
     decoders = [Decoder(source) for source in sources]
     with progress("importing") as report:
         for index, decoder in enumerate(decoders):
@@ -234,7 +261,12 @@ def _import_telemetry(sources: tuple[str, ...], output: str, texts: dict[str, st
             decoder.finish()
         # Only now, so that a bad source leaves nothing behind.
         found = [_stretches(decoder, scale) for decoder in decoders]
-    results = [_write_telemetry(*work, texts, **options) for work in zip(decoders, found, targets)]
+    results = []
+    for decoder, parts, target in zip(decoders, found, targets):
+        result, lines = _write_telemetry(decoder, parts, target, Path(decoder.where).name, texts, **options)
+        click.echo("\n".join([*lines, _how_it_ended(decoder)]))
+        _tell_gate(result, options["max_lost"])
+        results.append(result)
     return {"recordings": [recording for result in results for recording in result["recordings"]],
             "streams": [{key: value for key, value in result.items() if key != "recordings"} for result in results],
             "gate_failed": any(result["gate_failed"] for result in results)}
@@ -245,45 +277,64 @@ def _stretches(decoder: Any, scale: tuple[float | None, float | None]) -> list[A
 
     found = telemetry.stretches(decoder, *scale)
     if not found:
+        if decoder.info is not None and decoder.info.state == telemetry.REFUSED:
+            raise BadInput(f"{decoder.where}: {_how_it_ended(decoder)}")
         raise BadInput(f"{decoder.where}: {telemetry.summary(decoder.counts)}: no {telemetry.MIN_SAMPLES} samples "
                        "without a gap after the start-up sweep; record for longer, or see to the line")
     return found
 
 
-def _write_telemetry(decoder: Any, found: list[Any], target: Path, texts: dict[str, str | None], stretches: bool,
-                     max_lost: int | None) -> dict[str, Any]:
-    """Write what a stream holds, say what it does not, and return both for `--json`."""
+def _how_it_ended(decoder: Any) -> str:
+    """What the end of a stream tells of its target."""
+    from .record import refusal
+    from .telemetry import REFUSED
+
+    if decoder.runs[-1].finished:
+        return "the target had finished"
+    if decoder.info is not None and decoder.info.state == REFUSED:
+        return f"the target refuses to run: {refusal(decoder.info)}"
+    return "note: the stream ends before the target had finished"
+
+
+def _write_telemetry(decoder: Any, found: list[Any], target: Path, source: str, texts: dict[str, str | None],
+                     stretches: bool, max_lost: int | None) -> tuple[dict[str, Any], list[str]]:
+    """Write what a stream holds; returns it for `--json`, and the lines that tell it and what it does not hold.
+
+    Nothing is printed here: a terminal that is gone must not cost the recording.
+    """
     from dataclasses import asdict
 
     from . import telemetry
     from .recording import write_recording
 
     counts = decoder.counts
-    click.echo(f"{decoder.where}: {telemetry.summary(counts)}")
-    for note in telemetry.notes(decoder, found):
-        click.echo(f"note: {note}")
-    longest = max(found, key=lambda stretch: len(stretch.columns["time_s"]))
     files = [(target.with_stem(f"{target.stem}-{number}"), stretch) for number, stretch in enumerate(found, 1)]
+    if not stretches:
+        files = [(target, max(found, key=lambda stretch: stretch.samples))]
+    lines = [f"{decoder.where}: {telemetry.summary(counts)}",
+             *(f"note: {note}" for note in telemetry.notes(decoder, found, [stretch for _, stretch in files]))]
     recordings = []
     target.parent.mkdir(parents=True, exist_ok=True)
-    for file, (columns, metadata) in files if stretches else [(target, longest)]:
-        source = Path(decoder.where)
-        metadata = {"source": source.name if source.is_file() else decoder.where, **metadata}
+    for file, stretch in files:
+        metadata = {"source": source, **stretch.metadata}
         metadata |= {key: text for key, text in texts.items() if text is not None}
-        write_recording(file, columns, metadata)
-        samples = len(columns["time_s"])
-        click.echo(f"  {file}: {samples} samples at {metadata['sample_rate_hz']} per second from tick "
-                   f"{metadata['first_tick']}, memory: {metadata['memory']}")
-        recordings.append({"file": str(file), "source": decoder.where, "samples": samples,
-                           "sample_rate_hz": metadata["sample_rate_hz"], "columns": list(columns),
+        write_recording(file, stretch.columns, metadata)
+        why = f" ({stretch.why_unknown})" if stretch.why_unknown and texts["memory"] is None else ""
+        lines.append(f"  {file}: {stretch.samples} samples at {metadata['sample_rate_hz']} per second from tick "
+                     f"{metadata['first_tick']}, memory: {metadata['memory']}{why}")
+        recordings.append({"file": str(file), "source": decoder.where, "samples": stretch.samples,
+                           "sample_rate_hz": metadata["sample_rate_hz"], "columns": list(stretch.columns),
                            "metadata": metadata})
-    failed = max_lost is not None and counts.missing > max_lost
-    if failed:
-        click.echo(f"rdpi: {counts.missing} samples are missing, more than the {max_lost} allowed by --max-lost",
-                   err=True)
     return {"recordings": recordings, "source": decoder.where, "counts": asdict(counts),
-            "stretches": [len(stretch.columns["time_s"]) for stretch in found],
-            "target": decoder.info_of(decoder.runs[-1])._asdict(), "gate_failed": failed}
+            "stretches": [stretch.samples for stretch in found], "finished": decoder.runs[-1].finished,
+            "target": decoder.info_of(decoder.runs[-1])._asdict(),
+            "gate_failed": max_lost is not None and counts.missing > max_lost}, lines
+
+
+def _tell_gate(result: dict[str, Any], max_lost: int | None) -> None:
+    if result["gate_failed"]:
+        missing = result["counts"]["lost"] + result["counts"]["ticks_lost"]
+        click.echo(f"rdpi: {missing} samples are missing, more than the {max_lost} allowed by --max-lost", err=True)
 
 
 _STREAM_CHUNK = 1 << 20  # bytes
@@ -369,9 +420,11 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
     return {"recordings": results}
 
 
-def _targets(sources: tuple[str, ...], output: str) -> list[Path]:
+def _targets(sources: tuple[str, ...], output: str, stretches: bool = False) -> list[Path]:
+    """What to write: with `stretches` each is a family of numbered files."""
     folder = Path(output)
     if len(sources) == 1 and not folder.is_dir() and not output.endswith("/"):
+        _refuse_overwriting([folder], stretches)
         return [folder]
     if len(sources) > 1 and not folder.is_dir() and (folder.exists() or folder.suffix):
         raise BadInput(f"-o {output}: several sources need a folder; give one, e.g. -o runs/")
@@ -380,9 +433,27 @@ def _targets(sources: tuple[str, ...], output: str) -> list[Path]:
         if target in targets[:index]:
             first = sources[targets.index(target)]
             raise BadInput(f"{sources[index]} and {first} would both be written to {target}; import them one by one")
-        if target.is_file() and any(Path(source).exists() and target.samefile(source) for source in sources):
-            raise BadInput(f"{target}: would be written over an input; give another folder")
+    _refuse_overwriting(targets, stretches)
     return targets
+
+
+def _refuse_overwriting(targets: list[Path], stretches: bool) -> None:
+    """Refuse targets that are, or of which a stretch may be, an input or another output of this command."""
+    options = click.get_current_context().params
+    inputs = [Path(source) for source in options.get("sources", ())]
+    outputs = [Path(options[name]) for name in ("json_path", "raw") if options.get(name)]
+    for target in targets:
+        files = [target]
+        if stretches:
+            member = re.compile(re.escape(target.stem) + "-[0-9]+" + re.escape(target.suffix))
+            there = target.parent.iterdir() if target.parent.is_dir() else ()
+            files = [file for file in (*there, *outputs) if member.fullmatch(file.name)]
+            files = [target.with_name(file.name) for file in files]
+        for file in files:
+            for other in (*inputs, *outputs):
+                if os.path.realpath(file) == os.path.realpath(other) and not _is_device(str(other)):
+                    kind = "an input" if other in inputs else "another output"
+                    raise BadInput(f"{file}: would be written over {kind}; give another name or folder")
 
 
 @command("record")
@@ -391,10 +462,11 @@ def _targets(sources: tuple[str, ...], output: str) -> list[Path]:
               help="The recording.")
 @click.option("--baud", type=click.IntRange(min=1), default=3_000_000, show_default=True, metavar="BAUD",
               help="Bits per second on the line.")
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S",
+@click.option("--duration", "duration_s", type=Number(positive=True), metavar="S",
               help="Stop after so many seconds of the target's time. Default: when it has finished, or at Ctrl-C.")
-@click.option("--timeout", "timeout_s", type=click.FloatRange(min=0, min_open=True), default=5.0, show_default=True,
-              metavar="S", help="Give up after so many seconds without a frame.")
+@click.option("--timeout", "timeout_s", type=Number(positive=True), default=5.0, show_default=True,
+              metavar="S", help="Give up after so many seconds without a frame, once the first has come: that is "
+                                "waited for without limit. So many seconds of bytes that are no telemetry end it too.")
 @click.option("--raw", type=click.Path(dir_okay=False), metavar="FILE",
               help="Also keep every byte as it came, for `rdpi import --telemetry`.")
 @click.option("--actuator", metavar="TEXT", help="Kept in the recording.")
@@ -409,32 +481,46 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
     """Read a microcontroller's telemetry from a serial port into a recording.
 
     PORT is a device, /dev/ttyACM0 or an emulator's pseudo-terminal, or a URL that pyserial knows, e.g.
-    socket://localhost:1234. Samples of the start-up sweep are left out. Lost and corrupt frames are counted, in the
-    file's metadata too; a recording never spans a gap.
+    socket://localhost:1234. Begin before the board is flashed or reset: a start that was not heard, and all of a run
+    that had finished before, is lost. Samples of the start-up sweep are left out; where there is no reference, of a
+    drive, all but its last. Lost and corrupt frames are counted, in the file's metadata too; a recording never spans a
+    gap.
     """
-    from .record import record
+    from .record import Raw, record, stop_signals
+    from .telemetry import REFUSED, Decoder
 
-    with _open_raw(raw) as file, _recording_line() as report:
-        decoder, end = record(port, baud, duration_s, timeout_s, file, report)
-    if not decoder.counts.samples:
-        decoder.check()
-        raise BadInput(f"{port}: no samples: {end.why}")
-    decoder.finish()
-    result = _write_telemetry(decoder, _stretches(decoder, (um_per_count, count_0_um)), Path(output),
-                              {"actuator": actuator, "memory": memory, "note": note}, stretches, max_lost)
-    if not end.good:
-        raise BadInput(f"{port}: {end.why}; what came before has been written")
+    _refuse_overwriting([Path(output)], stretches)
+    decoder, copy = Decoder(port), Raw(raw)
+    with stop_signals() as stopped:  # until all is written
+        with _recording_line() as report:
+            end = record(decoder, baud, duration_s, timeout_s, copy, report, stopped)
+        failures = [] if end.good else [end.why]
+        if not decoder.counts.samples:
+            refuses = decoder.info is not None and decoder.info.state == REFUSED
+            decoder.check()
+            raise BadInput(f"{port}: {end.why}" if refuses else f"{port}: no samples: {end.why}")
+        try:
+            decoder.finish()
+        except BadInput as error:  # what came before may be good
+            if decoder.info is None:
+                raise
+            failures = [str(error).removeprefix(f"{port}: ")]
+        try:
+            found = _stretches(decoder, (um_per_count, count_0_um))
+        except BadInput as error:
+            raise BadInput("; ".join([str(error), *failures])) from None
+        result, lines = _write_telemetry(decoder, found, Path(output), port,
+                                         {"actuator": actuator, "memory": memory, "note": note}, stretches, max_lost)
+    click.echo("\n".join(lines))
+    _tell_gate(result, max_lost)
+    if failures:
+        failures = [f"{failures[0]}; what came before has been written"]
+    if copy.failure:
+        failures.append(f"--raw {copy.failure}")
+    if failures:
+        raise BadInput(f"{port}: {'; '.join(failures)}")
     click.echo(f"  {end.why}")
     return {**result, "ended": end.why}
-
-
-@contextmanager
-def _open_raw(path: str | None) -> Iterator[Any]:
-    if path is None:
-        yield None
-        return
-    with open(path, "wb") as file:
-        yield file
 
 
 @contextmanager
@@ -445,17 +531,31 @@ def _recording_line() -> Iterator[Callable[[Any], None]]:
         return
     from rich.console import Console
 
-    from .telemetry import NO_READING, displacement_um
+    from .telemetry import FINISHED, NO_READING, displacement_um
 
-    with Console(stderr=True).status("waiting for the first frame; Ctrl-C ends") as status:
-        def report(decoder: Any) -> None:
-            latest, info, counts = decoder.latest, decoder.info, decoder.counts
+    status = Console(stderr=True).status("waiting for the first frame; Ctrl-C ends")
+
+    def report(decoder: Any) -> None:
+        latest, info, counts = decoder.latest, decoder.info, decoder.counts
+        if not counts.samples:
+            over = info is not None and info.state == FINISHED
+            what = "a reset: the target had finished before" if over else "the first frame"
+            text = f"waiting for {what}; Ctrl-C ends"
+        else:
             at = ""
             if info is not None and latest is not None and latest["adc_counts"] != NO_READING:
                 at = f", {displacement_um(info, latest['adc_counts']):.4g} um"
-            status.update(f"{counts.samples} samples, {counts.missing} lost{at}; Ctrl-C ends")
+            text = f"{counts.samples} samples, {counts.missing} lost{at}; Ctrl-C ends"
+        with suppress(OSError):  # the terminal is gone, the recording is not
+            status.update(text)
 
+    try:
+        with suppress(OSError):
+            status.start()
         yield report
+    finally:
+        with suppress(OSError):
+            status.stop()
 
 
 @command("excite")
@@ -693,8 +793,9 @@ def profile(source: str, output: str, reference_column: str | None,
             dac: tuple[int, float, float] | None) -> dict[str, Any]:
     """Generate the C header of a table that the firmware plays: a reference, or with --dac a drive.
 
-    References are for port/profile, which converts them to the application's numbers when it is compiled; drives, as
-    `rdpi excite` makes them, for examples/excite. The same file gives the same bytes.
+    FILE.csv needs the columns time_s and reference_um, or another --reference-column, in um; with --dac time_s and
+    command_V. References are for port/profile, which converts them to the application's numbers when it is compiled;
+    drives, as `rdpi excite` makes them, for examples/excite. The same file gives the same bytes.
     """
     from . import profile as tables
     from .recording import atomic_write, read_recording
@@ -791,14 +892,21 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
                    "reference; qemu-...: the firmware itself on an emulated Cortex-M0, M3, M4F or M7.")
 @click.option("--fixed-point", is_flag=True, help="The emulated firmware is that in fixed point. Default: single "
                                                   "precision, on every board.")
+@click.option("--sweep", is_flag=True,
+              help="Run the firmware's start-up sweep first, as a board does, and leave it out: the drive starts from "
+                   "where that leaves the actuator. Default: from the model's memory, or what REFERENCE.csv tells of "
+                   "it. Not with --engine numpy.")
 @click.option("--dac-bits", type=int, metavar="BITS", help="Output codes of this many bits. Default: the model's.")
 @click.option("--reference-column", default="reference_um", show_default=True, metavar="COLUMN",
               help="Column to follow; displacement_um of a recording shows how well its command is recovered.")
 @click.option("--remove-offset", is_flag=True,
               help="First remove the recording's mean deviation from the model (thermal drift).")
-def compensate(model: str, reference: str, output: str, engine: str, fixed_point: bool, dac_bits: int | None,
-               reference_column: str, remove_offset: bool) -> dict[str, Any]:
+def compensate(model: str, reference: str, output: str, engine: str, fixed_point: bool, sweep: bool,
+               dac_bits: int | None, reference_column: str, remove_offset: bool) -> dict[str, Any]:
     """Run the inverse as the firmware does: reference in um to drive in V.
+
+    REFERENCE.csv needs the columns time_s and reference_um, or another --reference-column. A board sweeps before it
+    follows: its codes are those of --sweep.
 
     flags are the sum of 1 (rate clamped by the guard), 2 (drive clipped to its range), 4 (drive clipped by its slew
     limit), 8 (reference not usable, drive held) and 16 (the first after such samples). If REFERENCE.csv has a command_V
@@ -816,6 +924,7 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     from .model import read_model
     from .parameters import q31
     from .recording import read_recording, write_recording
+    from .telemetry import OFF_THE_MIDDLE, STILL, amid
 
     parameters = read_model(model)
     if dac_bits is not None:
@@ -832,15 +941,15 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
         if emulated:
             from . import emulator
 
-            how = partial(emulator.step, run=run, board=engine, fixed_point=fixed_point, report=report)
-        steps, offset = chain.follow(parameters, run, reference_column, how, remove_offset)
+            how = partial(emulator.step, run=run, board=engine, fixed_point=fixed_point, sweep=sweep, report=report)
+        steps, offset = chain.follow(parameters, run, reference_column, how, remove_offset, sweep)
     columns = {name: values for name, values in run.columns.items() if name != "command_V"}
     columns["reference_um"] = run.columns[reference_column]
     columns.update(command_V=steps.drive_V.astype(float), rate_um_per_s=steps.rate_um_per_s.astype(float),
                    flags=steps.flags.astype(float))
     if parameters.drive.dac_bits:
         columns["dac_code"] = steps.dac_code.astype(float)
-    result: dict[str, Any] = {"file": output, "engine": engine, "samples": len(run)}
+    result: dict[str, Any] = {"file": output, "engine": engine, "sweep": sweep, "samples": len(run)}
     for name, bit in (("guard", 1), ("range", 2), ("slew", 4), ("input", 8), ("missed", 16)):
         result[f"{name}_count"] = int(((steps.flags & bit) > 0).sum())
     flagged = ", ".join(f"{result[f'{name}_count']} {name}" for name in ("guard", "range", "slew", "input"))
@@ -859,7 +968,15 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
                    f"peak-to-peak" + (f" (offset of {offset:.4g} um removed)" if remove_offset else ""))
         result["recorded"] = {"rms_V": score.rms_um, "max_V": score.max_um, "rms_percent": score.rms_percent,
                               "max_percent": score.max_percent, "removed_um": offset}
-    write_recording(output, columns, run.metadata)
+    metadata = run.metadata
+    if sweep:  # what the drive's first sample remembers
+        low_V, high_V, end_V = parameters.drive.min_V, parameters.drive.max_V, parameters.sweep_end()
+        stays = abs(float(steps.drive_V[0]) - end_V) <= STILL * (high_V - low_V)
+        reset = stays and amid(end_V, low_V, high_V)
+        metadata = {**metadata, "memory": "reset" if reset else "unknown"}
+        if stays and not reset:
+            click.echo(f"memory: unknown ({OFF_THE_MIDDLE})")
+    write_recording(output, columns, metadata)
     return result
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from . import profile, telemetry
 from .errors import BadInput
-from .firmware import FixedPoint, Steps
+from .firmware import FixedPoint, Steps, engine
 from .header import write_header
 from .model import Model
 from .parameters import NO_REFERENCE
@@ -41,21 +41,25 @@ POLL_S = 0.01
 
 
 def step(model: Model, reference_um: np.ndarray, run: Recording, board: str, fixed_point: bool = False,
-         report: Callable[[float], None] = lambda fraction: None) -> Steps:
+         sweep: bool = False, report: Callable[[float], None] = lambda fraction: None) -> Steps:
     """The drive that the firmware on `board`, a key of MACHINES, makes of references at the rate of `run`.
+
+    With `sweep` the start-up sweep comes first, and is left out.
 
     Raises BadInput for a model or a rate that this firmware cannot have, for tools that are missing, and for samples
     that the board loses.
     """
     rate_hz = profile.integer_rate_hz(run)
     with tempfile.TemporaryDirectory(prefix="rdpi-") as folder:
-        image = build(model, reference_um, run, board, fixed_point, Path(folder))
-        decoder = _run(image, board, rate_hz, len(reference_um), report)
+        image = build(model, reference_um, run, board, fixed_point, Path(folder), sweep)
+        swept = len(engine(model, 1 / rate_hz, "q31" if fixed_point else "f32").sweep()[1]) if sweep else 0
+        decoder = _run(image, board, rate_hz, swept + len(reference_um), report)
     return _steps(decoder, board, rate_hz, len(reference_um))
 
 
-def build(model: Model, reference_um: np.ndarray, run: Recording, board: str, fixed_point: bool, folder: Path) -> Path:
-    """Build the application without sweep for references at the rate of `run`; returns the image, in `folder`."""
+def build(model: Model, reference_um: np.ndarray, run: Recording, board: str, fixed_point: bool, folder: Path,
+          sweep: bool = False) -> Path:
+    """Build the application for references at the rate of `run`; returns the image, in `folder`."""
     if not model.drive.dac_bits:
         raise BadInput("the firmware outputs DAC codes and the model has no drive.dac_bits: give --dac-bits")
     _require_tools()
@@ -70,7 +74,7 @@ def build(model: Model, reference_um: np.ndarray, run: Recording, board: str, fi
     needs = {"RDPI_MAX_PLAYS": len(model.slopes), "RDPI_MAX_DEADZONES": len(model.deadzones_um),
              "RDPI_MAX_WINDOW": math.ceil(model.rate.window_s * rate_hz) + 1}
     options = [f"-DRDPI_PARAMS_DIR={folder}", f"-DRDPI_TRACK_RATE_HZ={rate_hz}",
-               "-DRDPI_TRACK_SWEEP=OFF", f"-DRDPI_TRACK_Q31={'ON' if fixed_point else 'OFF'}",
+               f"-DRDPI_TRACK_SWEEP={'ON' if sweep else 'OFF'}", f"-DRDPI_TRACK_Q31={'ON' if fixed_point else 'OFF'}",
                *(f"-D{name}={need}" for name, need in needs.items() if need > DEFAULTS[name])]
     _make([["cmake", "--preset", board, "-S", str(home), "-B", str(folder / "build"), *options],
            ["cmake", "--build", str(folder / "build"), "--target", "track"]], board, len(reference_um))
@@ -156,6 +160,7 @@ def _run(image: Path, board: str, rate_hz: int, samples: int,
 
 def _steps(decoder: telemetry.Decoder, board: str, rate_hz: int, samples: int) -> Steps:
     info, counts, frames = decoder.info, decoder.counts, decoder.runs[-1].samples
+    frames = frames[frames["flags"] & telemetry.SWEEP == 0]
     if info.state == telemetry.REFUSED:
         raise BadInput(f"{board}: the firmware refuses to run: {refusal(info)}")
     if info.overruns or counts.missing or counts.corrupt or info.held_count or len(frames) != samples:

@@ -19,14 +19,14 @@ from .model import Model
 from .parameters import INT32_MAX, Q31
 from .recording import atomic_write
 
-SCHEMA = 2  # of the parameters as the template fills them in; the header compares it with the library's
+SCHEMA = 3  # of the parameters as the template fills them in; the header compares it with the library's
 NAME = "rdpi_params"
 
 # What the header says of the fields of rdpi_f32_params_t, in its order. Tables: type, length, columns.
 TABLES = {
     "play": ("rdpi_f32_play_t", "PLAYS", "r, um; W at rate 0; c, s/um; intercept at rate 0, um, and its change, s"),
     "saturation": ("rdpi_f32_deadzone_t", "DEADZONES", "S (eq. 8): d, um; weight"),
-    "inverse_saturation": ("rdpi_f32_deadzone_t", "DEADZONES", "S^-1 (eq. 13): d, um; weight"),
+    "inverse": ("rdpi_f32_piece_t", "DEADZONES", "S^-1 (eq. 13): references from and to, um; slope; intercept, um"),
     "memory_um": ("rdpi_real_t", "PLAYS", "y_0 ... y_n, um: the plays at power up; y_0 is x"),
 }
 SCALARS = {
@@ -43,6 +43,12 @@ SCALARS = {
     "slew_V_per_s": "V/s: largest change of the output; 0: unlimited",
     "sweep_V_per_s": "V/s: speed of the start-up sweep ...",
     "sweep_end_V": "V: ... and where it ends",
+    "last_code": "2^DAC_BITS - 1",
+    "codes_per_um": "DAC code = codes_per_um x + code_of_x_0, cut to an integer",
+    "code_of_x_0": "",
+    "um_per_code": "um: x = um_per_code code + x_of_code_0_um",
+    "x_of_code_0_um": "um",
+    "V_per_code": "V: drive = V_per_code code + min_V",
 }
 
 # The same for rdpi_q31_params_t; scalars also with what C has after a literal of their type.

@@ -13,6 +13,7 @@ from .errors import BadInput
 from .model import TOLERANCE, Model, intercepts, inverse_saturation
 
 ONE, MAX_DRIVE, MIN_SLOPE = 2**30, 2**29, 2**24  # RDPI_Q31_...
+MAX_REFERENCE_UM = 1e6  # RDPI_MAX_REFERENCE_UM
 NO_REFERENCE, INT32_MAX = -(2**31), 2**31 - 1
 LARGEST_DRIVE = MAX_DRIVE - 256  # leaves room for rounding, of states once per play
 MIN_SPAN, MIN_CODE = 2**20, 16  # drive units in the output range, and in one step of the DAC
@@ -39,9 +40,15 @@ class F32:
     slew_V_per_s: float
     sweep_V_per_s: float
     sweep_end_V: float
+    last_code: float
+    codes_per_um: float
+    code_of_x_0: float
+    um_per_code: float
+    x_of_code_0_um: float
+    V_per_code: float
     play: np.ndarray  # (n + 1, 5): r, slope, slope_rate, intercept, intercept_rate
     saturation: np.ndarray  # (m + 1, 2): d, weight
-    inverse_saturation: np.ndarray  # (m + 1, 2)
+    inverse: np.ndarray  # (m + 1, 4): from, to, slope, intercept
     memory_um: np.ndarray  # (n + 1,)
 
 
@@ -66,14 +73,36 @@ def f32(model: Model, dtype: type = np.float32) -> F32:
             gain_um_per_V=gain, V_per_um=1 / gain if gain else 0.0, offset_V=model.offset_V, offset_um=model.offset_um,
             rate_window_s=rate.window_s, rate_filter_s=rate.filter_s, max_um_per_s=rate.max_um_per_s,
             min_slope_ratio=rate.min_slope_ratio, min_V=drive.min_V, max_V=drive.max_V,
-            slew_V_per_s=drive.slew_V_per_s or 0.0, sweep_V_per_s=drive.sweep_speed(), sweep_end_V=model.sweep_end())
+            slew_V_per_s=drive.slew_V_per_s or 0.0, sweep_V_per_s=drive.sweep_speed(), sweep_end_V=model.sweep_end(),
+            **_codes(gain, *(float(rounded(volt)) for volt in (drive.min_V, drive.max_V, model.offset_V)),
+                     drive.dac_bits or 0, dtype))
         play = (r, slopes, slope_rates, intercepts(r, slopes), intercepts(r, slope_rates))
         return F32(
             len(r), len(d), drive.dac_bits or 0, drive.sweep_cycles,
             **{key: float(rounded(value)) for key, value in numbers.items()},
             play=np.stack(play, axis=1).astype(dtype), saturation=np.stack([d, weights], axis=1).astype(dtype),
-            inverse_saturation=np.stack([corners, inverse], axis=1).astype(dtype),
+            inverse=_pieces(d, corners, np.cumsum(inverse), float(rounded(model.offset_um))).astype(dtype),
             memory_um=np.array(model.memory.plays_um, dtype))
+
+
+def _codes(gain: float, min_V: float, max_V: float, offset_V: float, bits: int, dtype: type) -> dict[str, float]:
+    """From x to DAC codes, and from codes to x and drives."""
+    if not (bits and gain and max_V > min_V):
+        return dict.fromkeys(("last_code", "codes_per_um", "code_of_x_0", "um_per_code", "x_of_code_0_um", "V_per_code"), 0.0)
+    last = 2**bits - 1
+    V_per_code = np.float64(max_V - min_V) / last
+    step_V = dtype(V_per_code)  # with which the last code is inside the range, rounded once or twice
+    while step_V > 0 and max(min_V + last * float(step_V), dtype(min_V) + dtype(last) * step_V) > max_V:
+        step_V = np.nextafter(step_V, dtype(0))
+    return {"last_code": last, "codes_per_um": 1 / (gain * V_per_code),
+            "code_of_x_0": (offset_V - min_V) / V_per_code + 0.5,
+            "um_per_code": gain * V_per_code, "x_of_code_0_um": gain * (min_V - offset_V), "V_per_code": step_V}
+
+
+def _pieces(d: np.ndarray, corners: np.ndarray, slopes: np.ndarray, offset_um: float) -> np.ndarray:
+    """Rows of S^-1, (m + 1, 4), which passes through d at z = `corners`."""
+    ends = [-MAX_REFERENCE_UM, *(corners[1:] + offset_um), MAX_REFERENCE_UM]
+    return np.stack([ends[:-1], ends[1:], slopes, d - slopes * corners], axis=1)
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+import math
 import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, BinaryIO, NamedTuple
 
 from . import firmware
@@ -16,6 +18,7 @@ from .telemetry import FINISHED, REFUSED, Decoder, Info
 POLL_S = 0.005  # a terminal buffers 4096 bytes: 14 ms at 3 Mbaud
 REPORT_S = 0.2
 CHUNK = 1 << 16
+NO_INFO = 5000  # samples in which a target that sends an info every 1000 would have sent one
 
 
 class End(NamedTuple):
@@ -25,25 +28,64 @@ class End(NamedTuple):
     good: bool
 
 
-def record(port: str, baud: int, duration_s: float | None, timeout_s: float, raw: BinaryIO | None,
-           report: Callable[[Decoder], None]) -> tuple[Decoder, End]:
-    """Take telemetry until the target has finished, `duration_s` of its time have passed, or Ctrl-C.
+class Raw:
+    """A file that gets every byte as it came. Opened by the first, so that no earlier capture is lost for nothing."""
 
-    It also ends when nothing valid comes for `timeout_s`, or the port is gone. `port` is a device or a URL that
-    pyserial knows, socket://localhost:1234 for instance. `raw` gets every byte as it came.
-    Raises BadInput for a port that cannot be opened, a target that refuses to run, and what `Decoder.check` finds.
+    def __init__(self, path: str | None) -> None:
+        """Without a path all of this does nothing."""
+        self.path = path
+        self.failure = ""  # what kept it from being whole
+        self._file: BinaryIO | None = None
+
+    def write(self, data: bytes) -> None:
+        if self.path is None or self.failure or not data:
+            return
+        try:
+            if self._file is None:
+                self._file = open(self.path, "wb")
+            self._file.write(data)
+            self._file.flush()
+        except OSError as error:  # a recording is worth more than its copy
+            self.failure = f"{self.path}: {error.strerror or error}; it does not hold all that came"
+
+    def close(self) -> None:
+        if self._file is not None:
+            with suppress(OSError):  # told already
+                self._file.close()
+
+
+def record(decoder: Decoder, baud: int, duration_s: float | None, timeout_s: float, raw: Raw,
+           report: Callable[[Decoder], None], stopped: list[int]) -> End:
+    """Feed `decoder` with telemetry from the port that it is named after, until something is on the list `stopped`, the
+    target has finished, or `duration_s` of its time have passed.
+
+    The first frame is waited for without limit, for a board may have to be flashed or reset first: what a target says
+    that had finished before is none. It also ends when nothing valid comes for `timeout_s` after that, or for so long
+    nothing but bytes that are no telemetry, or infos without a sample; when NO_INFO samples came without any info; when
+    the target refuses to run, or sends what Decoder.complaint finds; or the port is gone. The port is a device or a URL
+    that pyserial knows, socket://localhost:1234 for instance.
+    Raises BadInput for a port that cannot be opened.
     """
-    decoder = Decoder(port)
-    with _open(port, baud) as line, _stop_signals() as stopped:
-        return decoder, _take(decoder, line, duration_s, timeout_s, raw, report, stopped)
+    try:
+        with _open(decoder.where, baud) as line:
+            return _take(decoder, line, duration_s, timeout_s, raw, report, stopped)
+    finally:
+        raw.close()
 
 
 @contextmanager
-def _stop_signals() -> Iterator[list[int]]:
-    """Ctrl-C and its like are put on a list, so that none interrupts the decoder at its work."""
+def stop_signals() -> Iterator[list[int]]:
+    """Ctrl-C and its like are put on a list: none interrupts the decoder, or the writing of what it has.
+
+    What was ignored before stays so, after nohup for instance, but not Ctrl-C: a shell has that ignored by what a script
+    starts in the background, and to end is then the only way to say that it is enough.
+    """
     received: list[int] = []
-    before = {number: signal.signal(number, lambda number, frame: received.append(number))
-              for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {}
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and (name == "SIGINT" or signal.getsignal(number) != signal.SIG_IGN):
+            before[number] = signal.signal(number, lambda number, frame: received.append(number))
     try:
         yield received
     finally:
@@ -55,51 +97,71 @@ def _open(port: str, baud: int) -> Any:
     import serial
 
     terminal = os.path.realpath(port).startswith("/dev/pts/")  # an emulator's, which has no baud rate to set
+    lock = {"exclusive": True} if os.name == "posix" else {}  # elsewhere a port is never shared
     try:
-        return serial.serial_for_url(port, timeout=0, **({} if terminal else {"baudrate": baud}))
+        return serial.serial_for_url(port, timeout=0, **lock, **({} if terminal else {"baudrate": baud}))
     except (OSError, ValueError) as error:
+        if getattr(error, "errno", None) == errno.EWOULDBLOCK:
+            raise BadInput(f"{port}: is in use by another program; end that first") from None
         raise BadInput(f"{port}: cannot be opened ({getattr(error, 'strerror', None) or error}); check the name, that "
                        "no other program has the port, --baud, and that you may use it (on Linux: group dialout)"
                        ) from None
 
 
-def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: float, raw: BinaryIO | None,
+def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: float, raw: Raw,
           report: Callable[[Decoder], None], stopped: list[int]) -> End:
-    counts = decoder.counts
-    heard = reported = time.monotonic()
-    frames = heard_bytes = 0
+    counts, frames = decoder.counts, 0
+    listening = over = False  # to a target at work; or only to one that had finished before
+    reported = time.monotonic()
+    noisy, received = math.inf, -math.inf  # since when bytes come, but no frame, and the latest of all bytes
+    samples, infos = 0, 0
+    idle = math.inf  # since when infos come that promise samples, but none
     while not stopped:
         try:
             data = line.read(CHUNK)  # what there is; an error drops nothing, it is told when there is nothing else
         except OSError as error:
             return End(f"the port is gone ({error.strerror or error})", False)
-        if raw is not None:
-            raw.write(data)
+        raw.write(data)
         decoder.feed(data)
         now = time.monotonic()
         run = decoder.runs[-1]
         info = run.infos[-1] if run.infos else None
-        over = info is not None and info.state == FINISHED
-        if counts.samples + counts.infos > frames and not over:
-            frames, heard, heard_bytes = counts.samples + counts.infos, now, decoder.bytes
+        over = info is not None and info.state == FINISHED and not run.finished
+        if data:
+            if now - received > timeout_s:
+                noisy = now
+            received = now
+        if counts.samples + counts.infos > frames:
+            frames, noisy, listening = counts.samples + counts.infos, now, not over
+        if counts.samples > samples or info is None or info.state == FINISHED:
+            samples, infos, idle = counts.samples, counts.infos, math.inf
+        elif counts.infos > infos:
+            infos, idle = counts.infos, min(idle, now)
+            if now - idle > timeout_s:
+                return End(f"no sample for {timeout_s:g} s, though the target says that it runs; is it reset again and "
+                           "again?", False)
         if info is not None and info.state == REFUSED:
-            raise BadInput(f"{decoder.where}: the target refuses to run: {refusal(info)}")
-        if over and run.finished:
+            return End(f"the target refuses to run: {refusal(info)}", False)
+        if run.finished:
             return End("the target has finished", True)
-        if info is not None and duration_s is not None and counts.samples + counts.missing >= duration_s * info.rate_hz:
+        if duration_s is not None and decoder.info is not None \
+                and counts.samples + counts.missing >= duration_s * decoder.info.rate_hz:
             return End(f"{duration_s:g} s recorded", True)
-        if now - heard > timeout_s:
-            if over:
-                return End("the target had finished before: reset it after this command has begun", False)
-            return End(f"silent for {timeout_s:g} s" if decoder.bytes == heard_bytes else
-                       f"nothing that is telemetry for {timeout_s:g} s; is the baud rate right?", False)
+        if decoder.info is None and counts.samples > NO_INFO:
+            return End(f"no info frame, which says rate and scale, in the first {NO_INFO} samples", False)
+        if received - noisy > timeout_s:
+            return End(f"nothing that is telemetry for {timeout_s:g} s; is the baud rate right?", False)
+        if listening and now - received > timeout_s:
+            return End(f"silent for {timeout_s:g} s", False)
         if now - reported > REPORT_S:
-            decoder.check()
+            if what := decoder.complaint():
+                return End(what, False)
             report(decoder)
             reported = now
         if not data:
             time.sleep(POLL_S)
-    return End("stopped", True)
+    return End("stopped; the target had finished before: reset it after this command has begun" if over else "stopped",
+               True)
 
 
 def refusal(info: Info) -> str:

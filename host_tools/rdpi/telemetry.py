@@ -35,7 +35,16 @@ INFO_BODY = struct.Struct("<BBBbIBB7d10I")
 LONGEST = 254  # bytes of a frame of this kind of COBS without its zero: one block
 NEAR_TICKS = 1000  # more ticks than this are not lost between neighbours
 STILL = 1e-3  # of the DAC's range: a drive that moves no more has stayed where the sweep ended
+AMID = 0.05  # of a sweep's range: from its middle, where a sweep has decayed from both sides
+MOST = 0.8  # of the samples received: a recording with fewer is worth a word
+LARGEST = 1e9  # of volts and scales, either sign: far beyond any, and all sums of them are finite
+SCALES = {"um_per_reference": "the parameters", "reference_0_um": "the parameters",
+          "um_per_s_per_rate": "the parameters", "um_per_count": "RDPI_UM_PER_COUNT",
+          "count_0_um": "RDPI_COUNT_0_UM"}  # of an info, and what in the firmware's build sets them
+UNKNOWN = ", which this version of rdpi does not know; use the one that the firmware was built with"
 CHANCE = 10_000  # of this many good frames, one of an unknown kind may be a damaged one
+
+OFF_THE_MIDDLE = "the sweep ends off the middle"
 
 _CRC_TABLE = np.array([binascii.crc_hqx(bytes([byte]), 0) for byte in range(256)], np.uint16)
 
@@ -73,14 +82,16 @@ class Info(NamedTuple):
 
     def fault(self) -> str:
         """What makes it unusable, or nothing."""
-        if not 1 <= self.rate_hz <= 10**8:
-            return f"an info that says {self.rate_hz} samples per second"
-        if not 1 <= self.dac_bits <= 32 or not -1e9 < self.min_V < self.max_V < 1e9:
-            return f"an info that says {self.dac_bits} DAC bits from {self.min_V:g} to {self.max_V:g} V"
         if self.numbers > INT32 or self.state > REFUSED:
-            return f"an info of numbers {self.numbers} and state {self.state}"
-        if not np.isfinite(self[7:12]).all():
-            return "an info whose scales are not finite"
+            return f"an info of numbers {self.numbers} and state {self.state}{UNKNOWN}"
+        if not 1 <= self.rate_hz <= 10**8:
+            return f"the firmware says {self.rate_hz} samples per second; check rate_hz, with which it was built"
+        if not 1 <= self.dac_bits <= 32 or not -LARGEST < self.min_V < self.max_V < LARGEST:
+            return (f"the firmware says {self.dac_bits} DAC bits from {self.min_V:g} to {self.max_V:g} V; check min_V, "
+                    "max_V and dac_bits, with which it was built")
+        for name, setting in SCALES.items():
+            if not -LARGEST < getattr(self, name) < LARGEST:
+                return f"the firmware says that {name} is {getattr(self, name):g}; check {setting}"
         return ""
 
 
@@ -152,6 +163,11 @@ class Stretch(NamedTuple):
 
     columns: dict[str, np.ndarray]
     metadata: dict[str, object]
+    why_unknown: str  # where `memory` is that, what kept a start-up sweep from making it reset
+
+    @property
+    def samples(self) -> int:
+        return len(self.columns["time_s"])
 
 
 class Decoder:
@@ -208,23 +224,30 @@ class Decoder:
         self._take(samples[done:])
 
     def finish(self) -> None:
-        """Say, once, that the stream has ended. Raises BadInput as `check` does, and if nothing in it was telemetry."""
+        """Say, once, that the stream has ended. Raises BadInput as `check` does, and if nothing in it was telemetry.
+
+        What came is counted and may be used all the same.
+        """
         if len(self._open) and not self._open_taken:
             self.counts.unconfirmed += 1
             self._open_taken = True
         self.counts.lost += self.runs[-1].lost_at_end
         if not self.counts.infos and self._strange:
-            self._refuse(next(iter(self._strange)))
+            raise BadInput(f"{self.where}: {next(iter(self._strange))}")
         self.check()
         if not self.counts.infos + self.counts.samples + self.counts.unconfirmed:
             raise BadInput(f"{self.where}: no telemetry frame in {self.bytes} bytes; "
                            + ("is the baud rate right?" if self.bytes else "nothing was sent"))
 
     def check(self) -> None:
-        """Raise BadInput if there are more frames of an unknown kind than damage can make."""
-        for what, count in self._strange.items():
-            if count > 1 and count * CHANCE > self.counts.samples:
-                self._refuse(what)
+        """Raise BadInput for what `complaint` finds."""
+        if what := self.complaint():
+            raise BadInput(f"{self.where}: {what}")
+
+    def complaint(self) -> str:
+        """What is wrong with frames, if there are more of them than damage can make, or nothing."""
+        return next((what for what, count in self._strange.items()
+                     if count > 1 and count * CHANCE > self.counts.samples), "")
 
     @property
     def info(self) -> Info | None:
@@ -244,16 +267,12 @@ class Decoder:
         """The last believed sample of the present run."""
         return self.runs[-1].pieces[-1][-1] if self.runs[-1].pieces else None
 
-    def _refuse(self, what: str) -> None:
-        raise BadInput(f"{self.where}: {what}, which this version of rdpi does not know; "
-                       "use the one that the firmware was built with")
-
     def _info(self, body: bytes) -> Info | None:
         """An info frame; of a frame of any other kind it is remembered that there was one."""
         if body[0] == INFO and body[1] != VERSION:
-            what = f"telemetry of version {body[1]}"
+            what = f"telemetry of version {body[1]}{UNKNOWN}"
         elif body[0] != INFO or len(body) != INFO_BODY.size:
-            what = f"a frame of type {body[0]} with {len(body)} bytes"
+            what = f"a frame of type {body[0]} with {len(body)} bytes{UNKNOWN}"
         else:
             info = Info(*INFO_BODY.unpack(body)[2:])
             what = info.fault()
@@ -324,8 +343,8 @@ def stretches(decoder: Decoder, um_per_count: float | None = None, count_0_um: f
     """Every unbroken stretch of at least 16 samples after the start-up sweep, in order, as a recording.
 
     A stretch ends where a sample is missing, or has no reading while others have one. `memory` is reset if the sweep
-    was received from the first sample to the last and the stretch begins where it ended: with references, at the first
-    one if the drive stays; without, at the sweep's last sample. `um_per_count` and `count_0_um` replace the firmware's.
+    was received from the first sample to the last, ends amid its own range, and the stretch begins where it ended: with
+    references, at the first one if the drive stays; without, at the sweep's last sample. `um_per_count` and `count_0_um` replace the firmware's.
     """
     found = []
     for run in decoder.runs:
@@ -347,24 +366,37 @@ def _stretches(samples: np.ndarray, info: Info, um_per_count: float | None,
     swept = int(np.argmin(sweeping))  # samples of the sweep, if all of them are there
     if samples["tick"][0] != 1 or sweeping[swept] or not whole[:swept].all():
         swept = 0
+    no_sweep = "the start-up sweep was not received whole to its end" if sweeping.any() else ""
     starts = np.r_[0, np.flatnonzero(~whole | np.diff(sweeping) | ~usable[1:] | ~usable[:-1]) + 1]
     ends = np.r_[starts[1:], len(samples)]
     wanted = ~sweeping[starts] & usable[starts]
     found = []
     for start, end in zip(starts[wanted].tolist(), ends[wanted].tolist()):
+        why = "" if 0 < start == swept else "it does not begin at the sweep's end" if swept else no_sweep
         reset = 0 < start == swept
         if reset and info.numbers == NO_REFERENCE and usable[start - 1]:
             start -= 1
         if held[start]:  # which code it was is not known
             start += int(np.argmin(np.r_[held[start:end], False]))
-            reset = False
+            reset, why = False, "the DAC did not take the code at the sweep's end" if reset else why
         if end - start < MIN_SAMPLES:
             continue
-        reset = reset and abs(int(output[start]) - int(output[swept - 1])) <= STILL * last_code
-        found.append(Stretch(_columns(samples[start:end], output[start:end], info, um_per_count, count_0_um),
-                             {"sample_rate_hz": info.rate_hz, "memory": "reset" if reset else "unknown",
-                              "first_tick": int(samples["tick"][start])}))
+        if reset and abs(int(output[start]) - int(output[swept - 1])) > STILL * last_code:
+            reset, why = False, "the drive jumps at the sweep's end"
+        if reset and not amid(int(output[swept - 1]), int(output[:swept].min()), int(output[:swept].max())):
+            reset, why = False, OFF_THE_MIDDLE
+        metadata = {"sample_rate_hz": info.rate_hz, "memory": "reset" if reset else "unknown",
+                    "first_tick": int(samples["tick"][start])}
+        columns = _columns(samples[start:end], output[start:end], info, um_per_count, count_0_um)
+        if info.numbers != NO_REFERENCE and "reference_um" not in columns:
+            metadata["without_reference"] = int((~np.isfinite(references_um(info, samples[start:end]))).sum())
+        found.append(Stretch(columns, metadata, why))
     return found
+
+
+def amid(end: float, lowest: float, highest: float) -> bool:
+    """Whether a decaying sweep over this range has left every play at x: near an edge the larger are left behind."""
+    return abs(end - (lowest + highest) / 2) <= AMID * (highest - lowest)
 
 
 def _columns(samples: np.ndarray, output: np.ndarray, info: Info, um_per_count: float | None,
@@ -383,28 +415,51 @@ def _columns(samples: np.ndarray, output: np.ndarray, info: Info, um_per_count: 
 
 def summary(counts: Counts) -> str:
     """In a line, what came and what did not."""
-    return (f"{counts.samples} samples, {counts.lost} lost on the way, {counts.ticks_lost} not taken by the target; "
+    return (f"{counts.samples} samples, {counts.lost} lost on the way, {counts.ticks_lost} ticks lost by the target; "
             f"{counts.corrupt} corrupt frames")
 
 
-def notes(decoder: Decoder, found: list[Stretch]) -> list[str]:
-    """What the user should know about recordings made of a stream."""
+def notes(decoder: Decoder, found: list[Stretch], written: list[Stretch]) -> list[str]:
+    """What the user should know about the recordings written of those found in a stream."""
     counts, info, said = decoder.counts, decoder.info_of(decoder.runs[-1]), []
     if counts.resets:
         said.append(f"the target started anew {counts.resets} times; no recording spans that")
+    for run in decoder.runs:
+        if run.pieces and not run.started and (first := int(run.pieces[0]["tick"][0])) > 1:
+            said.append(f"the target was running already: samples before tick {first} were not received")
+        constants = Counter(told.constants for told in run.infos)
+        if len(constants) > 1:
+            said.append(f"{len(run.infos)} infos of one run tell {len(constants)} different rates or scales; those of "
+                        "most are used")
     if info.refused_count:
         said.append(f"{info.refused_count} samples never left the target: its line is too slow")
+    if info.overruns or counts.ticks_lost:
+        said.append(f"the target itself counts {info.overruns} ticks lost{_longest_tick(info)}")
     if info.held_count:
-        said.append(f"the DAC did not take {info.held_count} codes; command_V is the one that it held")
+        said.append(f"the DAC did not take {info.held_count} codes; command_V is the one that it held; does --dac-bits "
+                    "of the fit match the board's DAC?")
     if counts.unconfirmed:
         said.append(f"{counts.unconfirmed} samples are not used: both neighbours are lost, so nothing confirms them")
     if counts.corrupt_at_end and not decoder.runs[-1].finished:
         said.append(f"{counts.corrupt_at_end} corrupt frames came after the last sample: as many more may be lost")
-    if any("displacement_um" not in stretch.columns for stretch in found):
+    received = sum(int(np.count_nonzero(run.samples["flags"] & SWEEP == 0)) for run in decoder.runs)
+    if len(written) < len(found) and written[0].samples < MOST * received:
+        said.append(f"the longest stretch without a gap has {written[0].samples} of the {received} samples received; "
+                    f"--stretches writes all {len(found)}")
+    if any("displacement_um" not in stretch.columns for stretch in written):
         said.append("no displacement_um: the target has no reading of the sensor")
-    if info.numbers != NO_REFERENCE and any("reference_um" not in stretch.columns for stretch in found):
-        said.append("no reference_um: some samples had no reference")
+    if without := sum(int(stretch.metadata.get("without_reference", 0)) for stretch in written):
+        said.append(f"no reference_um: {without} samples had no reference")
     return said
+
+
+def _longest_tick(info: Info) -> str:
+    if info.longest_tick_cycles == 0:  # a board without cycle counter
+        return ""
+    took = f"; its longest tick took {info.longest_tick_cycles} cycles"
+    if info.cycles_per_s > 0:
+        took += f", {info.longest_tick_cycles / info.cycles_per_s:.3g} s, of a period of {1 / info.rate_hz:.3g} s"
+    return took
 
 
 def volts(info: Info, dac_code: np.ndarray) -> np.ndarray:

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from plants import model_of, quasi_static, rate_of, recording, stack, waves
 
-from rdpi.model import Drive, Rate, write_model
+from rdpi import firmware
+from rdpi.model import Drive, Memory, Rate, read_model, write_model
 from rdpi.recording import Recording, read_recording, sample_times, write_recording
 
 HOST_TOOLS = Path(__file__).resolve().parents[1]
@@ -206,6 +207,45 @@ def test_compensate(engine: str, folder: Path, rdpi: Callable) -> None:
     assert [result[f"{name}_count"] for name in ("guard", "range", "slew", "input", "missed")] == [0] * 5
 
 
+@pytest.mark.parametrize("engine", ["f32", "q31", "f64"])
+@pytest.mark.parametrize("metadata", [{}, {"memory": "reset"}])
+def test_compensate_after_the_start_up_sweep(engine: str, metadata: dict, folder: Path, rdpi: Callable) -> None:
+    """From where the library's own sweep leaves it, whatever the reference's file says."""
+    model = replace(model_of(stack(law=0)), drive=Drive(-20.0, 120.0, None, 16))
+    write_model("static.json", replace(model, memory=Memory(2.0, np.linspace(2.0, 0.0, len(model.slopes)))))
+    write_reference("reference.csv", reference(), **metadata)
+    library = firmware.engine(read_model("static.json"), 1e-3, engine)
+    _, swept = library.sweep()
+    expected = library.step(reference())
+    drive, result = compensated(rdpi, "--engine", engine, "--sweep")
+    assert drive.columns["dac_code"].tolist() == expected.dac_code.tolist() and len(swept) > 100
+    assert drive.columns["flags"].tolist() == expected.flags.tolist()
+    assert result["sweep"] and drive.metadata["memory"] == "unknown"  # the first step is not where the sweep ended
+    without, _ = compensated(rdpi, "--engine", engine)
+    assert np.abs(without.columns["dac_code"] - expected.dac_code).max() > 10
+
+
+def test_a_drive_that_begins_where_the_sweep_ended(folder: Path, rdpi: Callable) -> None:
+    """What simulate makes of it is the reference, but for the little that a fine sweep amid the range leaves."""
+    fine = Drive(-20.0, 120.0, sweep_cycles=500, sweep_V_per_s=500.0, sweep_end_V=50.0)
+    model = replace(read_model("static.json"), drive=fine)
+    write_model("static.json", model)
+    library = firmware.engine(model, 1e-3, "f64")
+    library.sweep()
+    start_um = float(library.predict(np.array([50.0]), np.zeros(1))[0])
+    write_reference("reference.csv", start_um + 0.5 * (reference() - reference()[0]), memory="carried")
+    drive, _ = compensated(rdpi, "--engine", "f64", "--sweep")
+    assert drive.metadata["memory"] == "reset" and drive.command_V[0] == pytest.approx(50)
+    assert rdpi("simulate", "static.json", "drive.csv", "-o", "back.csv").exit_code == 0
+    back = read_recording("back.csv", required=("predicted_um", "reference_um"))
+    assert back.columns["predicted_um"] == pytest.approx(back.columns["reference_um"], abs=1e-2)
+
+
+def test_numpy_has_no_start_up_sweep(folder: Path, rdpi: Callable) -> None:
+    text = refusal(rdpi, "compensate", "static.json", None, "--engine", "numpy", "--sweep")
+    assert text.startswith("the engine numpy has no start-up sweep")
+
+
 def test_compensate_is_what_the_firmware_computes_unless_told_otherwise(folder: Path, rdpi: Callable) -> None:
     default = compensated(rdpi)[0].command_V
     assert np.array_equal(default, compensated(rdpi, "--engine", "f32")[0].command_V)
@@ -266,7 +306,7 @@ def test_dac_codes(engine: str, folder: Path, rdpi: Callable) -> None:
     assert list(drive.columns)[-1] == "dac_code"
     code = drive.columns["dac_code"]
     assert np.array_equal(code, np.rint(code)) and code.min() >= 0 and code.max() <= 1023
-    assert drive.command_V == pytest.approx(code * 140 / 1023 - 20, abs=1e-5)
+    assert drive.command_V == pytest.approx(code * 140 / 1023 - 20, abs=3e-5)
     wish = stack(law=0).drive(reference(), np.zeros(600))
     assert np.abs(drive.command_V - wish).max() < 1.5 * 140 / 1023
     assert len(np.unique(code)) > 100

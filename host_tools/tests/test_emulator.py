@@ -17,6 +17,7 @@ from rdpi import emulator
 from rdpi.errors import BadInput
 from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
 from rdpi.recording import Recording, read_recording, sample_times, write_recording
+from rdpi.telemetry import SWEEP
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "examples/track/params/model.json"
@@ -69,6 +70,19 @@ def test_a_board_outputs_what_the_host_computes(folder: Path, rdpi: Callable, bo
     np.testing.assert_allclose(target.columns["rate_um_per_s"], host.columns["rate_um_per_s"], rtol=1e-4, atol=1e-3)
     flags = host.columns["flags"].astype(int)
     assert all((flags & flag).any() for flag in FLAGS), "the reference is meant to meet them all"
+
+
+@pytest.mark.parametrize("board, fixed_point", [
+    ("qemu-m4f", False), *(pytest.param(*case, marks=slow) for case in (("qemu-m4f", True), ("qemu-m0", False))),
+])
+def test_after_the_start_up_sweep(folder: Path, rdpi: Callable, board: str, fixed_point: bool) -> None:
+    engine, options = "q31" if fixed_point else "f32", ["--fixed-point"] * fixed_point
+    target = compensated(rdpi, board, "--sweep", *options)
+    host = compensated(rdpi, engine, "--sweep")
+    assert np.abs(target.columns["dac_code"] - host.columns["dac_code"]).max() <= (0 if fixed_point else 1)
+    assert target.columns["flags"].max() < SWEEP
+    without = compensated(rdpi, engine)
+    assert np.abs(without.columns["dac_code"] - host.columns["dac_code"]).max() > 10, "it is meant to make a difference"
 
 
 def test_the_memory_is_that_of_the_recording(folder: Path, rdpi: Callable) -> None:

@@ -105,7 +105,8 @@ def test_memory_moves_from_one_instance_to_another(real: str) -> None:
     second = Firmware(model, SAMPLE_TIME_S, real)
     second.memory_um = first.memory_um
     np.testing.assert_array_equal(second.memory_um, first.memory_um)
-    np.testing.assert_array_equal(second.step(reference[70:]).drive_V, first.step(reference[70:]).drive_V)
+    rounding = 8 * np.finfo(np.float32 if real == "f32" else float).eps  # how many are engaged is found out anew
+    np.testing.assert_allclose(second.step(reference[70:]).drive_V, first.step(reference[70:]).drive_V, rtol=rounding)
 
 
 @pytest.mark.parametrize("real", REALS)

@@ -241,7 +241,7 @@ def test_a_model_beyond_fixed_point_has_floats_alone_and_says_why(model: Model, 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_digest_is_the_crc_of_the_fields_in_their_order(seed: int) -> None:
     single = parameters.f32(random_model(seed, plays=seed, deadzones=seed % 3))
-    data = struct.pack("<4H13f", single.plays, single.deadzones, single.dac_bits, single.sweep_cycles,
+    data = struct.pack("<4H19f", single.plays, single.deadzones, single.dac_bits, single.sweep_cycles,
                        *(getattr(single, field) for field in SCALARS))
     data += b"".join(getattr(single, field).astype("<f4").tobytes() for field in TABLES)
     assert firmware.digest(single) == zlib.crc32(data)
@@ -260,7 +260,20 @@ def test_what_follows_from_other_fields_follows_from_them_as_rounded(model: Mode
         assert numbers.V_per_um == np.float32(1 / float(np.float32(gain)))
     v = np.linspace(-3, 9, 50)
     z = operators.saturation(v, *single.saturation.T.astype(float))
-    np.testing.assert_allclose(operators.saturation(z, *single.inverse_saturation.T.astype(float)), v, atol=2e-6)
+    low, high, slope, intercept = single.inverse.T.astype(float)
+    assert low[0] == -parameters.MAX_REFERENCE_UM and high[-1] == parameters.MAX_REFERENCE_UM
+    assert low[1:].tolist() == high[:-1].tolist()
+    piece = np.searchsorted(high[:-1], z + single.offset_um)
+    np.testing.assert_allclose(slope[piece] * z + intercept[piece], v, atol=2e-6)
+    numbers = parameters.f32(replace(model, drive=replace(model.drive, dac_bits=16)))
+    code = np.arange(0, 2**16, 1001)
+    x_um = numbers.um_per_code * code + numbers.x_of_code_0_um
+    volt = numbers.V_per_code * code + numbers.min_V
+    np.testing.assert_allclose(x_um, model.x_of(volt), rtol=0, atol=5e-6)
+    np.testing.assert_allclose(numbers.codes_per_um * x_um + numbers.code_of_x_0, code + 0.5, atol=0.02)
+    assert numbers.last_code == 2**16 - 1
+    last_V = numbers.min_V + numbers.last_code * numbers.V_per_code
+    assert last_V <= numbers.max_V and last_V == pytest.approx(numbers.max_V, rel=1e-6)
     assert (single.sweep_end_V, single.sweep_cycles) == (pytest.approx(98.1), 20)
     assert single.sweep_V_per_s == pytest.approx(2 * 140.5 * 20)
 
@@ -299,7 +312,7 @@ def test_a_library_of_another_schema_is_an_error(model: Model, compiled: Callabl
     assert SCHEMA == lib.RDPI_PARAMS_SCHEMA
     other = '#include "rdpi/rdpi.h"\n#undef RDPI_PARAMS_SCHEMA\n#define RDPI_PARAMS_SCHEMA 99u\n'
     done = compiled(other + INIT, {"rdpi_params.h": render(model)})
-    assert done.returncode == 1 and "these parameters have schema 2" in done.stderr
+    assert done.returncode == 1 and "these parameters have schema 3" in done.stderr
 
 
 @pytest.mark.parametrize("flag", ["RDPI_MAX_PLAYS=3", "RDPI_MAX_DEADZONES=1"])

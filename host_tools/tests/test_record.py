@@ -22,6 +22,7 @@ import streams
 from streams import Info, samples, stream
 
 from rdpi import firmware
+from rdpi.record import REPORT_S
 from rdpi.recording import read_recording
 
 SENT = samples(3000)
@@ -94,7 +95,7 @@ def test_until_the_target_has_finished(board: Board, run_csv: Path, rdpi: Callab
     done = rdpi("record", board.port, "-o", run_csv, "--raw", tmp_path / "raw", "--json", tmp_path / "json",
                 "--actuator", "stack 3", "--note", "first try", "--memory", "carried")
     assert done.exit_code == 0, done.output
-    assert f"{board.port}: 3000 samples, 0 lost on the way, 0 not taken by the target; 0 corrupt frames" in done.output
+    assert f"{board.port}: 3000 samples, 0 lost on the way, 0 ticks lost by the target; 0 corrupt frames" in done.output
     assert "the target has finished" in done.output
     recording = read_recording(run_csv)
     assert recording.columns["dac_code"].tolist() == [sample.dac_code for sample in SENT]
@@ -137,9 +138,14 @@ def test_a_duration_of_the_targets_time(board: Board, run_csv: Path, rdpi: Calla
     assert 1000 <= len(codes(run_csv)) <= 3000
 
 
-def test_silence_from_the_start(board: Board, refused: Callable) -> None:
-    assert refused("record", board.port, "-o", refused.output, "--timeout", "0.2") == (
-        f"{board.port}: no samples: silent for 0.2 s")
+def test_the_first_frame_is_waited_for_while_the_board_is_flashed(board: Board, run_csv: Path,
+                                                                  rdpi: Callable) -> None:
+    glitch = lambda: board.send(b"\xff")  # noqa: E731: of a line that comes up
+    flashing = lambda: time.sleep(0.5)  # noqa: E731
+    board.later(flashing, glitch, flashing, lambda: board.send(stream(SENT)))
+    done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.2")
+    assert done.exit_code == 0, done.output
+    assert codes(run_csv) == [sample.dac_code for sample in SENT]
 
 
 def test_silence_after_samples_saves_them(board: Board, run_csv: Path, rdpi: Callable) -> None:
@@ -192,11 +198,11 @@ def test_a_target_of_another_version(board: Board, rdpi: Callable, run_csv: Path
 
 def test_a_target_that_had_finished_before(board: Board, run_csv: Path, rdpi: Callable) -> None:
     over = Info(streams.FINISHED, offered=3000).frame()
-    board.later(lambda: board.send(over * 3))
-    done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.5")
-    assert done.exit_code == 2 and "no samples: the target had finished before: reset it" in done.output
-    board.later(lambda: board.send(over * 3 + stream(SENT)))
-    assert rdpi("record", board.port, "-o", run_csv).exit_code == 0
+    board.later(lambda: board.send(over * 3), lambda: time.sleep(0.5), lambda: os.kill(os.getpid(), signal.SIGINT))
+    done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.2")
+    assert done.exit_code == 2 and "no samples: stopped; the target had finished before: reset it" in done.output
+    board.later(lambda: board.send(over * 3), lambda: time.sleep(0.5), lambda: board.send(stream(SENT)))
+    assert rdpi("record", board.port, "-o", run_csv, "--timeout", "0.2").exit_code == 0
     assert len(codes(run_csv)) == 3000
 
 
@@ -219,6 +225,7 @@ def test_from_a_socket(run_csv: Path, rdpi: Callable) -> None:
         done = rdpi("record", f"socket://127.0.0.1:{server.getsockname()[1]}", "-o", run_csv)
     assert done.exit_code == 2 and "the port is gone" in done.output
     assert len(codes(run_csv)) == 3000
+    assert read_recording(run_csv).metadata["source"].startswith("socket://127.0.0.1:")
 
 
 @pytest.mark.parametrize("port", ["/nowhere/ttyACM0", "nonsense://x", "/dev/null"])
@@ -235,6 +242,11 @@ def test_a_terminal_shows_how_it_goes(board: Board, run_csv: Path) -> None:
         shown = b""
         half = len(stream(SENT)) // 2
         while b"waiting for the first frame" not in shown:
+            shown += os.read(screen, 4096)
+        time.sleep(5 * REPORT_S)
+        assert b"0 samples" not in os.read(screen, 1 << 16), "it still waits"
+        board.send(Info(streams.FINISHED).frame())
+        while b"waiting for a reset: the target had finished before" not in shown:
             shown += os.read(screen, 4096)
         board.send(stream(SENT)[:half])
         while b" samples, 0 lost, " not in shown or b" um; Ctrl-C ends" not in shown:
@@ -268,6 +280,9 @@ def test_the_longest_stretch_of_a_captured_stream(captured: Path, run_csv: Path,
     assert "2997 samples, 3 lost on the way" in done.output
     assert codes(run_csv) == [sample.dac_code for sample in SENT[1801:]]
     assert read_recording(run_csv).metadata.items() >= {"source": "captured.bin", "telemetry_lost": "3"}.items()
+    assert done.output.endswith("\nthe target had finished\n")
+    assert "note: the longest stretch without a gap has 1199 of the 2997 samples received; --stretches writes all 3\n" \
+        in done.output
     result = json.loads((tmp_path / "json").read_text())
     assert result["streams"][0]["counts"]["lost"] == 3 and result["streams"][0]["stretches"] == [1000, 798, 1199]
     assert [row["samples"] for row in result["recordings"]] == [1199]
@@ -275,7 +290,7 @@ def test_the_longest_stretch_of_a_captured_stream(captured: Path, run_csv: Path,
 
 def test_every_stretch_of_it(captured: Path, run_csv: Path, rdpi: Callable) -> None:
     done = rdpi("import", "--telemetry", captured, "-o", run_csv, "--stretches")
-    assert done.exit_code == 0 and not run_csv.exists()
+    assert done.exit_code == 0 and not run_csv.exists() and "note: the longest" not in done.output
     parts = [codes(run_csv.with_stem(f"run-{k}")) for k in (1, 2, 3)]
     assert [len(part) for part in parts] == [1000, 798, 1199]
     assert sum(parts, []) == [sample.dac_code for sample in WITHOUT_A_FEW]
@@ -305,8 +320,9 @@ def test_another_sensor(captured: Path, run_csv: Path, rdpi: Callable) -> None:
 @pytest.mark.parametrize("data, message", [
     (b"", "no telemetry frame in 0 bytes; nothing was sent"),
     (b"abc" * 100, "no telemetry frame in 300 bytes; is the baud rate right?"),
-    (stream(SENT[:15]), "15 samples, 0 lost on the way, 0 not taken by the target; 0 corrupt frames: no 16 samples w"),
-    (Info().frame(), "0 samples, 0 lost on the way, 0 not taken by the target; 0 corrupt frames: no 16 samples w"),
+    (stream(SENT[:15]), "15 samples, 0 lost on the way, 0 ticks lost by the target; 0 corrupt frames: no 16 samples w"),
+    (Info().frame(), "0 samples, 0 lost on the way, 0 ticks lost by the target; 0 corrupt frames: no 16 samples w"),
+    (Info(streams.REFUSED, -8).frame(), f"the target refuses to run: {firmware.status_text(-8)} (status -8)"),
     (stream(SENT)[len(Info().frame()):20_000], "samples, but no info frame"),
 ])
 def test_streams_without_a_recording(captured: Path, refused: Callable, data: bytes, message: str) -> None:
@@ -339,6 +355,29 @@ def test_the_target_told_what_it_did_not_send(captured: Path, run_csv: Path, rdp
     captured.write_bytes(stream(WITHOUT_A_FEW, Info(counts=(3, *[0] * 8))))
     done = rdpi("import", "--telemetry", captured, "-o", run_csv)
     assert "note: 3 samples never left the target: its line is too slow" in done.output
+
+
+@pytest.mark.parametrize("sent, note", [
+    (stream(SENT), None),
+    (stream(SENT, finished=0), "note: the stream ends before the target had finished"),
+    (stream(SENT, finished=0) + Info(streams.REFUSED).frame(), "the target refuses to run: the board has no timer for"),
+])
+def test_how_a_stream_ended(captured: Path, run_csv: Path, rdpi: Callable, sent: bytes, note: str | None) -> None:
+    captured.write_bytes(sent)
+    done = rdpi("import", "--telemetry", captured, "-o", run_csv)
+    assert done.exit_code == 0 and len(codes(run_csv)) == 3000
+    assert ("the target had finished\n" in done.output) == (note is None or note.startswith("note"))
+    assert note is None or f"\n{note}" in done.output
+
+
+def test_why_the_memory_is_unknown(captured: Path, run_csv: Path, rdpi: Callable) -> None:
+    sent = [replace(sample, flags=streams.SWEEP, dac_code=0) if sample.sequence < 30 else
+            replace(sample, dac_code=40_000) for sample in SENT]
+    captured.write_bytes(stream(sent))
+    done = rdpi("import", "--telemetry", captured, "-o", run_csv)
+    assert "memory: unknown (the drive jumps at the sweep's end)\n" in done.output
+    done = rdpi("import", "--telemetry", captured, "-o", run_csv, "--memory", "carried")
+    assert "memory: carried\n" in done.output
 
 
 def test_samples_without_readings(captured: Path, run_csv: Path, rdpi: Callable) -> None:

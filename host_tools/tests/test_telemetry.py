@@ -249,7 +249,7 @@ def test_a_damaged_info_does_not_set_the_scale() -> None:
 def test_a_recording_of_it() -> None:
     sent = samples(50)
     (stretch,) = stretches(decode(stream(sent)))
-    columns, metadata = stretch
+    columns, metadata, _ = stretch
     assert list(columns) == ["time_s", "command_V", "displacement_um", "reference_um", "dac_code", "flags"]
     assert columns["time_s"].tolist() == [round(k / 10_000, 9) for k in range(50)]
     np.testing.assert_allclose(columns["command_V"], [-20 + 140 * s.dac_code / 65535 for s in sent], rtol=0, atol=1e-12)
@@ -303,19 +303,26 @@ def test_after_the_sweep_the_memory_is_reset() -> None:
     sent = swept(30, 100)
     (stretch,) = stretches(decode(stream(sent)))
     assert (stretch.metadata["memory"], stretch.metadata["first_tick"]) == ("reset", 31)
-    assert len(stretch.columns["time_s"]) == 70
+    assert (stretch.samples, stretch.why_unknown) == (70, "")
 
 
-@pytest.mark.parametrize("sent", [
-    pytest.param(swept(30, 100)[:10] + swept(30, 100)[11:], id="a gap in the sweep"),
-    pytest.param(swept(30, 100)[1:], id="its first sample lost"),
-    pytest.param(swept(30, 100)[:29] + swept(30, 100)[30:], id="its last sample lost"),
-    pytest.param(swept(30, 100)[:30] + swept(30, 100)[31:], id="a gap behind it"),
-    pytest.param(swept(30, 100, 31_000), id="a jump behind it"),
-    pytest.param(samples(100), id="no sweep"),
+NOT_WHOLE, ELSEWHERE = "the start-up sweep was not received whole to its end", "it does not begin at the sweep's end"
+
+
+@pytest.mark.parametrize("sent, why", [
+    pytest.param(swept(30, 100)[:10] + swept(30, 100)[11:], NOT_WHOLE, id="a gap in the sweep"),
+    pytest.param(swept(30, 100)[1:], NOT_WHOLE, id="its first sample lost"),
+    pytest.param(swept(30, 100)[:29] + swept(30, 100)[30:], NOT_WHOLE, id="its last sample lost"),
+    pytest.param(swept(30, 100)[:30] + swept(30, 100)[31:], NOT_WHOLE, id="a gap behind it"),
+    pytest.param(swept(30, 100)[:60] + swept(30, 100)[61:], ELSEWHERE, id="a gap later"),
+    pytest.param(swept(30, 100, 31_000), "the drive jumps at the sweep's end", id="a jump behind it"),
+    pytest.param([replace(sample, flags=HELD) if sample.tick == 31 else sample for sample in swept(30, 100)],
+                 "the DAC did not take the code at the sweep's end", id="no code behind it"),
+    pytest.param(samples(100), "", id="no sweep"),
 ])
-def test_else_it_is_unknown(sent: list[Sample]) -> None:
-    assert {stretch.metadata["memory"] for stretch in stretches(decode(stream(sent)))} == {"unknown"}
+def test_else_it_is_unknown(sent: list[Sample], why: str) -> None:
+    stretch = stretches(decode(stream(sent)))[-1]
+    assert (stretch.metadata["memory"], stretch.why_unknown) == ("unknown", why)
 
 
 def test_a_drive_is_recorded_from_where_its_sweep_ended() -> None:
@@ -332,7 +339,7 @@ def test_without_readings_no_displacement() -> None:
     decoder = decode(stream(samples(100, adc_counts=streams.NO_READING)))
     (stretch,) = stretches(decoder)
     assert "displacement_um" not in stretch.columns
-    assert any("no displacement_um" in note for note in telemetry.notes(decoder, [stretch]))
+    assert any("no displacement_um" in note for note in telemetry.notes(decoder, [stretch], [stretch]))
 
 
 def test_a_sample_without_reading_among_others_is_a_gap() -> None:
@@ -345,10 +352,12 @@ def test_a_sample_without_reading_among_others_is_a_gap() -> None:
 def test_a_reference_that_is_none_leaves_the_column_out() -> None:
     sent = samples(100)
     sent[40] = replace(sent[40], reference=float("nan"))
+    sent[50] = replace(sent[50], reference=float("inf"))
     decoder = decode(stream(sent))
     (stretch,) = stretches(decoder)
-    assert "reference_um" not in stretch.columns and len(stretch.columns["time_s"]) == 100
-    assert any("no reference_um" in note for note in telemetry.notes(decoder, [stretch]))
+    assert "reference_um" not in stretch.columns and stretch.samples == 100
+    assert stretch.metadata["without_reference"] == 2
+    assert telemetry.notes(decoder, [stretch], [stretch]) == ["no reference_um: 2 samples had no reference"]
 
 
 def test_where_the_dac_held_its_code_the_command_is_that_one() -> None:
@@ -356,7 +365,7 @@ def test_where_the_dac_held_its_code_the_command_is_that_one() -> None:
     for k in (0, 1, 50, 51):
         sent[k] = replace(sent[k], flags=HELD)
     (stretch,) = stretches(decode(stream(sent)))
-    assert stretch.metadata["first_tick"] == 3
+    assert (stretch.metadata["first_tick"], stretch.why_unknown) == (3, "")
     expected = [s.dac_code for s in sent[2:]]
     assert stretch.columns["dac_code"].tolist() == expected
     expected[48] = expected[49] = expected[47]
@@ -373,7 +382,37 @@ def test_notes() -> None:
     sent = samples(300)
     data = stream([*sent[:100], *sent[101:200], sent[210]], Info(counts=(5, *[0] * 8)), finished=0)
     decoder = decode(data + stream(sent, finished=0) + b"noise\0")
-    text = "\n".join(telemetry.notes(decoder, stretches(decoder)))
+    found = stretches(decoder)
+    text = "\n".join(telemetry.notes(decoder, found, found))
     assert "started anew 1 times" in text
     assert "1 samples are not used" in text and "1 corrupt frames came after the last sample" in text
     assert struct.calcsize("<BBBbIBB7d10I") == telemetry.INFO_BODY.size == 106
+
+
+@pytest.mark.parametrize("cycles, cycles_per_s, told", [
+    (0, 0, "the target itself counts 7 ticks lost"),
+    (20_000, 0, "the target itself counts 7 ticks lost; its longest tick took 20000 cycles"),
+    (20_000, 160_000_000, "the target itself counts 7 ticks lost; its longest tick took 20000 cycles, 0.000125 s, of a "
+                          "period of 0.0001 s"),
+])
+def test_ticks_lost_are_told_with_the_longest(cycles: int, cycles_per_s: int, told: str) -> None:
+    decoder = decode(stream(samples(100), Info(counts=(0, 7, *[0] * 5, cycles, cycles_per_s))))
+    found = stretches(decoder)
+    assert telemetry.notes(decoder, found, found) == [told]
+
+
+def test_codes_that_the_dac_did_not_take_are_told() -> None:
+    decoder = decode(stream(samples(100), Info(counts=(*[0] * 6, 5, 0, 0))))
+    found = stretches(decoder)
+    (note,) = telemetry.notes(decoder, found, found)
+    assert note.startswith("the DAC did not take 5 codes; ") and note.endswith("match the board's DAC?")
+
+
+@pytest.mark.parametrize("first, told", [(50, True), (21, True), (20, False)])
+def test_a_longest_stretch_much_shorter_than_what_was_received_is_told(first: int, told: bool) -> None:
+    sent = [sample for sample in swept(30, 131) if sample.sequence != 30 + first]  # 100 after the sweep
+    decoder = decode(stream(sent))
+    found = stretches(decoder)
+    assert [stretch.samples for stretch in found] == [first, 100 - first]
+    assert bool(telemetry.notes(decoder, found, [found[first < 50]])) == told
+    assert telemetry.notes(decoder, found, found) == []

@@ -2,7 +2,7 @@
 #ifndef RDPI_DEADZONE_H
 #define RDPI_DEADZONE_H
 
-#include "rdpi/f32.h"
+#include "play.h"
 
 /* Eq. 7: the one-sided dead zone of threshold `d_um` > 0. */
 static inline rdpi_real_t rdpi_f32_deadzone(rdpi_real_t v_um, rdpi_real_t d_um)
@@ -10,8 +10,7 @@ static inline rdpi_real_t rdpi_f32_deadzone(rdpi_real_t v_um, rdpi_real_t d_um)
     return v_um > d_um ? v_um - d_um : 0;
 }
 
-/* Eq. 8: S(v) = sum of ws_j S_dj(v), S_0(v) = v. Its inverse is another such sum (eq. 13), so this is also S^-1(z).
- * Thresholds ascend, so beyond the first that v does not exceed there is nothing to add. O(count), count >= 1. */
+/* Eq. 8: S(v) = sum of ws_j S_dj(v), S_0(v) = v. Thresholds ascend, so beyond the first that v does not exceed there is nothing to add. O(count), count >= 1. */
 static inline rdpi_real_t rdpi_f32_saturation(const rdpi_f32_deadzone_t *term, size_t count, rdpi_real_t v_um)
 {
     const rdpi_f32_deadzone_t *end = &term[count];
@@ -20,6 +19,23 @@ static inline rdpi_real_t rdpi_f32_saturation(const rdpi_f32_deadzone_t *term, s
         z_um += term->weight * rdpi_f32_deadzone(v_um, term->d_um);
     }
     return z_um;
+}
+
+/* Eq. 13: the piece of S^-1 that a reference is on. Beyond the ends of the table the first or last goes on. O(count),
+ * count >= 1. */
+static inline const rdpi_f32_piece_t *rdpi_f32_piece(const rdpi_f32_piece_t *piece, size_t count,
+                                                     rdpi_real_t reference_um)
+{
+    while (--count > 0u && reference_um > piece->to_um) {
+        piece++;
+    }
+    return piece;
+}
+
+/* S^-1 on one piece. */
+static inline rdpi_real_t rdpi_f32_unsaturate(const rdpi_f32_piece_t *piece, rdpi_real_t z_um)
+{
+    return rdpi_f32_fma(piece->slope, z_um, piece->intercept_um);
 }
 
 #endif

@@ -23,18 +23,6 @@
 
 #include "play.h"
 
-/* Whether steps take a short way where no play engages or lets go: half the instructions, for 400 bytes of code. */
-#if !defined(RDPI_QUICK_STEP)
-#if defined(__OPTIMIZE_SIZE__)
-#define RDPI_QUICK_STEP 0
-#else
-#define RDPI_QUICK_STEP 1
-#endif
-#endif
-
-/* Beyond any x, and its square is finite. */
-#define RDPI_F32_FAR ((rdpi_real_t)1e18)
-
 static inline rdpi_real_t rdpi_f32_bank_side(bool falling)
 {
     return falling ? (rdpi_real_t)-1 : (rdpi_real_t)1;
@@ -66,33 +54,19 @@ static inline void rdpi_f32_bank_engage(rdpi_f32_bank_t *bank, const rdpi_f32_pl
                                         size_t engaged)
 {
     rdpi_real_t side = rdpi_f32_bank_side(bank->falling);
-    const rdpi_f32_play_t *below = &play[engaged];
-    rdpi_real_t rest_um = -side * below->intercept_um;
-    rdpi_real_t rest_rate_s = -side * below->intercept_rate_s;
-    for (size_t i = engaged + 1u; i < count; i++) {
-        rest_um += (play[i].slope - below->slope) * bank->y_um[i];
-        rest_rate_s += (play[i].slope_rate_s_per_um - below->slope_rate_s_per_um) * bank->y_um[i];
-        below = &play[i];
+    const rdpi_f32_play_t *row = &play[engaged], *last = &play[count - 1u];
+    const rdpi_real_t *next_um = &bank->y_um[engaged + 1u];
+    rdpi_real_t rest_um = -side * row->intercept_um;
+    rdpi_real_t rest_rate_s = -side * row->intercept_rate_s;
+    bank->at = row;
+    bank->engaged = (uint16_t)engaged;
+    for (; row != last; row++) {
+        rest_um = rdpi_f32_fma(row[1].slope - row->slope, *next_um, rest_um);
+        rest_rate_s = rdpi_f32_fma(row[1].slope_rate_s_per_um - row->slope_rate_s_per_um, *next_um, rest_rate_s);
+        next_um++;
     }
     bank->rest_um = rest_um;
     bank->rest_rate_s = rest_rate_s;
-    bank->engaged = (uint16_t)engaged;
-}
-
-/* Notes how far x may go before the next play engages. */
-static inline void rdpi_f32_bank_mark(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count)
-{
-    size_t next = bank->engaged + 1u;
-    rdpi_real_t away_um = next < count ? play[next].r_um : RDPI_F32_FAR;
-    if (bank->engaged > 0u) {
-        away_um *= rdpi_f32_bank_side(bank->falling);
-        away_um += next < count ? bank->y_um[next] : 0;
-    } else if (next == count) {
-        bank->y_um[next] = 0; /* one play alone is as free around 0 as anywhere */
-    } else {
-        /* as far as r_1 from y_1 */
-    }
-    bank->edge_um = away_um;
 }
 
 /* Takes on `y_um`, states that one history can reach. */
@@ -104,26 +78,18 @@ static inline void rdpi_f32_bank_set(rdpi_f32_bank_t *bank, const rdpi_f32_play_
     }
     bank->falling = false;
     rdpi_f32_bank_engage(bank, play, count, 0);
-#if RDPI_QUICK_STEP
-    rdpi_f32_bank_mark(bank, play, count);
-#endif
+}
+
+/* v less rest. */
+static inline rdpi_real_t rdpi_f32_bank_left(const rdpi_f32_bank_t *bank, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
+{
+    return v_um - rdpi_f32_fma(rate_um_per_s, bank->rest_rate_s, bank->rest_um);
 }
 
 /* The x at which f is `v_um` if no play engages or lets go on the way there. */
-static inline rdpi_real_t rdpi_f32_bank_near(const rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play,
-                                             rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
+static inline rdpi_real_t rdpi_f32_bank_near(const rdpi_f32_bank_t *bank, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
-    rdpi_real_t rest_um = bank->rest_um + rate_um_per_s * bank->rest_rate_s;
-    return (v_um - rest_um) / rdpi_f32_slope(&play[bank->engaged], rate_um_per_s);
-}
-
-/* Negative if one does on the way to `x_um`. */
-static inline rdpi_real_t rdpi_f32_bank_room(const rdpi_f32_bank_t *bank, rdpi_real_t x_um)
-{
-    if (bank->engaged > 0u) {
-        return (x_um - bank->y_um[0]) * (bank->edge_um - x_um);
-    }
-    return bank->edge_um - fabs(x_um - bank->y_um[1]);
+    return rdpi_f32_bank_left(bank, rate_um_per_s, v_um) / rdpi_f32_slope(bank->at, rate_um_per_s);
 }
 
 /* x turns round: the engaged plays stay where it has taken them. Leaves rest as it was. */
@@ -145,45 +111,45 @@ typedef struct {
 } rdpi_f32_target_t;
 
 /* The x at which f is `v_um`, to rounding, for slopes that are all > 0 at this rate. No play moves; rdpi_f32_bank_move
- * must follow, to what is really output. Walks from corner to corner until the piece that holds v is found. */
+ * must follow, to what is really output. Walks from corner to corner, all seen in the mirror, and from the first that
+ * lies beyond v back. */
 static inline rdpi_f32_target_t rdpi_f32_bank_solve(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
                                                     rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
-    rdpi_f32_target_t target = {bank->y_um[0], bank->engaged, false};
-    rdpi_real_t slope = rdpi_f32_slope(&play[target.engaged], rate_um_per_s);
-    rdpi_real_t rest_um = bank->rest_um + rate_um_per_s * bank->rest_rate_s;
-    rdpi_real_t rise_um = v_um - (slope * target.x_um + rest_um); /* still to climb */
+    rdpi_real_t slope = rdpi_f32_slope(bank->at, rate_um_per_s);
+    rdpi_real_t left_um = rdpi_f32_bank_left(bank, rate_um_per_s, v_um);
+    rdpi_real_t rise_um = rdpi_f32_fma(-slope, bank->y_um[0], left_um); /* still to climb */
     bool falling = rise_um < 0;
     rdpi_real_t side = rdpi_f32_bank_side(falling);
+    rdpi_real_t x_um = side * bank->y_um[0];
+    rdpi_f32_target_t target = {0, bank->engaged, falling != bank->falling};
 
-    if (falling != bank->falling) {
+    if (target.turned) {
         rdpi_f32_bank_turn(bank, play);
-        target.turned = true;
         target.engaged = 0;
-        slope = rdpi_f32_slope(&play[0], rate_um_per_s);
+        slope = rdpi_f32_slope(play, rate_um_per_s);
     }
     rise_um *= side;
-    while (target.engaged + 1u < count) {
-        const rdpi_f32_play_t *next = &play[target.engaged + 1u];
-        rdpi_real_t corner_um = bank->y_um[target.engaged + 1u] + side * next->r_um;
-        rdpi_real_t climb_um = slope * (side * (corner_um - target.x_um));
-        if (climb_um >= rise_um) {
-            break;
+    play += target.engaged;
+    while (rise_um > 0 && target.engaged + 1u < count) {
+        play++;
+        rdpi_real_t corner_um = rdpi_f32_fma(side, bank->y_um[target.engaged + 1u], play->r_um);
+        rise_um = rdpi_f32_fma(-slope, corner_um - x_um, rise_um);
+        x_um = corner_um;
+        if (rise_um > 0) { /* v lies beyond it */
+            target.engaged++;
+            slope = rdpi_f32_slope(play, rate_um_per_s);
         }
-        rise_um -= climb_um;
-        target.x_um = corner_um;
-        target.engaged++;
-        slope = rdpi_f32_slope(next, rate_um_per_s);
     }
-    target.x_um += side * rise_um / slope;
+    target.x_um = side * (x_um + rise_um / slope);
     return target;
 }
 
 /* Whether play i has engaged when x, on its way to where the bank is heading, gets to `x_um`. */
 static inline bool rdpi_f32_bank_engages(const rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t i,
-                                         rdpi_real_t x_um)
+                                         rdpi_real_t side, rdpi_real_t x_um)
 {
-    return rdpi_f32_bank_side(bank->falling) * (x_um - bank->y_um[i]) > play[i].r_um;
+    return side * (x_um - bank->y_um[i]) > play[i].r_um;
 }
 
 /* Moves every play (eq. 1) to the input target.x_um. */
@@ -194,20 +160,18 @@ static inline void rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const rdpi_f32_play
         rdpi_f32_bank_turn(bank, play);
         target.turned = true;
     }
+    rdpi_real_t side = rdpi_f32_bank_side(bank->falling);
     size_t k = target.engaged > bank->engaged ? target.engaged : bank->engaged;
-    while (k + 1u < count && rdpi_f32_bank_engages(bank, play, k + 1u, target.x_um)) {
+    while (k + 1u < count && rdpi_f32_bank_engages(bank, play, k + 1u, side, target.x_um)) {
         k++;
     }
-    while (k > bank->engaged && !rdpi_f32_bank_engages(bank, play, k, target.x_um)) {
+    while (k > bank->engaged && !rdpi_f32_bank_engages(bank, play, k, side, target.x_um)) {
         k--;
     }
     if (target.turned || k > bank->engaged) {
         rdpi_f32_bank_engage(bank, play, count, k);
     }
     bank->y_um[0] = target.x_um;
-#if RDPI_QUICK_STEP
-    rdpi_f32_bank_mark(bank, play, count);
-#endif
 }
 
 #endif

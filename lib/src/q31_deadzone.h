@@ -28,12 +28,18 @@ static inline int32_t rdpi_q31_saturation(const rdpi_q31_deadzone_t *term, size_
 static inline bool rdpi_q31_piece_find(rdpi_q31_piece_t *piece, const rdpi_q31_deadzone_t *term, size_t count,
                                        unsigned shift, int32_t v)
 {
-    const rdpi_q31_deadzone_t *next = &term[1], *const end = &term[count];
+    const rdpi_q31_deadzone_t *const end = &term[count];
     uint32_t slope = (uint32_t)term->weight;
     int64_t offset = 0;
-    for (; next != end && v >= next->d; next++) {
+    int32_t from = -INT32_MAX, to = INT32_MAX;
+    for (const rdpi_q31_deadzone_t *next = &term[1]; next != end; next++) {
+        if (v < next->d) {
+            to = next->d;
+            break;
+        }
+        from = next->d;
         slope += (uint32_t)next->weight;
-        offset += rdpi_q31_mul(next->weight, -next->d);
+        offset -= rdpi_q31_mul(next->weight, from);
     }
     shift -= 30u;
     piece->length = 0;
@@ -42,8 +48,8 @@ static inline bool rdpi_q31_piece_find(rdpi_q31_piece_t *piece, const rdpi_q31_d
     }
     piece->slope = (int32_t)(slope >> shift);
     piece->offset = offset >> shift;
-    piece->from = next - term > 1 ? next[-1].d : -INT32_MAX;
-    piece->length = (uint32_t)(next != end ? next->d : INT32_MAX) - (uint32_t)piece->from;
+    piece->from = from;
+    piece->length = (uint32_t)to - (uint32_t)from;
     return true;
 }
 

@@ -48,14 +48,30 @@ static inline int32_t rdpi_q31_bank_corner(const rdpi_q31_bank_t *bank, const rd
     return bank->y[i] + rdpi_q31_bank_side(bank->falling) * params->play[i].r;
 }
 
-static inline void rdpi_q31_bank_measure_room(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params)
+/* Moves x and the engaged plays. */
+static inline void rdpi_q31_bank_shift(rdpi_q31_bank_t *bank, int32_t way)
 {
-    int32_t room = bank->falling ? bank->y[0] - params->min_drive : params->max_drive - bank->y[0];
-    if (bank->engaged + 1u < params->plays) {
-        int32_t way = rdpi_q31_bank_side(bank->falling) *
-                      (rdpi_q31_bank_corner(bank, params, bank->engaged + 1u) - bank->y[0]);
-        room = way < room ? way : room;
+    bank->f_rest += rdpi_q31_mul(bank->last->slope, way);
+    bank->f_rate += rdpi_q31_mul(bank->last->slope_rate, way);
+    bank->y[0] += way;
+}
+
+/* On to `x`, over corners if need be. */
+static inline void rdpi_q31_bank_on(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t x)
+{
+    const int32_t side = rdpi_q31_bank_side(bank->falling);
+    int32_t room = side * ((bank->falling ? params->min_drive : params->max_drive) - x);
+    while (bank->engaged + 1u < params->plays) {
+        int32_t corner = bank->y[bank->engaged + 1u] + side * bank->last[1].r, ahead = side * (corner - x);
+        if (ahead >= 0) {
+            room = ahead < room ? ahead : room;
+            break;
+        }
+        rdpi_q31_bank_shift(bank, corner - bank->y[0]);
+        bank->engaged++;
+        bank->last++;
     }
+    rdpi_q31_bank_shift(bank, x - bank->y[0]);
     bank->room = room > 0 ? room : 0;
 }
 
@@ -74,28 +90,21 @@ static inline void rdpi_q31_bank_set(rdpi_q31_bank_t *bank, const rdpi_q31_param
     bank->falling = false;
     bank->engaged = 0;
     bank->last = params->play;
-    rdpi_q31_bank_measure_room(bank, params);
+    rdpi_q31_bank_on(bank, params, y[0]);
 }
 
-/* x turns round: the engaged plays stay where it has taken them. */
-RDPI_Q31_SELDOM void rdpi_q31_bank_turn(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params)
+/* x turns round: the engaged plays stay where it has taken them. Leaves room as it was. */
+static inline void rdpi_q31_bank_turn(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params)
 {
-    int32_t side = rdpi_q31_bank_side(bank->falling), x = bank->y[0];
-    for (size_t i = bank->engaged; i > 0u; i--) {
-        bank->y[i] = x - side * params->play[i].r;
+    const int32_t side = rdpi_q31_bank_side(bank->falling), x = bank->y[0];
+    const rdpi_q31_play_t *play = bank->last;
+    for (int32_t *y = &bank->y[bank->engaged]; y != bank->y; y--) {
+        *y = x - side * play->r;
+        play--;
     }
     bank->falling = !bank->falling;
     bank->engaged = 0;
     bank->last = params->play;
-    rdpi_q31_bank_measure_room(bank, params);
-}
-
-/* Moves x and the engaged plays. */
-static inline void rdpi_q31_bank_shift(rdpi_q31_bank_t *bank, int32_t way)
-{
-    bank->f_rest += rdpi_q31_mul(bank->last->slope, way);
-    bank->f_rate += rdpi_q31_mul(bank->last->slope_rate, way);
-    bank->y[0] += way;
 }
 
 /* How far 2^30 f is below `v`. Scaling and overflow: |v| <= 2^62. */
@@ -104,49 +113,85 @@ static inline int64_t rdpi_q31_bank_missing(const rdpi_q31_bank_t *bank, int32_t
     return v - bank->f_rest - rdpi_q31_mul_rate((int32_t)(bank->f_rate >> 30), rate);
 }
 
-/* rdpi_q31_bank_walk, compiled for either direction: much of what the loop does depends on it. Falling is rising seen
- * in a mirror. */
-static inline bool rdpi_q31_bank_walk_on(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t rate,
-                                         int64_t v, const bool falling)
+/* x on its way over corners to where an excess of f is gone. */
+typedef struct {
+    int64_t f_rest;              /* what has been added to the bank's, and the excess where the way began */
+    int64_t f_rate;              /* what has been added to the bank's */
+    int64_t excess;              /* at x */
+    const rdpi_q31_play_t *play; /* the last one engaged, at x */
+    int32_t x;
+    int32_t way; /* from the corner before */
+} rdpi_q31_walk_t;
+
+/* On to where the next play engages, at `corner`. Whether the solution is still ahead. */
+RDPI_Q31_HOT bool rdpi_q31_walk_on(rdpi_q31_walk_t *walk, int32_t rate, int32_t corner, const bool falling)
 {
-    const int32_t side = rdpi_q31_bank_side(falling);
-    const int32_t end = falling ? -params->min_drive : params->max_drive;
-    const int32_t *y = &bank->y[bank->engaged], *const last = &bank->y[params->plays - 1u];
-    const rdpi_q31_play_t *play = bank->last;
-    int64_t excess = falling ? v - bank->f_rest : bank->f_rest - v; /* of f over v, at rate 0 */
-    int64_t f_rate = falling ? -bank->f_rate : bank->f_rate;
-    int32_t x = side * bank->y[0], room = -1;
-    while (y != last && side * y[1] + play[1].r <= end) {
-        int32_t corner = side * y[1] + play[1].r, way = corner - x;
-        excess += rdpi_q31_mul(play->slope, way);
-        f_rate += rdpi_q31_mul(play->slope_rate, way);
-        if (excess + rdpi_q31_mul_rate((int32_t)(f_rate >> 30), rate) >= 0) {
-            room = way;
-            break;
-        }
-        x = corner;
-        play++;
-        y++;
-    }
-    if (room >= 0) {
-        excess -= rdpi_q31_mul(play->slope, room);
-        f_rate -= rdpi_q31_mul(play->slope_rate, room);
-    }
-    bank->f_rest = v + (falling ? -excess : excess);
-    bank->f_rate = falling ? -f_rate : f_rate;
-    bank->y[0] = side * x;
-    bank->engaged = (uint16_t)(y - bank->y);
-    bank->last = play;
-    bank->room = room >= 0 ? room : end - x;
-    return room >= 0;
+    walk->way = corner - walk->x;
+    walk->f_rest += rdpi_q31_mul(walk->play->slope, walk->way);
+    walk->f_rate += rdpi_q31_mul(walk->play->slope_rate, walk->way);
+    walk->x = corner;
+    walk->play++;
+    walk->excess = walk->f_rest + rdpi_q31_mul_rate((int32_t)(walk->f_rate >> 30), rate);
+    return (walk->excess >= 0) == falling;
 }
 
-/* On to where the last play before f = `v` or the end of the range engages. Whether it is f that ends it. */
-RDPI_Q31_SELDOM bool rdpi_q31_bank_walk(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t rate,
-                                        int64_t v)
+/* rdpi_q31_bank_walk, compiled for either direction: much of what the loop does depends on it. Goes to the first corner
+ * behind the solution, which is looked for from there, and then back to the one before. */
+RDPI_Q31_HOT int32_t rdpi_q31_bank_walk_on(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int64_t excess,
+                                           int32_t rate, const bool falling)
 {
-    return bank->falling ? rdpi_q31_bank_walk_on(bank, params, rate, v, true)
-                         : rdpi_q31_bank_walk_on(bank, params, rate, v, false);
+    const int32_t side = rdpi_q31_bank_side(falling);
+    const int32_t end = falling ? params->min_drive : params->max_drive;
+    if (falling != bank->falling) {
+        rdpi_q31_bank_turn(bank, params);
+    }
+    rdpi_q31_walk_t walk = {excess, 0, excess, bank->last, bank->y[0], 0};
+    const rdpi_q31_play_t *last = &params->play[params->plays - 1u];
+    const int32_t *y = &bank->y[params->plays - 1u];
+    while (last != walk.play && side * (*y + side * last->r - end) > 0) { /* engages beyond the range */
+        last--;
+        y--;
+    }
+    y = &bank->y[bank->engaged];
+    bool ahead = true;
+    while (ahead && walk.play != last) {
+        ahead = rdpi_q31_walk_on(&walk, rate, y[1] + side * walk.play[1].r, falling);
+        y++;
+    }
+    int32_t x = walk.x;
+    int64_t rise = falling ? walk.excess : -walk.excess;
+    if (ahead) {
+        int32_t slope = rdpi_q31_slope(walk.play, rate);
+        bank->room = side * (end - x);
+        if (rdpi_q31_mul(slope, bank->room) < rise) {
+            x = end + side;
+        } else {
+            x += side * rdpi_q31_divide(rise, slope);
+        }
+    } else {
+        walk.play--;
+        walk.x -= walk.way;
+        walk.f_rest -= rdpi_q31_mul(walk.play->slope, walk.way);
+        walk.f_rate -= rdpi_q31_mul(walk.play->slope_rate, walk.way);
+        bank->room = side * walk.way;
+        int32_t back = rdpi_q31_divide(-rise, rdpi_q31_slope(walk.play, rate));
+        x -= back < bank->room ? side * back : walk.way; /* slopes are rounded, and f is not */
+    }
+    bank->y[0] = walk.x;
+    bank->engaged = (uint16_t)(walk.play - params->play);
+    bank->last = walk.play;
+    bank->f_rest += walk.f_rest - excess;
+    bank->f_rate += walk.f_rate;
+    return x;
+}
+
+/* The x at which f has got over a `rise`, or one beyond the range. x itself turns round if it has to, and is moved to
+ * where the last play before that engages. */
+RDPI_Q31_SELDOM int32_t rdpi_q31_bank_walk(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int64_t rise,
+                                           int32_t rate)
+{
+    return rise < 0 ? rdpi_q31_bank_walk_on(bank, params, -rise, rate, true)
+                    : rdpi_q31_bank_walk_on(bank, params, -rise, rate, false);
 }
 
 /* The x at which 2^30 f is `v`, within a few units, for slopes that are all > 0 at this rate; the end of the range, and
@@ -157,23 +202,15 @@ static inline int32_t rdpi_q31_bank_solve(rdpi_q31_bank_t *bank, const rdpi_q31_
 {
     int64_t rise = rdpi_q31_bank_missing(bank, rate, v);
     bool falling = rise < 0;
-    if (falling != bank->falling) {
-        rdpi_q31_bank_turn(bank, params);
-    }
-    rise = falling ? -rise : rise;
+    int64_t ahead = falling ? -rise : rise;
     int32_t slope = rdpi_q31_slope(bank->last, rate);
-    if (rdpi_q31_mul(slope, bank->room) < rise) {
-        bool within = rdpi_q31_bank_walk(bank, params, rate, v);
-        rise = rdpi_q31_bank_missing(bank, rate, v);
-        rise = falling ? -rise : rise;
-        slope = rdpi_q31_slope(bank->last, rate);
-        if (rdpi_q31_mul(slope, bank->room) < rise) {
-            *beyond = !within;
-            return bank->y[0] + (falling ? -bank->room : bank->room);
-        }
-        rise = rise > 0 ? rise : 0; /* as above at the next corner: slopes are rounded, and f is not */
+    if (falling != bank->falling || rdpi_q31_mul(slope, bank->room) < ahead) {
+        int32_t x = rdpi_q31_bank_walk(bank, params, rise, rate);
+        int32_t end = bank->y[0] + (falling ? -bank->room : bank->room);
+        *beyond = falling ? x < end : x > end;
+        return *beyond ? end : x;
     }
-    int32_t way = rdpi_q31_divide(rise, slope);
+    int32_t way = rdpi_q31_divide(ahead, slope);
     return bank->y[0] + (falling ? -way : way);
 }
 
@@ -212,25 +249,16 @@ static inline void rdpi_q31_bank_back(rdpi_q31_bank_t *bank, const rdpi_q31_para
 RDPI_Q31_SELDOM void rdpi_q31_bank_move(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t from, int32_t x)
 {
     int32_t side = rdpi_q31_bank_side(bank->falling);
-    bool turns = side * (x - from) < 0;
-    if (!turns && side * (x - bank->y[0]) < 0) {
-        rdpi_q31_bank_back(bank, params, x);
-        return;
-    }
-    if (turns) {
+    if (side * (x - from) < 0) {
         rdpi_q31_bank_back(bank, params, from);
         rdpi_q31_bank_turn(bank, params);
-        side = -side;
+    } else if (side * (x - bank->y[0]) < 0) {
+        rdpi_q31_bank_back(bank, params, x);
+        return;
+    } else {
+        /* on the way there */
     }
-    for (; bank->engaged + 1u < params->plays; bank->engaged++, bank->last++) {
-        int32_t corner = rdpi_q31_bank_corner(bank, params, bank->engaged + 1u);
-        if (side * (x - corner) <= 0) {
-            break;
-        }
-        rdpi_q31_bank_shift(bank, corner - bank->y[0]);
-    }
-    rdpi_q31_bank_shift(bank, x - bank->y[0]);
-    rdpi_q31_bank_measure_room(bank, params);
+    rdpi_q31_bank_on(bank, params, x);
 }
 
 #endif

@@ -8,7 +8,7 @@
 
 #include <tgmath.h> /* fabs of whichever type rdpi_real_t is */
 
-#include "rdpi/f32.h"
+#include "play.h"
 
 /* Forgets the samples seen. */
 static inline void rdpi_f32_rate_reset(rdpi_f32_rate_t *rate)
@@ -53,16 +53,15 @@ static inline rdpi_status_t rdpi_f32_rate_init(rdpi_f32_rate_t *rate, rdpi_real_
 }
 
 /* The rate of the sample `z_um` in the plain case, which is the frequent one: N = 1, no low-pass, the sample before it
- * seen and none missed. O(1). */
-static inline rdpi_real_t rdpi_f32_rate_plain(rdpi_f32_rate_t *rate, rdpi_real_t z_um)
+ * seen and none missed. Takes no note of it. O(1). */
+static inline rdpi_real_t rdpi_f32_rate_plain(const rdpi_f32_rate_t *rate, rdpi_real_t z_um)
 {
-    rdpi_real_t moved_um = z_um - rate->z_um[0];
-    rate->z_um[0] = z_um;
-    return fabs(moved_um) * rate->per_window_s;
+    return fabs(z_um - rate->z_um[0]) * rate->per_window_s;
 }
 
 /* Takes the sample `z_um`, after `missed` of which nothing is known but that they lay on the straight line from the one
- * before, and returns the rate in um/s, >= 0. O(missed + 1), the first sample O(N). |z_um| <= 2e7. */
+ * before, and returns the rate in um/s, >= 0. O(missed + 1), or O(1) for N = 1 without low-pass; the first sample O(N).
+ * |z_um| <= 2e7. */
 static inline rdpi_real_t rdpi_f32_rate_step(rdpi_f32_rate_t *rate, rdpi_real_t z_um, unsigned missed)
 {
     if (rate->oldest == rate->window || missed > RDPI_MAX_MISSED) {
@@ -73,6 +72,13 @@ static inline rdpi_real_t rdpi_f32_rate_step(rdpi_f32_rate_t *rate, rdpi_real_t 
         rate->oldest = 0;
         missed = 0;
     }
+#if RDPI_QUICK_STEP
+    if (rate->window == 1u && rate->keep <= 0) { /* what the loop below comes to */
+        rdpi_real_t plain_um_per_s = rdpi_f32_rate_plain(rate, z_um);
+        rate->z_um[0] = z_um;
+        return missed > 0u ? plain_um_per_s / (rdpi_real_t)(missed + 1u) : plain_um_per_s;
+    }
+#endif
     rdpi_real_t last_um = rate->z_um[(rate->oldest > 0u ? rate->oldest : rate->window) - 1u];
     for (unsigned left = missed + 1u; left > 0u; left--) {
         last_um = left > 1u ? last_um + (z_um - last_um) / (rdpi_real_t)left : z_um;

@@ -30,9 +30,19 @@
 
 #define MAX_SWEEP_CYCLES 10000u
 
+/* With x = 0 further than this from code 0, single precision can be more than a code wrong. */
+#define MAX_CODE_0 (2 << RDPI_MAX_DAC_BITS)
+
+/* Once in the program, whatever the compiler thinks of its size. */
+#if defined(__GNUC__)
+#define ONCE __attribute__((noinline))
+#else
+#define ONCE
+#endif
+
 /* Kept out of callers whose usual way must not pay for it. */
-#if defined(__GNUC__) && RDPI_QUICK_STEP
-#define APART __attribute__((noinline))
+#if RDPI_QUICK_STEP
+#define APART ONCE
 #else
 #define APART
 #endif
@@ -57,15 +67,19 @@ static rdpi_real_t drive_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
 /* Of the struct, the part that holds nothing but numbers, and the part that the digest covers. */
 #define NUMBERS_BEGIN offsetof(rdpi_f32_params_t, gain_um_per_V)
 #define NUMBERS_END (offsetof(rdpi_f32_params_t, sweep_end_V) + sizeof(rdpi_real_t))
+#define CODES_END (offsetof(rdpi_f32_params_t, V_per_code) + sizeof(rdpi_real_t))
 #define DIGEST_BEGIN offsetof(rdpi_f32_params_t, plays)
 
-/* Whether a block of memory that holds nothing but numbers holds no NaN and none too large. */
-static bool all_usable(const void *block, size_t bytes)
+/* The same of what makes codes, which may be many and short. */
+#define MAX_CODE_NUMBER ((rdpi_real_t)1e15)
+
+/* Whether a block of memory that holds nothing but numbers holds no NaN and none larger than `limit`. */
+static bool all_within(rdpi_real_t limit, const void *block, size_t bytes)
 {
     for (size_t offset = 0; offset < bytes; offset += sizeof(rdpi_real_t)) {
         rdpi_real_t value;
         memcpy(&value, (const unsigned char *)block + offset, sizeof value);
-        if (!(fabs(value) <= MAX_NUMBER)) {
+        if (!(fabs(value) <= limit)) {
             return false;
         }
     }
@@ -84,7 +98,7 @@ static rdpi_status_t check_pointers(const rdpi_f32_t *self, const rdpi_f32_param
         params->deadzones > RDPI_MAX_DEADZONES) {
         return RDPI_ERR_COUNT;
     }
-    if (params->play == NULL || params->saturation == NULL || params->inverse_saturation == NULL ||
+    if (params->play == NULL || params->saturation == NULL || params->inverse == NULL ||
         params->memory_um == NULL) {
         return RDPI_ERR_NULL;
     }
@@ -93,10 +107,12 @@ static rdpi_status_t check_pointers(const rdpi_f32_t *self, const rdpi_f32_param
 
 static bool check_numbers(const rdpi_f32_params_t *params)
 {
-    size_t deadzones = params->deadzones * sizeof *params->saturation;
-    return all_usable((const unsigned char *)params + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN) &&
-           all_usable(params->play, params->plays * sizeof *params->play) &&
-           all_usable(params->saturation, deadzones) && all_usable(params->inverse_saturation, deadzones);
+    const unsigned char *bytes = (const unsigned char *)params;
+    return all_within(MAX_NUMBER, bytes + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN) &&
+           all_within(MAX_CODE_NUMBER, bytes + NUMBERS_END, CODES_END - NUMBERS_END) &&
+           all_within(MAX_NUMBER, params->play, params->plays * sizeof *params->play) &&
+           all_within(MAX_NUMBER, params->saturation, params->deadzones * sizeof *params->saturation) &&
+           all_within(MAX_NUMBER, params->inverse, params->deadzones * sizeof *params->inverse);
 }
 
 static rdpi_status_t check_plays(const rdpi_f32_params_t *params)
@@ -208,11 +224,10 @@ static rdpi_status_t check_params(rdpi_f32_t *self, const rdpi_f32_params_t *par
 
 uint32_t rdpi_f32_digest(const rdpi_f32_params_t *params)
 {
-    size_t deadzones = params->deadzones * sizeof *params->saturation;
-    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, NUMBERS_END - DIGEST_BEGIN);
+    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, CODES_END - DIGEST_BEGIN);
     crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
-    crc = rdpi_crc32(crc, params->saturation, deadzones);
-    crc = rdpi_crc32(crc, params->inverse_saturation, deadzones);
+    crc = rdpi_crc32(crc, params->saturation, params->deadzones * sizeof *params->saturation);
+    crc = rdpi_crc32(crc, params->inverse, params->deadzones * sizeof *params->inverse);
     return rdpi_crc32(crc, params->memory_um, params->plays * sizeof *params->memory_um);
 }
 
@@ -223,10 +238,7 @@ rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, r
         status = check_params(self, params, sample_time_s);
     }
     if (status == RDPI_OK) {
-        rdpi_real_t last_code = (rdpi_real_t)((1uL << params->dac_bits) - 1u);
         self->params = params;
-        self->codes_per_V = last_code / (params->max_V - params->min_V);
-        self->V_per_code = params->dac_bits > 0u ? (params->max_V - params->min_V) / last_code : 0;
         rdpi_f32_reset(self);
     }
     return status;
@@ -234,24 +246,38 @@ rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, r
 
 /* ---- memory ---- */
 
+/* Once: the next step finds out what comes after. */
+static void take_the_long_way(rdpi_f32_t *self)
+{
+#if RDPI_QUICK_STEP
+    self->plain = false;
+#else
+    (void)self;
+#endif
+}
+
 /* What has happened since the latest sample does not matter to the next. */
 static void forget_samples(rdpi_f32_t *self)
 {
     rdpi_f32_rate_reset(&self->rate);
     self->missed = 0;
-    self->plain = false;
+    take_the_long_way(self);
 }
 
-/* The code nearest to a drive inside the range. */
-static uint32_t code_of_drive(const rdpi_f32_t *self, rdpi_real_t drive_V)
+/* The code nearest to an x inside the range, to rounding; 0 without codes. */
+ONCE static uint32_t code_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
 {
-    return (uint32_t)((drive_V - self->params->min_V) * self->codes_per_V + (rdpi_real_t)0.5);
+    return (uint32_t)clamp(rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0), 0, params->last_code);
 }
 
-static rdpi_real_t drive_of_code(const rdpi_f32_t *self, uint32_t code)
+/* Takes note of what is output when it is no step that outputs it. */
+static void hold(rdpi_f32_t *self, rdpi_real_t drive_V)
 {
-    rdpi_real_t drive_V = self->params->min_V + (rdpi_real_t)code * self->V_per_code;
-    return drive_V > self->params->max_V ? self->params->max_V : drive_V; /* the last code, rounded */
+    self->drive_V = clamp(drive_V, self->params->min_V, self->params->max_V);
+    self->ramp_V = self->drive_V;
+    self->dac_code = code_of_x(self->params, self->bank.y_um[0]);
+    self->sweep_turns = 0;
+    take_the_long_way(self);
 }
 
 /* Takes checked states, as they are: what rdpi_f32_get_memory gave comes back bit for bit. */
@@ -259,10 +285,7 @@ static void put_memory(rdpi_f32_t *self, const rdpi_real_t *y_um)
 {
     const rdpi_f32_params_t *params = self->params;
     rdpi_f32_bank_set(&self->bank, params->play, params->plays, y_um);
-    self->drive_V = clamp(drive_of_x(params, self->bank.y_um[0]), params->min_V, params->max_V);
-    self->ramp_V = self->drive_V;
-    self->dac_code = code_of_drive(self, self->drive_V);
-    self->sweep_turns = 0;
+    hold(self, drive_of_x(params, self->bank.y_um[0]));
 }
 
 void rdpi_f32_reset(rdpi_f32_t *self)
@@ -310,7 +333,7 @@ APART static rdpi_real_t refuse_input(rdpi_f32_t *self)
     if (self->missed < UINT8_MAX) {
         self->missed++;
     }
-    self->plain = false;
+    take_the_long_way(self);
     return self->drive_V;
 }
 
@@ -354,105 +377,155 @@ static rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V)
     return drive_V;
 }
 
-/* Outputs a drive inside the range, to a code if there are codes, and moves the plays there. `target` is where the
- * plays would go for `wish_V`, which spares working it out again if that is what is output. */
-static void output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t wish_V, rdpi_f32_target_t target)
+/* Outputs a drive inside the range, to a code if there are codes, and moves the plays there: to target.x_um, which
+ * belongs to it, or where the code takes it. */
+static void output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_f32_target_t target)
 {
     const rdpi_f32_params_t *params = self->params;
     self->ramp_V = drive_V;
     if (params->dac_bits > 0u) {
-        self->dac_code = code_of_drive(self, drive_V);
-        drive_V = drive_of_code(self, self->dac_code);
+        self->dac_code = code_of_x(params, target.x_um);
+        rdpi_real_t code = (rdpi_real_t)self->dac_code;
+        drive_V = rdpi_f32_fma(code, params->V_per_code, params->min_V);
+        target.x_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
     }
     self->drive_V = drive_V;
-    if (drive_V != wish_V) {
-        target.x_um = x_of_drive(params, drive_V);
-    }
     rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
 }
 
-/* The bank output that makes the reference. */
-static rdpi_real_t v_of_reference(const rdpi_f32_params_t *params, rdpi_real_t reference_um)
+#if RDPI_QUICK_STEP
+/* How far x may go without a play engaging or letting go and with a code inside the range, whatever it rounds to. An
+ * edge ahead is the x of a code: rounding leads to it, not beyond. */
+static void mark(rdpi_f32_t *self)
 {
-    return rdpi_f32_saturation(params->inverse_saturation, params->deadzones, reference_um - params->offset_um);
+    const rdpi_f32_params_t *params = self->params;
+    rdpi_f32_bank_t *bank = &self->bank;
+    rdpi_real_t last = params->last_code;
+    size_t next = bank->engaged + 1u;
+    if (bank->engaged > 0u) {
+        rdpi_real_t side = rdpi_f32_bank_side(bank->falling);
+        bool down = bank->falling == (params->gain_um_per_V > 0);
+        rdpi_real_t code = down ? 0 : last;
+        if (next < params->plays) {
+            rdpi_real_t corner_um = rdpi_f32_fma(side, params->play[next].r_um, bank->y_um[next]);
+            code = rdpi_f32_fma(corner_um, params->codes_per_um, params->code_of_x_0) - (rdpi_real_t)0.5;
+            code = clamp(code, 0, last);
+            code = (rdpi_real_t)((uint32_t)code + (down ? 1u : 0u));
+        }
+        rdpi_real_t edge_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
+        bank->edge_um = side * (edge_um - bank->y_um[0]) > 0 ? edge_um : bank->y_um[0];
+    } else {
+        rdpi_real_t middle_um = rdpi_f32_fma(last / 2, params->um_per_code, params->x_of_code_0_um);
+        rdpi_real_t reach_um = last / 2 * fabs(params->um_per_code);
+        if (next == params->plays) { /* one play alone is free in all of the range */
+            bank->y_um[next] = middle_um;
+        } else {
+            reach_um -= fabs(bank->y_um[next] - middle_um);
+            reach_um = reach_um < params->play[next].r_um ? reach_um : params->play[next].r_um;
+        }
+        bank->edge_um = reach_um - fabs(params->um_per_code) / 2;
+    }
 }
+#endif
 
-/* The end of any step. */
+/* The end of any step: the bank output that makes the reference, solved for and put out. */
 APART static rdpi_real_t walk(rdpi_f32_t *self, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
     const rdpi_f32_params_t *params = self->params;
     rdpi_f32_target_t target = rdpi_f32_bank_solve(&self->bank, params->play, params->plays, rate_um_per_s, v_um);
     rdpi_real_t wish_V = drive_of_x(params, target.x_um);
-    output(self, limit_drive(self, wish_V), wish_V, target);
+    rdpi_real_t drive_V = limit_drive(self, wish_V);
+    if (drive_V != wish_V) {
+        target.x_um = x_of_drive(params, drive_V);
+    }
+    output(self, drive_V, target);
+#if RDPI_QUICK_STEP
+    if (self->plain) {
+        mark(self);
+    }
+#endif
     return self->drive_V;
 }
 
-/* Any step with a usable reference. */
+/* Any step. */
 APART static rdpi_real_t full_step(rdpi_f32_t *self, rdpi_real_t reference_um)
 {
+    const rdpi_f32_params_t *params = self->params;
+    self->flags = 0;
+    if (!(fabs(reference_um) <= RDPI_MAX_REFERENCE_UM)) {
+        return refuse_input(self);
+    }
     if (self->missed > 0u) {
         self->flags = RDPI_FLAG_MISSED;
     }
     /* From the reference, which is exact, and not from z, which is rounded: the offset cancels. */
     rdpi_real_t rate_um_per_s = limit_rate(self, rdpi_f32_rate_step(&self->rate, reference_um, self->missed));
     self->missed = 0;
+    const rdpi_f32_piece_t *piece = rdpi_f32_piece(params->inverse, params->deadzones, reference_um);
 #if RDPI_QUICK_STEP
-    self->plain = self->rate.window == 1u && self->rate.keep <= 0 && self->params->slew_V_per_s <= 0;
+    self->piece = piece;
+    if (!self->plain) {
+        self->plain = self->rate.window == 1u && self->rate.keep <= 0 && params->slew_V_per_s <= 0 &&
+                      params->dac_bits > 0u && fabs(params->code_of_x_0) <= MAX_CODE_0;
+    }
 #endif
-    return walk(self, rate_um_per_s, v_of_reference(self->params, reference_um));
+    return walk(self, rate_um_per_s, rdpi_f32_unsaturate(piece, reference_um - params->offset_um));
 }
 
 #if RDPI_QUICK_STEP
-/* The same in half the instructions while no play engages or lets go and no limit is met, which is nearly always. */
-static rdpi_real_t quick_step(rdpi_f32_t *self, rdpi_real_t reference_um)
-{
-    const rdpi_f32_params_t *params = self->params;
-    rdpi_f32_bank_t *bank = &self->bank;
-    rdpi_real_t rate_um_per_s = limit_rate(self, rdpi_f32_rate_plain(&self->rate, reference_um));
-    rdpi_real_t v_um = v_of_reference(params, reference_um);
-    rdpi_real_t x_um = rdpi_f32_bank_near(bank, params->play, rate_um_per_s, v_um);
-    if (!(rdpi_f32_bank_room(bank, x_um) >= 0)) {
-        return walk(self, rate_um_per_s, v_um);
-    }
-    rdpi_real_t drive_V = drive_of_x(params, x_um);
-    if (!((drive_V - params->min_V) * (params->max_V - drive_V) >= 0)) {
-        return walk(self, rate_um_per_s, v_um);
-    }
-    self->ramp_V = drive_V;
-    if (params->dac_bits > 0u) {
-        uint32_t code = code_of_drive(self, drive_V);
-        drive_V = drive_of_code(self, code);
-        x_um = x_of_drive(params, drive_V);
-        if (x_um != bank->y_um[0] && !(rdpi_f32_bank_room(bank, x_um) >= 0)) {
-            return walk(self, rate_um_per_s, v_um);
-        }
-        self->dac_code = code;
-    }
-    self->drive_V = drive_V;
-    bank->y_um[0] = x_um;
-    return drive_V;
-}
-#endif
-
+/* The same in a fraction of the instructions while no play engages or lets go, S^-1 does not bend and no limit is met,
+ * which is nearly always. Comparisons are such that NaN fails; nothing is stored before all have passed, so that
+ * full_step finds everything as it was. */
 rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
 {
+    const rdpi_f32_params_t *params = self->params;
+    const rdpi_f32_piece_t *piece = self->piece;
+    rdpi_f32_bank_t *bank = &self->bank;
+    if (!self->plain) {
+        return full_step(self, reference_um);
+    }
+    rdpi_real_t rate_um_per_s = rdpi_f32_rate_plain(&self->rate, reference_um);
+    if (!(rate_um_per_s <= params->max_um_per_s)) {
+        return full_step(self, reference_um);
+    }
+    if (!((reference_um - piece->from_um) * (piece->to_um - reference_um) >= 0)) {
+        return full_step(self, reference_um);
+    }
+    rdpi_real_t v_um = rdpi_f32_unsaturate(piece, reference_um - params->offset_um);
+    rdpi_real_t x_um = rdpi_f32_bank_near(bank, rate_um_per_s, v_um);
+    rdpi_real_t room = bank->engaged > 0u ? (x_um - bank->y_um[0]) * (bank->edge_um - x_um)
+                                          : bank->edge_um - fabs(x_um - bank->y_um[1]);
     self->flags = 0;
-    if (!(fabs(reference_um) <= RDPI_MAX_REFERENCE_UM)) {
-        return refuse_input(self);
+    self->rate.z_um[0] = reference_um;
+    self->rate_um_per_s = rate_um_per_s;
+    if (!(room >= 0)) {
+        /* Back along W_0, but not by half a code: it stays. */
+        rdpi_real_t back_um = (bank->y_um[0] - x_um) * rdpi_f32_bank_side(bank->falling);
+        rdpi_real_t least_um = fabs(params->um_per_code) * rdpi_f32_slope(params->play, rate_um_per_s);
+        if (bank->engaged > 0u && back_um >= 0 && 2 * back_um * rdpi_f32_slope(bank->at, rate_um_per_s) < least_um) {
+            return self->drive_V;
+        }
+        return walk(self, rate_um_per_s, v_um);
     }
-#if RDPI_QUICK_STEP
-    if (self->plain) {
-        return quick_step(self, reference_um);
-    }
-#endif
+    uint32_t code = (uint32_t)rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0);
+    rdpi_real_t drive_V = rdpi_f32_fma((rdpi_real_t)code, params->V_per_code, params->min_V);
+    bank->y_um[0] = rdpi_f32_fma((rdpi_real_t)code, params->um_per_code, params->x_of_code_0_um);
+    self->drive_V = drive_V;
+    self->dac_code = code;
+    return drive_V;
+}
+#else
+rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
+{
     return full_step(self, reference_um);
 }
+#endif
 
 void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks)
 {
     uint32_t missed = self->missed + (ticks < UINT8_MAX ? ticks : UINT8_MAX);
     self->missed = (uint8_t)(missed < UINT8_MAX ? missed : UINT8_MAX);
-    self->plain = false;
+    take_the_long_way(self);
     self->missed_count += ticks < UINT32_MAX - self->missed_count ? ticks : UINT32_MAX - self->missed_count;
 }
 
@@ -462,6 +535,11 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     if (self->sweep_turns == 0u) {
         self->sweep_turns = (uint16_t)(2u * params->sweep_cycles + 1u);
     }
+#if RDPI_QUICK_STEP
+    if (self->plain) { /* the short way leaves ramp_V behind */
+        self->ramp_V = self->drive_V;
+    }
+#endif
     /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to the end */
     unsigned cycles_left = self->sweep_turns / 2u;
     rdpi_real_t left = (rdpi_real_t)cycles_left / (rdpi_real_t)params->sweep_cycles;
@@ -478,7 +556,7 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
         self->sweep_turns--;
     }
     rdpi_f32_target_t target = {x_of_drive(params, drive_V), 0, false};
-    output(self, drive_V, drive_V, target);
+    output(self, drive_V, target);
     return self->sweep_turns > 0u;
 }
 
@@ -508,9 +586,6 @@ rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t 
     (void)limit_rate(self, rate_um_per_s);
     forget_samples(self);
     rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
-    self->drive_V = clamp(drive_V, params->min_V, params->max_V);
-    self->ramp_V = self->drive_V;
-    self->dac_code = code_of_drive(self, self->drive_V);
-    self->sweep_turns = 0;
+    hold(self, drive_V);
     return displacement_um;
 }

@@ -17,6 +17,11 @@ static bool in_format(int32_t drive)
     return drive >= -RDPI_Q31_MAX_DRIVE && drive <= RDPI_Q31_MAX_DRIVE;
 }
 
+static int32_t in_range(const rdpi_q31_params_t *params, int32_t drive)
+{
+    return drive < params->min_drive ? params->min_drive : (drive > params->max_drive ? params->max_drive : drive);
+}
+
 /* A drive in the fractions that slopes of time need: times 2^32. */
 static int64_t widen(int32_t drive)
 {
@@ -249,7 +254,7 @@ static void forget_samples(rdpi_q31_t *self)
 static void put_drive(rdpi_q31_t *self, int32_t drive)
 {
     const rdpi_q31_params_t *params = self->params;
-    self->drive = rdpi_q31_clamp(drive, params->min_drive, params->max_drive);
+    self->drive = in_range(params, drive);
     self->ramp = widen(self->drive);
     self->dac_code = params->dac_bits > 0u ? (uint32_t)code_of_drive(params, self->drive) : 0u;
     self->sweep_turns = 0;
@@ -324,7 +329,7 @@ static int32_t limit_rate(rdpi_q31_t *self, int32_t rate)
 RDPI_Q31_SELDOM int32_t other_rate(rdpi_q31_t *self, int32_t reference)
 {
     const rdpi_q31_params_t *params = self->params;
-    int32_t x = self->bank.y[0], inside = rdpi_q31_clamp(x, params->min_drive, params->max_drive);
+    int32_t x = self->bank.y[0], inside = in_range(params, x);
     if (x != inside) {
         rdpi_q31_bank_move(&self->bank, params, x, inside);
     }
@@ -405,7 +410,7 @@ static inline void output_code(rdpi_q31_t *self, int32_t drive)
     self->dac_code = (uint32_t)code;
     if (!rdpi_q31_bank_goes_on(&self->bank, rounded)) {
         /* clamped because the last code may round past the end of the range */
-        rounded = rdpi_q31_clamp(rounded, params->min_drive, params->max_drive);
+        rounded = in_range(params, rounded);
         rdpi_q31_bank_move(&self->bank, params, self->drive, rounded);
     }
     self->drive = rounded;

@@ -16,6 +16,9 @@
 #define NEXT rdpi_reference_um
 #endif
 #include "rdpi_profile.h"
+#ifdef RDPI_PROFILE_DAC_BITS
+#error "rdpi_profile.h holds a drive, for examples/excite; a reference is made without --dac"
+#endif
 
 #if defined(TRACK_RATE_HZ) && RDPI_PROFILE_RATE_HZ != TRACK_RATE_HZ
 #error "rdpi_profile.h has another number of samples per second than the application, RDPI_TRACK_RATE_HZ"

@@ -15,6 +15,7 @@ import argparse
 import contextlib
 import os
 import socket
+import stat
 import struct
 import sys
 
@@ -49,28 +50,43 @@ def serve(line: socket.socket, bench: Bench, dac: tuple[int, float, float], rate
     return np.array(log, np.int64).reshape(-1, 3)
 
 
+def dac(text: str) -> tuple[int, float, float]:
+    """BITS:MIN_V:MAX_V."""
+    bits, low_V, high_V = text.split(":")
+    found = int(bits), float(low_V), float(high_V)
+    if not (1 <= found[0] <= 24 and -1e6 < found[1] < found[2] < 1e6):
+        raise ValueError(text)
+    return found
+
+
+def listen(server: socket.socket, path: str) -> None:
+    """On a path that is free, or a socket that an earlier run has left."""
+    if os.path.exists(path) and stat.S_ISSOCK(os.stat(path).st_mode):
+        os.unlink(path)
+    server.bind(path)
+    server.listen(1)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="A virtual actuator in lockstep with an emulated board.")
     parser.add_argument("kind", choices=LAWS)
     parser.add_argument("--socket", required=True, help="path to listen on")
-    parser.add_argument("--dac", required=True, metavar="BITS:MIN_V:MAX_V")
+    parser.add_argument("--dac", type=dac, required=True, metavar="BITS:MIN_V:MAX_V")
     parser.add_argument("--rate", type=float, required=True, metavar="HZ", help="the board's ticks per second")
     parser.add_argument("--log", required=True, metavar="FILE.npy")
     parser.add_argument("--seed", type=int, default=0, help="noise and memory at power-up")
     options = parser.parse_args()
-    bits, low_V, high_V = options.dac.split(":")
-
     bench = make(options.kind, options.seed, adc_bits=16)
     with socket.socket(socket.AF_UNIX) as server:
-        if os.path.exists(options.socket):
-            os.unlink(options.socket)
-        server.bind(options.socket)
-        server.listen(1)
-        print("listening; the sensor has {!r} um per count, {!r} um at count 0".format(*counts_scale(bench)), flush=True)
+        try:
+            listen(server, options.socket)
+        except OSError as error:
+            parser.error(f"--socket {options.socket}: {error.strerror or error}")
+        print("listening; the sensor has {!r} um per count, {!r} at count 0".format(*counts_scale(bench)), flush=True)
         line, _ = server.accept()
     sys.stdin.readline()
     with line:
-        np.save(options.log, serve(line, bench, (int(bits), float(low_V), float(high_V)), options.rate))
+        np.save(options.log, serve(line, bench, options.dac, options.rate))
 
 
 if __name__ == "__main__":

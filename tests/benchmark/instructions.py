@@ -61,6 +61,9 @@ ROWS = [("f32", "M4F"), ("formula", "M4F"), ("formula_linear", "M4F"), ("f32", "
 NAMES = {"f32": "rdpi_f32", "q31": "rdpi_q31", "formula": "formula", "formula_linear": "formula, O(n)"}
 TARGETS = {("f32", "M4F"): (100, 260), ("q31", "M3"): (160, 500), ("q31", "M0"): (600, 2200)}  # mean, worst, n = 9
 RATIOS = (8, 3)  # formula over rdpi_f32 on the M4F, n = 9: mean, worst
+# Targets that are still to be met. One that is met, or that is missed and not named here, fails.
+OPEN = ["rdpi_f32, M4F, n = 9: worst", "rdpi_q31, M3, n = 9: worst", "rdpi_q31, M0, n = 9: worst",
+        "formula : rdpi_f32, M4F, n = 9: worst"]
 MARGIN = 1.02  # on the worst of the M0: its software arithmetic takes its time by the numbers, and no search finds all
 MAX_GROWTH = 1.25  # of the mean from n = 9, where 0.1 plays engage per sample of the profile, to n = 64: 0.8
 MAX_DEPARTURE = 0.05  # of the worst from a straight line in n
@@ -216,19 +219,19 @@ class Targets:
     """Cells with a target beside the figure, and a list of those missed."""
 
     def __init__(self) -> None:
-        self.missed: list[str] = []
+        self.missed: dict[str, str] = {}  # what, and how
 
     def cell(self, what: str, figure: float, relation: str = "≤", target: float | None = None) -> str:
         text = f"{figure:.1f}" if isinstance(figure, float) else str(figure)
         if target is None:
             return text
         if figure > target if relation == "≤" else figure < target:
-            self.missed.append(f"{what} is {text}, target {relation} {target:g}")
+            self.missed[what] = f"is {text}, target {relation} {target:g}"
         return f"{text} {relation} {target:g}"
 
 
-def table(measured: dict[tuple[str, str], dict[str, Result]], version: str) -> tuple[str, list[str]]:
-    """The table, and which targets are missed."""
+def table(measured: dict[tuple[str, str], dict[str, Result]], version: str) -> tuple[str, dict[str, str]]:
+    """The table, and which targets are missed by how much."""
     targets = Targets()
     heads = [*map(str, SIZES), PER_PLAY, LATE, OPTIONS]
     lines = [f"| mean / worst, arm-none-eabi-gcc {version} -O2 | n = {' | '.join(heads)} |",
@@ -247,7 +250,7 @@ def table(measured: dict[tuple[str, str], dict[str, Result]], version: str) -> t
             per_play, departure = straight_line(results)
             cells[PER_PLAY] = f"{per_play:.1f}"
             if departure > MAX_DEPARTURE:
-                targets.missed.append(f"{name}: worst is {departure:.0%} off a straight line in n")
+                targets.missed[f"{name}: growth of the worst"] = f"is {departure:.0%} off a straight line in n"
         lines.append(f"| {name} | {' | '.join(cells.get(head, '') for head in heads)} |")
     for engine in ("formula", "formula_linear"):
         ours, theirs = measured["f32", "M4F"], measured[engine, "M4F"]
@@ -282,6 +285,12 @@ def compare(old: str, new: str, name: str) -> list[str]:
     return []
 
 
+def judge(missed: dict[str, str], known: list[str]) -> list[str]:
+    """What is wrong: targets missed that are not known to be, and known ones that are met."""
+    return ([f"{what} {how}" for what, how in missed.items() if what not in known]
+            + [f"{what} is met: take it out of OPEN" for what in known if what not in missed])
+
+
 def compiler() -> str:
     return re.search(r"(\d+\.\d+\.\d+)", run("arm-none-eabi-gcc", "--version").splitlines()[0])[1]
 
@@ -298,8 +307,9 @@ def main() -> int:
     arguments = sys.argv[1:]
     if len(arguments) > 2:
         return one_case(*arguments)
-    new, wrong = table(measure_all(), compiler())
-    print(new)
+    new, missed = table(measure_all(), compiler())
+    print(new, *(f"open: {what} {missed[what]}" for what in OPEN if what in missed), sep="\n")
+    wrong = judge(missed, OPEN)
     if arguments:
         option, name = arguments
         before, old, after = split(Path(name).read_text(encoding="utf-8"), name)

@@ -44,19 +44,20 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     size_t plays = counts_fit ? params.plays : 0, deadzones = counts_fit ? params.deadzones : 0;
     rdpi_f32_play_t *play = take_array(plays, sizeof *play);
     rdpi_f32_deadzone_t *saturation = take_array(deadzones, sizeof *saturation);
-    rdpi_f32_deadzone_t *inverse = malloc(deadzones * sizeof *inverse + 1);
+    rdpi_f32_piece_t *inverse = malloc(deadzones * sizeof *inverse + 1);
     rdpi_real_t *memory_um = take_array(plays, sizeof *memory_um);
-    if (!(how & INTERCEPTS)) {
-        derive_intercepts(play, plays);
+    if (plays > 0 && !(how & INTERCEPTS)) {
+        actuator_derive_intercepts(play, plays);
     }
     if (how & INVERSE) {
         take(inverse, deadzones * sizeof *inverse);
-    } else {
-        derive_inverse(inverse, saturation, deadzones);
+    } else if (deadzones > 0) {
+        actuator_derive_inverse(saturation, params.offset_um, inverse, deadzones);
     }
+    actuator_derive_codes(&params);
     params.play = how & NO_PLAY ? NULL : play;
     params.saturation = saturation;
-    params.inverse_saturation = inverse;
+    params.inverse = inverse;
     params.memory_um = how & NO_MEMORY ? NULL : memory_um;
     bool complete = params.play && params.memory_um && counts_fit;
     params.digest = how & DIGEST || !complete ? take_u32() : rdpi_f32_digest(&params);

@@ -5,7 +5,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     rdpi_f32_t self;
     rdpi_f32_play_t play[RDPI_MAX_PLAYS];
-    rdpi_f32_deadzone_t saturation[RDPI_MAX_DEADZONES], inverse[RDPI_MAX_DEADZONES];
+    rdpi_f32_deadzone_t saturation[RDPI_MAX_DEADZONES];
+    rdpi_f32_piece_t inverse[RDPI_MAX_DEADZONES];
     rdpi_real_t memory_um[RDPI_MAX_PLAYS];
     input = data;
     input_left = size;
@@ -33,7 +34,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         .max_V = (rdpi_real_t)(min_V + span_V),
         .play = play,
         .saturation = saturation,
-        .inverse_saturation = inverse,
+        .inverse = inverse,
         .memory_um = memory_um,
     };
     double sweep_V_per_s = fmin(span_V / sample_time_s * pow(10, take_between(-2, 0.5)), 1e6);
@@ -54,7 +55,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         play[i].slope = (rdpi_real_t)slope;
         play[i].slope_rate_s_per_um = (rdpi_real_t)(slope * (ratio - 1) / max_um_per_s);
     }
-    derive_intercepts(play, params.plays);
+    actuator_derive_intercepts(play, params.plays);
     double d_um = 0, slope = 0;
     for (size_t j = 0; j < params.deadzones; j++) {
         double slope_above = take_between(0.2, 2);
@@ -63,7 +64,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         slope = slope_above;
         d_um += stroke_um * take_between(0.01, 0.5);
     }
-    derive_inverse(inverse, saturation, params.deadzones);
+    actuator_derive_inverse(saturation, params.offset_um, inverse, params.deadzones);
+    actuator_derive_codes(&params);
     params.digest = rdpi_f32_digest(&params);
 
     rdpi_status_t status = rdpi_f32_init(&self, &params, (rdpi_real_t)sample_time_s);

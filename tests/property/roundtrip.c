@@ -96,7 +96,8 @@ static void check_limits(const rdpi_f32_params_t *params, double sample_time_s, 
 static double formula_error(formula_inverse_t *inverse, plant_t *plant, rdpi_real_t z_um, rdpi_real_t rate_um_per_s)
 {
     const rdpi_f32_params_t *params = plant->params;
-    rdpi_real_t v_um = rdpi_f32_saturation(params->inverse_saturation, params->deadzones, z_um);
+    rdpi_real_t reference_um = z_um + params->offset_um;
+    rdpi_real_t v_um = rdpi_f32_unsaturate(rdpi_f32_piece(params->inverse, params->deadzones, reference_um), z_um);
     plant_move(plant, formula_inverse_step(inverse, params->play, params->plays, rate_um_per_s, v_um));
     return (double)(plant_z(plant, rate_um_per_s) - z_um);
 }

@@ -214,7 +214,7 @@ int main(void)
         rdpi_f32_params_t *params = &scenario.actuator.params;
         params->dac_bits = 0;     /* a code more or less is no rounding error, */
         params->slew_V_per_s = 0; /* nor is a ramp that adds up its own */
-        actuator_seal(&scenario.actuator);
+        actuator_derive(&scenario.actuator);
         profile_t profile = {.stroke_um = scenario.stroke_um};
         bool short_one = params->rate_filter_s > 0 && (double)params->rate_filter_s < scenario.sample_time_s;
         compare_chain(&scenario, &profile, short_one ? &short_filter : &laws[scenario.law]);

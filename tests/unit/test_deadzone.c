@@ -7,16 +7,16 @@
 
 /* Slopes of the pieces: 1 up to v = 2, 0.5 up to v = 4, 2 beyond; S bends at z = 2 and 3. */
 static const rdpi_f32_deadzone_t stage[COUNT] = {{0, 1}, {2, (rdpi_real_t)-0.5}, {4, (rdpi_real_t)1.5}};
-static const rdpi_f32_deadzone_t inverse_stage[COUNT] = {{0, 1}, {2, 1}, {3, (rdpi_real_t)-1.5}};
+static const rdpi_f32_piece_t inverse_stage[COUNT] = {{-9, 2, 1, 0}, {2, 3, 2, -2}, {3, 9, (rdpi_real_t)0.5, (rdpi_real_t)2.5}};
 
 static rdpi_real_t saturation(rdpi_real_t v_um)
 {
     return rdpi_f32_saturation(stage, COUNT, v_um);
 }
 
-static rdpi_real_t inverse(rdpi_real_t z_um)
+static rdpi_real_t inverse(rdpi_real_t reference_um)
 {
-    return rdpi_f32_saturation(inverse_stage, COUNT, z_um);
+    return rdpi_f32_unsaturate(rdpi_f32_piece(inverse_stage, COUNT, reference_um), reference_um);
 }
 
 void setUp(void)
@@ -88,6 +88,13 @@ void test_inverse_on_the_last_piece(void)
 {
     EQUAL_REAL(6, inverse(7));
     EQUAL_REAL(504, inverse(1003));
+}
+
+void test_the_first_and_last_piece_of_the_inverse_go_on_beyond_their_ends(void)
+{
+    TEST_ASSERT_EQUAL_PTR(&inverse_stage[0], rdpi_f32_piece(inverse_stage, COUNT, -1000));
+    TEST_ASSERT_EQUAL_PTR(&inverse_stage[2], rdpi_f32_piece(inverse_stage, COUNT, 1000));
+    TEST_ASSERT_EQUAL_PTR(&inverse_stage[0], rdpi_f32_piece(inverse_stage, 1, 1000));
 }
 
 void test_inverse_at_each_corner_is_the_threshold(void)

@@ -9,8 +9,8 @@
 
 #include "rdpi/rdpi.h"
 
-#if RDPI_PARAMS_SCHEMA != 2
-#error "these parameters have schema 2, the library another: generate them again with its own rdpi"
+#if RDPI_PARAMS_SCHEMA != 3
+#error "these parameters have schema 3, the library another: generate them again with its own rdpi"
 #endif
 
 #define RDPI_PARAMS_PLAYS 10 /* n + 1 */
@@ -51,14 +51,14 @@ static const rdpi_f32_deadzone_t rdpi_params_saturation[] = {
 typedef char rdpi_params_saturation_check[
     sizeof rdpi_params_saturation == RDPI_PARAMS_DEADZONES * sizeof(rdpi_f32_deadzone_t) ? 1 : -1];
 
-/* S^-1 (eq. 13): d, um; weight */
-static const rdpi_f32_deadzone_t rdpi_params_inverse_saturation[] = {
-    {0.00000000f, 0.952381015f},
-    {4.19999981f, 0.0680272207f},
-    {8.11999989f, 0.0665483624f},
+/* S^-1 (eq. 13): references from and to, um; slope; intercept, um */
+static const rdpi_f32_piece_t rdpi_params_inverse[] = {
+    {-1000000.00f, 4.19999981f, 0.952381015f, 0.00000000f},
+    {4.19999981f, 8.11999989f, 1.02040827f, -0.285714298f},
+    {8.11999989f, 1000000.00f, 1.08695662f, -0.826086998f},
 };
-typedef char rdpi_params_inverse_saturation_check[
-    sizeof rdpi_params_inverse_saturation == RDPI_PARAMS_DEADZONES * sizeof(rdpi_f32_deadzone_t) ? 1 : -1];
+typedef char rdpi_params_inverse_check[
+    sizeof rdpi_params_inverse == RDPI_PARAMS_DEADZONES * sizeof(rdpi_f32_piece_t) ? 1 : -1];
 
 /* y_0 ... y_n, um: the plays at power up; y_0 is x */
 static const rdpi_real_t rdpi_params_memory_um[] = {
@@ -69,8 +69,8 @@ typedef char rdpi_params_memory_um_check[
     sizeof rdpi_params_memory_um == RDPI_PARAMS_PLAYS * sizeof(rdpi_real_t) ? 1 : -1];
 
 static const rdpi_f32_params_t rdpi_params = {
-    2u, /* schema */
-    0xA1477AE6u, /* digest of what follows */
+    3u, /* schema */
+    0xB64BD0D2u, /* digest of what follows */
     RDPI_PARAMS_PLAYS,
     RDPI_PARAMS_DEADZONES,
     RDPI_PARAMS_DAC_BITS,
@@ -88,9 +88,15 @@ static const rdpi_f32_params_t rdpi_params = {
     0.00000000f, /* slew_V_per_s, V/s: largest change of the output; 0: unlimited */
     5600.00000f, /* sweep_V_per_s, V/s: speed of the start-up sweep ... */
     0.00000000f, /* sweep_end_V, V: ... and where it ends */
+    65535.0000f, /* last_code, 2^DAC_BITS - 1 */
+    3744.85718f, /* codes_per_um, DAC code = codes_per_um x + code_of_x_0, cut to an integer */
+    9362.64258f, /* code_of_x_0 */
+    0.000267032883f, /* um_per_code, um: x = um_per_code code + x_of_code_0_um */
+    -2.50000000f, /* x_of_code_0_um, um */
+    0.00213626307f, /* V_per_code, V: drive = V_per_code code + min_V */
     rdpi_params_play,
     rdpi_params_saturation,
-    rdpi_params_inverse_saturation,
+    rdpi_params_inverse,
     rdpi_params_memory_um,
 };
 
@@ -158,7 +164,7 @@ typedef char rdpi_params_q31_memory_check[
     sizeof rdpi_params_q31_memory == RDPI_PARAMS_PLAYS * sizeof(int32_t) ? 1 : -1];
 
 static const rdpi_q31_params_t rdpi_params_q31 = {
-    2u, /* schema */
+    3u, /* schema */
     0x1741F1FFu, /* digest of what follows */
     0ull, /* slew_per_us: largest change of the output, drive units per us times 2^32; 0: unlimited */
     107605955786096ull, /* sweep_per_us: speed of the start-up sweep, likewise */

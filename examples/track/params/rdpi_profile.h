@@ -11,6 +11,9 @@
 #define RDPI_PROFILE_RATE_HZ 10000u /* samples per second */
 #define RDPI_PROFILE_COUNT 1000u
 
+#ifndef RDPI_PROFILE_UM
+#error "this is a reference, for examples/track; a drive is made with `rdpi profile --dac`"
+#else
 static const RDPI_PROFILE_NUMBER rdpi_profile[] = {
     RDPI_PROFILE_UM(0.0), RDPI_PROFILE_UM(7.9e-05), RDPI_PROFILE_UM(0.000316), RDPI_PROFILE_UM(0.000711),
     RDPI_PROFILE_UM(0.001263), RDPI_PROFILE_UM(0.001974), RDPI_PROFILE_UM(0.002842), RDPI_PROFILE_UM(0.003868),
@@ -263,5 +266,6 @@ static const RDPI_PROFILE_NUMBER rdpi_profile[] = {
     RDPI_PROFILE_UM(0.005052), RDPI_PROFILE_UM(0.003868), RDPI_PROFILE_UM(0.002842), RDPI_PROFILE_UM(0.001974),
     RDPI_PROFILE_UM(0.001263), RDPI_PROFILE_UM(0.000711), RDPI_PROFILE_UM(0.000316), RDPI_PROFILE_UM(7.9e-05),
 };
+#endif
 
 #endif

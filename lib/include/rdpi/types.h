@@ -14,7 +14,7 @@ extern "C" {
 #endif
 
 /** The layout of rdpi_f32_params_t and rdpi_q31_params_t. Changes when one of them does; init compares. */
-#define RDPI_PARAMS_SCHEMA 2u
+#define RDPI_PARAMS_SCHEMA 3u
 
 /** More bits than single precision resolves are refused. */
 #define RDPI_MAX_DAC_BITS 20

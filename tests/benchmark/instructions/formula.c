@@ -77,7 +77,8 @@ float formula_step(state_t *self, float reference_um)
     }
     self->rate_um_per_s = rate_um_per_s;
 
-    float v_um = rdpi_f32_saturation(params->inverse_saturation, params->deadzones, reference_um - params->offset_um);
+    float v_um = rdpi_f32_unsaturate(
+        rdpi_f32_piece(params->inverse, params->deadzones, reference_um), reference_um - params->offset_um);
     float x_um = inverse(&self->bank, params->play, params->plays, rate_um_per_s, v_um);
 
     float wish_V = x_um * params->V_per_um + params->offset_V;
