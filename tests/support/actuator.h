@@ -62,10 +62,10 @@ static inline void actuator_derive_inverse(const rdpi_f32_deadzone_t *saturation
 static inline void actuator_derive_codes(rdpi_f32_params_t *params)
 {
     long double gain = params->gain_um_per_V, span = (long double)params->max_V - params->min_V;
-    long double last = (long double)((1uL << params->dac_bits) - 1u), low = (long double)params->min_V;
     bool codes = params->dac_bits > 0 && params->dac_bits <= RDPI_MAX_DAC_BITS && gain != 0 && span > 0;
+    long double last = codes ? (long double)((1uL << params->dac_bits) - 1u) : 0, low = (long double)params->min_V;
     long double V_per_code = codes ? span / last : 0;
-    params->last_code = codes ? (rdpi_real_t)last : 0;
+    params->last_code = (rdpi_real_t)last;
     params->um_per_code = (rdpi_real_t)(gain * V_per_code);
     params->x_of_code_0_um = codes ? (rdpi_real_t)(gain * (low - params->offset_V)) : 0;
     params->codes_per_um = codes ? (rdpi_real_t)(1 / (gain * V_per_code)) : 0;

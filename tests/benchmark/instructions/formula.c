@@ -19,12 +19,13 @@ static void set_flag(state_t *self, uint32_t flag, uint32_t *count)
 }
 
 #if defined(FORMULA_LINEAR)
-#define inverse formula_inverse_step
+#define INVERSE formula_inverse_step
 #else
-/* As printed: r'_i = sum over j <= i of w_j (r_i - r_j), w'_0 = 1 / w_0 and
+#define INVERSE as_printed
+/* r'_i = sum over j <= i of w_j (r_i - r_j), w'_0 = 1 / w_0 and
  * w'_i = -w_i / ((w_0 + ... + w_i) (w_0 + ... + w_(i-1))). */
-static float inverse(formula_inverse_t *self, const rdpi_f32_play_t *play, size_t count, float rate_um_per_s,
-                     float v_um)
+static float as_printed(formula_inverse_t *self, const rdpi_f32_play_t *play, size_t count, float rate_um_per_s,
+                        float v_um)
 {
     float weight[RDPI_MAX_PLAYS], slope = 0, x_um = 0;
     for (size_t i = 0; i < count; i++) { /* eq. 14 and 16 */
@@ -79,7 +80,7 @@ float formula_step(state_t *self, float reference_um)
 
     float v_um = rdpi_f32_unsaturate(
         rdpi_f32_piece(params->inverse, params->deadzones, reference_um), reference_um - params->offset_um);
-    float x_um = inverse(&self->bank, params->play, params->plays, rate_um_per_s, v_um);
+    float x_um = INVERSE(&self->bank, params->play, params->plays, rate_um_per_s, v_um);
 
     float wish_V = x_um * params->V_per_um + params->offset_V;
     float drive_V = clamp(wish_V, params->min_V, params->max_V);
