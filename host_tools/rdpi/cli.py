@@ -123,9 +123,9 @@ def _check_paths(context: click.Context) -> None:
             raise BadInput(f"{name}: there is no folder {folder}; make it first")
         if "port" in context.params and os.path.realpath(name) == os.path.realpath(context.params["port"]):
             raise BadInput(f"{name}: is the port; give a file to write to")
-        target = os.path.realpath(name)
-        if os.path.isdir(folder) and not _is_device(target) and not os.access(os.path.dirname(target), os.W_OK):
-            raise BadInput(f"{name}: the folder {os.path.dirname(target)} cannot be written to; check its permissions")
+        into = name if os.path.isdir(name) else os.path.dirname(os.path.realpath(name))
+        if os.path.isdir(into) and (into == name or not _is_device(name)) and not os.access(into, os.W_OK):
+            raise BadInput(f"{name}: the folder {into} cannot be written to; check its permissions")
         for other in (*paths["in"], *paths["out"][:k]):
             if os.path.realpath(name) == os.path.realpath(other) and os.path.basename(name) and not _is_device(name):
                 kind = "an input" if other in paths["in"] else "another output"
@@ -138,7 +138,8 @@ def _is_device(path: str) -> bool:
 
 def _fail(message: str) -> NoReturn:
     message = message.encode("utf-8", "backslashreplace").decode()  # names of files need not be text
-    click.echo(f"rdpi: {message}", err=True)
+    with suppress(OSError):  # the terminal may be gone
+        click.echo(f"rdpi: {message}", err=True)
     raise click.exceptions.Exit(2)
 
 
@@ -451,9 +452,15 @@ def _refuse_overwriting(targets: list[Path], stretches: bool) -> None:
             files = [target.with_name(file.name) for file in files]
         for file in files:
             for other in (*inputs, *outputs):
-                if os.path.realpath(file) == os.path.realpath(other) and not _is_device(str(other)):
+                if _same_file(file, other) and not _is_device(str(other)):
                     kind = "an input" if other in inputs else "another output"
                     raise BadInput(f"{file}: would be written over {kind}; give another name or folder")
+
+
+def _same_file(one: Path, other: Path) -> bool:
+    if one.exists() and other.exists():
+        return one.samefile(other)
+    return os.path.realpath(one) == os.path.realpath(other)
 
 
 @command("record")
@@ -466,13 +473,15 @@ def _refuse_overwriting(targets: list[Path], stretches: bool) -> None:
               help="Stop after so many seconds of the target's time. Default: when it has finished, or at Ctrl-C.")
 @click.option("--timeout", "timeout_s", type=Number(positive=True), default=5.0, show_default=True,
               metavar="S", help="Give up after so many seconds without a frame, once the first has come: that is "
-                                "waited for without limit. So many seconds of bytes that are no telemetry end it too.")
+                                "waited for without limit. So many seconds of bytes that are no telemetry, or of infos "
+                                "without a sample, end it too.")
 @click.option("--raw", type=click.Path(dir_okay=False), metavar="FILE",
               help="Also keep every byte as it came, for `rdpi import --telemetry`.")
 @click.option("--actuator", metavar="TEXT", help="Kept in the recording.")
 @click.option("--memory", type=click.Choice(["reset", "carried", "unknown"]),
               help="What the hysteresis remembers at the first sample written. Default: reset where the target's "
-                   "start-up sweep was received whole and the drive goes on from its end, else unknown.")
+                   "start-up sweep was received whole, ends amid its range and the drive goes on from there, else "
+                   "unknown.")
 @click.option("--note", metavar="TEXT", help="Kept in the recording.")
 @_telemetry_options
 def record_(port: str, output: str, baud: int, duration_s: float | None, timeout_s: float, raw: str | None,
@@ -494,30 +503,28 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
     with stop_signals() as stopped:  # until all is written
         with _recording_line() as report:
             end = record(decoder, baud, duration_s, timeout_s, copy, report, stopped)
-        failures = [] if end.good else [end.why]
-        if not decoder.counts.samples:
-            refuses = decoder.info is not None and decoder.info.state == REFUSED
-            decoder.check()
-            raise BadInput(f"{port}: {end.why}" if refuses else f"{port}: no samples: {end.why}")
+        copied = [f"--raw {copy.failure}"] if copy.failure else []
+        why = "" if end.good else end.why
         try:
-            decoder.finish()
-        except BadInput as error:  # what came before may be good
-            if decoder.info is None:
-                raise
-            failures = [str(error).removeprefix(f"{port}: ")]
-        try:
+            if not decoder.counts.samples:
+                refuses = decoder.info is not None and decoder.info.state == REFUSED
+                decoder.check()
+                raise BadInput(f"{port}: {end.why}" if refuses else f"{port}: no samples: {end.why}")
+            try:
+                decoder.finish()
+            except BadInput as error:  # what came before may be good
+                if decoder.info is None:
+                    raise
+                why = str(error).removeprefix(f"{port}: ")
             found = _stretches(decoder, (um_per_count, count_0_um))
         except BadInput as error:
-            raise BadInput("; ".join([str(error), *failures])) from None
+            besides = [why] if why not in str(error) else []
+            raise BadInput("; ".join([str(error), *besides, *copied])) from None
         result, lines = _write_telemetry(decoder, found, Path(output), port,
                                          {"actuator": actuator, "memory": memory, "note": note}, stretches, max_lost)
     click.echo("\n".join(lines))
     _tell_gate(result, max_lost)
-    if failures:
-        failures = [f"{failures[0]}; what came before has been written"]
-    if copy.failure:
-        failures.append(f"--raw {copy.failure}")
-    if failures:
+    if failures := ([f"{why}; what came before has been written"] if why else []) + copied:
         raise BadInput(f"{port}: {'; '.join(failures)}")
     click.echo(f"  {end.why}")
     return {**result, "ended": end.why}

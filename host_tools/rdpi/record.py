@@ -18,7 +18,7 @@ from .telemetry import FINISHED, REFUSED, Decoder, Info
 POLL_S = 0.005  # a terminal buffers 4096 bytes: 14 ms at 3 Mbaud
 REPORT_S = 0.2
 CHUNK = 1 << 16
-NO_INFO = 5000  # samples in which a target that sends an info every 1000 would have sent one
+NO_INFO = 50_000  # samples: of its infos, one every 1000, a line that damages a byte in a hundred lets 15 through
 
 
 class End(NamedTuple):
@@ -77,8 +77,8 @@ def record(decoder: Decoder, baud: int, duration_s: float | None, timeout_s: flo
 def stop_signals() -> Iterator[list[int]]:
     """Ctrl-C and its like are put on a list: none interrupts the decoder, or the writing of what it has.
 
-    What was ignored before stays so, after nohup for instance, but not Ctrl-C: a shell has that ignored by what a script
-    starts in the background, and to end is then the only way to say that it is enough.
+    What was ignored before stays so, after nohup for instance, but not Ctrl-C: shells have it ignored by what a script
+    starts in the background, which would then go on, and hold the port, when the script has been stopped.
     """
     received: list[int] = []
     before = {}

@@ -344,7 +344,8 @@ def stretches(decoder: Decoder, um_per_count: float | None = None, count_0_um: f
 
     A stretch ends where a sample is missing, or has no reading while others have one. `memory` is reset if the sweep
     was received from the first sample to the last, ends amid its own range, and the stretch begins where it ended: with
-    references, at the first one if the drive stays; without, at the sweep's last sample. `um_per_count` and `count_0_um` replace the firmware's.
+    references, at the first one if the drive stays; without, at the sweep's last sample. `um_per_count` and
+    `count_0_um` replace the firmware's.
     """
     found = []
     for run in decoder.runs:

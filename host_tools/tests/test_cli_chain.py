@@ -241,6 +241,18 @@ def test_a_drive_that_begins_where_the_sweep_ended(folder: Path, rdpi: Callable)
     assert back.columns["predicted_um"] == pytest.approx(back.columns["reference_um"], abs=1e-2)
 
 
+def test_a_sweep_that_ends_off_the_middle_resets_nothing(folder: Path, rdpi: Callable) -> None:
+    edge = Drive(-20.0, 120.0, sweep_cycles=500, sweep_V_per_s=500.0, sweep_end_V=0.0)
+    model = replace(read_model("static.json"), drive=edge)
+    write_model("static.json", model)
+    library = firmware.engine(model, 1e-3, "f64")
+    library.sweep()
+    start_um = float(library.predict(np.array([0.0]), np.zeros(1))[0])
+    write_reference("reference.csv", start_um + 0.5 * (reference() - reference()[0]), memory="reset")
+    drive, _ = compensated(rdpi, "--engine", "f64", "--sweep")
+    assert drive.command_V[0] == pytest.approx(0, abs=1e-6) and drive.metadata["memory"] == "unknown"
+
+
 def test_numpy_has_no_start_up_sweep(folder: Path, rdpi: Callable) -> None:
     text = refusal(rdpi, "compensate", "static.json", None, "--engine", "numpy", "--sweep")
     assert text.startswith("the engine numpy has no start-up sweep")

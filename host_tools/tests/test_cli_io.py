@@ -168,3 +168,13 @@ def test_import_into_the_folder_of_its_source(rdpi: Callable, scratch: Callable,
     before = source.read_bytes()
     result = rdpi("import", source, "--time", "t_s", "--command", "V", "--displacement", "um", "-o", tmp_path)
     assert result.exit_code == 2 and "over an input" in result.output and source.read_bytes() == before
+
+
+def test_ctrl_c_is_no_missed_gate(tmp_path: Path, rdpi: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rdpi.excite.make_drive", stopped)
+    done = rdpi("excite", "sine", "-o", tmp_path / "drive.csv")
+    assert (done.exit_code, done.output) == (130, "rdpi: stopped\n")
+    assert not list(tmp_path.iterdir())

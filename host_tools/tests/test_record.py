@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import os
 import pty
@@ -21,8 +22,8 @@ import pytest
 import streams
 from streams import Info, samples, stream
 
-from rdpi import firmware
-from rdpi.record import REPORT_S
+from rdpi import firmware, recording
+from rdpi.record import NO_INFO, REPORT_S
 from rdpi.recording import read_recording
 
 SENT = samples(3000)
@@ -97,19 +98,28 @@ def test_until_the_target_has_finished(board: Board, run_csv: Path, rdpi: Callab
     assert done.exit_code == 0, done.output
     assert f"{board.port}: 3000 samples, 0 lost on the way, 0 ticks lost by the target; 0 corrupt frames" in done.output
     assert "the target has finished" in done.output
-    recording = read_recording(run_csv)
-    assert recording.columns["dac_code"].tolist() == [sample.dac_code for sample in SENT]
-    assert recording.sample_rate_hz == 10_000
-    assert recording.metadata.items() >= {"actuator": "stack 3", "note": "first try", "memory": "carried",
-                                          "first_tick": "1", "telemetry_lost": "0",
-                                          "source": board.port}.items()
+    run = read_recording(run_csv)
+    assert run.columns["dac_code"].tolist() == [sample.dac_code for sample in SENT]
+    assert run.sample_rate_hz == 10_000
+    assert run.metadata.items() >= {"actuator": "stack 3", "note": "first try", "memory": "carried",
+                                    "first_tick": "1", "telemetry_lost": "0", "source": board.port}.items()
     assert (tmp_path / "raw").read_bytes() == data
     result = json.loads((tmp_path / "json").read_text())
     assert result["counts"]["samples"] == 3000 and result["stretches"] == [3000]
     assert result["target"]["state"] == streams.FINISHED and not result["gate_failed"]
 
 
-def test_ctrl_c_keeps_what_was_received(board: Board, run_csv: Path, rdpi: Callable) -> None:
+@pytest.fixture
+def terminal() -> Iterator[None]:
+    """Signals as in a terminal, however the tests were started: CI has Ctrl-C ignored, nohup that it hangs up."""
+    before = {number: signal.signal(number, handler) for number, handler in (
+        (signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL))}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_ctrl_c_keeps_what_was_received(board: Board, run_csv: Path, rdpi: Callable, terminal: None) -> None:
     board.later(lambda: board.send(stream(SENT, finished=0)), lambda: time.sleep(A_MOMENT_S),
                 lambda: os.kill(os.getpid(), signal.SIGINT))
     done = rdpi("record", board.port, "-o", run_csv)
@@ -118,6 +128,49 @@ def test_ctrl_c_keeps_what_was_received(board: Board, run_csv: Path, rdpi: Calla
     with pytest.raises(KeyboardInterrupt):  # and is Ctrl-C again from now on
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(1)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_so_do_its_like(board: Board, run_csv: Path, rdpi: Callable, terminal: None,
+                         number: int) -> None:
+    board.later(lambda: board.send(stream(SENT, finished=0)), lambda: time.sleep(A_MOMENT_S),
+                lambda: os.kill(os.getpid(), number))
+    assert rdpi("record", board.port, "-o", run_csv).exit_code == 0
+    assert len(codes(run_csv)) == 3000
+
+
+def test_none_of_them_interrupts_the_writing(board: Board, run_csv: Path, rdpi: Callable, terminal: None,
+                                             monkeypatch: pytest.MonkeyPatch) -> None:
+    write = recording.atomic_write
+
+    def interrupted(*arguments: object) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            os.kill(os.getpid(), number)
+        write(*arguments)
+
+    monkeypatch.setattr(recording, "atomic_write", interrupted)
+    board.later(lambda: board.send(stream(SENT)))
+    assert rdpi("record", board.port, "-o", run_csv).exit_code == 0
+    assert len(codes(run_csv)) == 3000
+
+
+@pytest.mark.parametrize("ignored, ends", [("INT", True), ("HUP", False)])
+def test_in_the_background_of_a_script(board: Board, run_csv: Path, ignored: str, ends: bool) -> None:
+    """Ctrl-C, which shells have ignored there, ends it; what nohup has ignored does not."""
+    command = ["sh", "-c", f"trap '' {ignored}; exec \"$@\"", "sh", sys.executable, "-m", "rdpi", "record", board.port,
+               "-o", run_csv]
+    board.renew()
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        board.wait()
+        board.send(stream(SENT, finished=0))
+        time.sleep(A_MOMENT_S)
+        process.send_signal(getattr(signal, f"SIG{ignored}"))
+        if not ends:
+            time.sleep(A_MOMENT_S)
+            assert process.poll() is None
+            process.terminate()
+        assert process.wait(timeout=20) == 0
+    assert len(codes(run_csv)) == 3000
 
 
 def test_ctrl_c_before_anything_came(board: Board, rdpi: Callable, refused: Callable) -> None:
@@ -188,6 +241,114 @@ def test_a_target_that_refuses(board: Board, rdpi: Callable, run_csv: Path) -> N
         done = rdpi("record", board.port, "-o", run_csv)
         assert (done.exit_code, done.output) == (2, f"rdpi: {board.port}: the target refuses to run: {words}\n")
         assert not run_csv.exists()
+
+
+@pytest.mark.parametrize("last, why", [
+    (Info(streams.REFUSED, -8).frame(), "the target refuses to run: "),
+    (Info(um_per_count=1e306).frame() * 2, "the firmware says that um_per_count is 1e+306; check RDPI_UM_PER_COUNT"),
+    (Info().frame(version=9) * 2, "telemetry of version 9, which this version of rdpi does not know"),
+])
+def test_what_came_before_the_target_went_wrong_is_kept(board: Board, run_csv: Path, rdpi: Callable, last: bytes,
+                                                        why: str) -> None:
+    board.later(lambda: board.send(stream(SENT, finished=0) + last))
+    done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.5")
+    assert done.exit_code == 2 and f"rdpi: {board.port}: {why}" in done.output
+    assert done.output.endswith("; what came before has been written\n")
+    assert len(codes(run_csv)) == 3000
+
+
+def test_a_copy_that_cannot_be_written_does_not_cost_the_recording(board: Board, run_csv: Path,
+                                                                   rdpi: Callable) -> None:
+    board.later(lambda: board.send(stream(SENT)))
+    done = rdpi("record", board.port, "-o", run_csv, "--raw", "/dev/full")
+    assert done.exit_code == 2
+    assert done.output.endswith("--raw /dev/full: No space left on device; it does not hold all that came\n")
+    assert len(codes(run_csv)) == 3000
+
+
+def test_all_that_went_wrong_is_told(board: Board, run_csv: Path, rdpi: Callable) -> None:
+    board.later(lambda: board.send(stream(SENT[:15], finished=0) + Info(streams.REFUSED, -8).frame()))
+    done = rdpi("record", board.port, "-o", run_csv, "--raw", "/dev/full")
+    assert done.exit_code == 2 and done.output.count("the target refuses to run: ") == 1
+    assert done.output.endswith("; --raw /dev/full: No space left on device; it does not hold all that came\n")
+    assert not run_csv.exists()
+
+
+@pytest.mark.parametrize("port", ["/nowhere/ttyACM0", None])
+def test_an_earlier_capture_is_kept_until_the_first_byte(board: Board, run_csv: Path, rdpi: Callable, tmp_path: Path,
+                                                         port: str | None) -> None:
+    (tmp_path / "raw").write_bytes(b"earlier")
+    if port is None:
+        board.later(lambda: os.kill(os.getpid(), signal.SIGINT))
+    assert rdpi("record", port or board.port, "-o", run_csv, "--raw", tmp_path / "raw").exit_code == 2
+    assert (tmp_path / "raw").read_bytes() == b"earlier"
+
+
+@pytest.mark.parametrize("option", ["-o", "--raw", "--json"])
+def test_the_port_is_no_file_to_write_to(board: Board, run_csv: Path, rdpi: Callable, option: str) -> None:
+    done = rdpi("record", board.port, "-o", run_csv, option, board.port)
+    assert (done.exit_code, done.output) == (2, f"rdpi: {board.port}: is the port; give a file to write to\n")
+
+
+def test_a_folder_that_cannot_be_written_to(board: Board, run_csv: Path, rdpi: Callable,
+                                            monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: str(path) != str(run_csv.parent))
+    done = rdpi("record", board.port, "-o", run_csv)
+    assert (done.exit_code, done.output) == (
+        2, f"rdpi: {run_csv}: the folder {run_csv.parent} cannot be written to; check its permissions\n")
+
+
+def test_a_port_in_use(board: Board, refused: Callable) -> None:
+    with open(board.port, "rb", buffering=0) as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        assert refused("record", board.port, "-o", refused.output) == (
+            f"{board.port}: is in use by another program; end that first")
+
+
+@pytest.mark.parametrize("option", ["--timeout", "--duration", "--um-per-count", "--count-0-um"])
+@pytest.mark.parametrize("number", ["nan", "inf", "1e306", "-1e9"])
+def test_options_that_are_no_numbers(run_csv: Path, rdpi: Callable, option: str, number: str) -> None:
+    done = rdpi("record", "/dev/null", "-o", run_csv, option, number)
+    assert done.exit_code == 2 and f"'{number}': must be a number within" in done.output
+
+
+def test_samples_but_no_info(board: Board, run_csv: Path, rdpi: Callable) -> None:
+    stop, sent = threading.Event(), samples(3 * NO_INFO)
+
+    def run() -> None:
+        board.wait()
+        for sample in sent:
+            board.send(sample.frame())
+            if stop.is_set():
+                break
+
+    board.renew()
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    done = rdpi("record", board.port, "-o", run_csv, "--duration", "0.1")
+    stop.set()
+    assert done.exit_code == 2 and f"no info frame, which says rate and scale, in the first {NO_INFO}" in done.output
+
+
+@pytest.mark.parametrize("before, state", [(b"", streams.RUNNING), (b"", streams.STARTING),
+                                           (stream(SENT, finished=0), streams.RUNNING)])
+def test_infos_but_no_sample(board: Board, run_csv: Path, rdpi: Callable, before: bytes, state: int) -> None:
+    stop = threading.Event()
+
+    def chatter() -> None:
+        board.wait()
+        board.send(before)
+        while not stop.wait(0.05):
+            board.send(Info(state, offered=3000).frame())
+
+    board.renew()
+    thread = threading.Thread(target=chatter, daemon=True)
+    thread.start()
+    done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.5")
+    stop.set()
+    thread.join()
+    assert done.exit_code == 2 and "no sample for 0.5 s, though the target says that it runs" in done.output
+    assert run_csv.exists() == bool(before)
 
 
 def test_a_target_of_another_version(board: Board, rdpi: Callable, run_csv: Path) -> None:
@@ -344,6 +505,32 @@ def test_a_bad_stream_among_good_ones_leaves_nothing(captured: Path, tmp_path: P
 ])
 def test_options_of_the_other_kind(captured: Path, refused: Callable, words: list[str], message: str) -> None:
     assert refused("import", captured, "-o", refused.output, *words) == message
+
+
+@pytest.mark.parametrize("name", ["run-1.csv", "run-12.csv"])
+def test_stretches_are_not_written_over_what_is_read(captured: Path, rdpi: Callable, tmp_path: Path,
+                                                     name: str) -> None:
+    source = captured.rename(tmp_path / name)
+    as_it_was = source.read_bytes()
+    done = rdpi("import", "--telemetry", source, "-o", tmp_path / "run.csv", "--stretches")
+    assert (done.exit_code, done.output) == (
+        2, f"rdpi: {source}: would be written over an input; give another name or folder\n")
+    link = tmp_path / "other-1.csv"
+    link.symlink_to(source)
+    done = rdpi("import", "--telemetry", source, "-o", tmp_path / "other.csv", "--stretches")
+    assert done.exit_code == 2 and f"{link}: would be written over an input" in done.output
+    assert source.read_bytes() == as_it_was
+
+
+def test_nor_over_what_else_is_written(captured: Path, board: Board, rdpi: Callable, tmp_path: Path) -> None:
+    for words in (["import", "--telemetry", captured, "-o", tmp_path / "run.csv", "--stretches", "--json"],
+                  ["record", board.port, "-o", tmp_path / "run.csv", "--stretches", "--raw"]):
+        done = rdpi(*words, tmp_path / "run-1.csv")
+        assert done.exit_code == 2 and "run-1.csv: would be written over another output" in done.output
+    (tmp_path / "runs").mkdir()
+    done = rdpi("import", "--telemetry", captured, "-o", tmp_path / "runs", "--json", tmp_path / "runs/captured.csv")
+    assert done.exit_code == 2 and "captured.csv: would be written over another output" in done.output
+    assert not list((tmp_path / "runs").iterdir())
 
 
 def test_the_raw_stream_is_not_written_over_the_recording(refused: Callable) -> None:

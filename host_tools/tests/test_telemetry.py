@@ -216,16 +216,27 @@ def test_a_reset_is_told_even_if_the_ticks_go_on() -> None:
     (Info().frame(version=2), "board: telemetry of version 2, which this version of rdpi does not know"),
     (Info().frame() + frame(b"\x07abc") * 2, "board: a frame of type 7 with 4 bytes, which"),
     (Info().frame() + frame(b"\x01abc") * 2, "board: a frame of type 1 with 4 bytes, which"),
-    (Info(rate_hz=0).frame(), "board: an info that says 0 samples per second"),
-    (Info(dac_bits=0).frame(), "board: an info that says 0 DAC bits"),
-    (Info(min_V=float("nan")).frame(), "board: an info that says 16 DAC bits from nan to 120 V"),
-    (Info(numbers=3).frame(), "board: an info of numbers 3 and state 1"),
-    (Info(um_per_count=float("inf")).frame(), "board: an info whose scales are not finite"),
+    (Info(numbers=3).frame(), "board: an info of numbers 3 and state 1, which this version of rdpi does not know"),
 ])
 def test_streams_that_are_none(data: bytes, message: str) -> None:
     with pytest.raises(BadInput) as error:
         decode(data)
     assert str(error.value).startswith(message)
+
+
+@pytest.mark.parametrize("info, message", [
+    (Info(rate_hz=0), "0 samples per second; check rate_hz"),
+    (Info(dac_bits=0), "0 DAC bits from -20 to 120 V; check min_V, max_V and dac_bits"),
+    (Info(min_V=float("nan")), "16 DAC bits from nan to 120 V; check min_V, max_V and dac_bits"),
+    (Info(um_per_count=float("inf")), "that um_per_count is inf; check RDPI_UM_PER_COUNT"),
+    (Info(um_per_count=-1e306), "that um_per_count is -1e+306; check RDPI_UM_PER_COUNT"),
+    (Info(count_0_um=1e9), "that count_0_um is 1e+09; check RDPI_COUNT_0_UM"),
+    (Info(um_per_reference=float("nan")), "that um_per_reference is nan; check the parameters"),
+])
+def test_absurd_numbers_are_named(info: Info, message: str) -> None:
+    with pytest.raises(BadInput) as error:
+        decode(info.frame())
+    assert str(error.value).startswith(f"board: the firmware says {message}") and "version" not in str(error.value)
 
 
 def test_one_strange_frame_among_many_is_damage() -> None:
@@ -325,6 +336,17 @@ def test_else_it_is_unknown(sent: list[Sample], why: str) -> None:
     assert (stretch.metadata["memory"], stretch.why_unknown) == ("unknown", why)
 
 
+@pytest.mark.parametrize("low, high, memory", [
+    (0, 60_000, "reset"), (0, 55_000, "reset"), (0, 54_000, "unknown"), (10_000, 45_000, "unknown"),
+])
+def test_a_sweep_that_ends_off_its_middle_leaves_the_memory_unknown(low: int, high: int, memory: str) -> None:
+    sent = swept(30, 100)  # ends at 30000
+    sent[3], sent[4] = (replace(sent[k], dac_code=code) for k, code in ((3, high), (4, low)))
+    (stretch,) = stretches(decode(stream(sent)))
+    assert stretch.metadata["memory"] == memory
+    assert stretch.why_unknown == ("" if memory == "reset" else "the sweep ends off the middle")
+
+
 def test_a_drive_is_recorded_from_where_its_sweep_ended() -> None:
     (stretch,) = stretches(decode(stream(swept(30, 100, 60_000), Info(numbers=streams.NONE))))
     assert (stretch.metadata["memory"], stretch.metadata["first_tick"]) == ("reset", 30)
@@ -387,6 +409,23 @@ def test_notes() -> None:
     assert "started anew 1 times" in text
     assert "1 samples are not used" in text and "1 corrupt frames came after the last sample" in text
     assert struct.calcsize("<BBBbIBB7d10I") == telemetry.INFO_BODY.size == 106
+
+
+@pytest.mark.parametrize("start_heard, first", [(True, 41), (False, 41), (False, 1)])
+def test_a_target_that_was_running_already_is_told(start_heard: bool, first: int) -> None:
+    data = stream(samples(100)[first - 1:])
+    decoder = decode(data if start_heard else data[len(Info().frame()):])
+    found = stretches(decoder)
+    told = [f"the target was running already: samples before tick {first} were not received"]
+    assert telemetry.notes(decoder, found, found) == (told if first > 1 and not start_heard else [])
+
+
+def test_infos_that_disagree_are_told() -> None:
+    decoder = decode(stream(samples(2500)) + Info(streams.FINISHED, offered=2500, max_V=5.0).frame())
+    found = stretches(decoder)
+    assert telemetry.notes(decoder, found, found) == [
+        "5 infos of one run tell 2 different rates or scales; those of most are used"]
+    assert found[0].columns["command_V"].max() > 5
 
 
 @pytest.mark.parametrize("cycles, cycles_per_s, told", [
