@@ -4,7 +4,7 @@
 #ifndef RDPI_TEST_ACTUATOR_H
 #define RDPI_TEST_ACTUATOR_H
 
-#include <tgmath.h>
+#include <math.h> /* not tgmath.h: some of what that refers to is not in newlib */
 
 #include "rdpi/f32.h"
 
@@ -73,7 +73,9 @@ static inline void actuator_derive_codes(rdpi_f32_params_t *params)
     params->V_per_code = (rdpi_real_t)V_per_code;
     while (codes && (low + last * params->V_per_code > params->max_V ||
                      params->min_V + (rdpi_real_t)last * params->V_per_code > params->max_V)) {
-        params->V_per_code = nextafter(params->V_per_code, (rdpi_real_t)0);
+        params->V_per_code = sizeof(rdpi_real_t) == sizeof(float)
+                                 ? (rdpi_real_t)nextafterf((float)params->V_per_code, 0)
+                                 : (rdpi_real_t)nextafter((double)params->V_per_code, 0);
     }
 }
 
