@@ -23,7 +23,6 @@ RATE_HZ = 10_000
 RANGE_V = "0", "100"
 DAC = "16:0:100"
 PROFILES = {"10hz": "10 Hz", "5-20-35hz": "5, 20, 35 Hz"}
-SETTLED_S = 0.3  # the profile fades in before
 # Table 1 of the paper: rms / max, % of peak-to-peak
 PAPER = {"10hz": ((8.6, 16.6), (1.0, 2.6), (0.9, 2.7)), "5-20-35hz": ((6.7, 16.6), (3.2, 10.7), (0.9, 4.4))}
 MODELS = "no model", "rate-independent", "rate-dependent"
@@ -84,14 +83,6 @@ def linear_drive(kind: str, reference_um: np.ndarray) -> np.ndarray:
     columns = bench.read_drive(OUT / kind / "sawtooth.csv")[1]
     slope, offset = np.polyfit(columns["displacement_um"], columns["command_V"], 1)
     return np.clip(slope * reference_um + offset, float(RANGE_V[0]), float(RANGE_V[1]))
-
-
-def error_percent(reading_um: np.ndarray, reference_um: np.ndarray) -> tuple[float, float]:
-    """rms and max error as % of the reference's peak-to-peak, once the profile has faded in."""
-    part = slice(round(SETTLED_S * RATE_HZ), None)
-    error = (reading_um - reference_um)[part]
-    stroke = np.ptp(reference_um[part])
-    return 100 * float(np.sqrt(np.mean(error**2)) / stroke), 100 * float(np.max(np.abs(error)) / stroke)
 
 
 def identify_and_track(kind: str, drives: list[str], references: dict[str, np.ndarray]) -> dict[str, list[Run]]:
@@ -165,7 +156,8 @@ def main() -> None:
         columns = np.column_stack([np.arange(len(reference)) / RATE_HZ, reference])
         np.savetxt(OUT / f"{profile}.csv", columns, "%.9g", ",", header="time_s,reference_um", comments="")
     runs = {kind: identify_and_track(kind, drives, references) for kind in FIT_OPTIONS}
-    errors = {kind: {profile: [error_percent(found["reading"], references[profile]) for found in runs[kind][profile]]
+    errors = {kind: {profile: [bench.error_percent(found["reading"], references[profile], RATE_HZ)
+                               for found in runs[kind][profile]]
                      for profile in PROFILES} for kind in runs}
     print_table(errors)
     (OUT / "demo.json").write_text(json.dumps(errors, indent=1) + "\n")

@@ -29,13 +29,14 @@ sys.path.insert(0, str(ROOT / "tests" / "bench"))
 
 import bench  # noqa: E402
 import lockstep  # noqa: E402
+from rdpi import emulator  # noqa: E402
 from rdpi.recording import read_recording  # noqa: E402
 
 RATE_HZ = 10_000
 SHARE = 0.85  # of the stroke that the excitation reached: what the profile spans
 PROFILE = "5-20-35hz"  # the paper's second; it repeats after 2 s
-SETTLED_S = 0.3  # it fades in before
-MACHINES = {"qemu-m3": "mps2-an385", "qemu-m4f": "mps2-an386", "qemu-m7": "mps2-an500"}  # with a second UART
+MACHINES = {preset: machine for preset, machine in emulator.MACHINES.items()
+            if machine.startswith("mps2")}  # which have a second UART
 MODELS = "no model", "rate-independent", "rate-dependent"
 PATIENCE_S = 300.0
 
@@ -166,13 +167,10 @@ class OnTheBench(Loop):
 
 
 def error_percent(recording: Path, reference_um: np.ndarray) -> tuple[float, float]:
-    """rms and max of the tracking error, % of the reference's peak-to-peak, once the profile has faded in."""
+    """bench.error_percent of a recording that has a reading for every reference."""
     displacement_um = read_recording(recording).displacement_um
     assert len(displacement_um) == len(reference_um), f"{recording}: {len(displacement_um)} samples"
-    part = slice(round(SETTLED_S * RATE_HZ), None)
-    error_um = (displacement_um - reference_um)[part]
-    stroke_um = np.ptp(reference_um[part])
-    return 100 * float(np.sqrt(np.mean(error_um**2)) / stroke_um), 100 * float(np.abs(error_um).max() / stroke_um)
+    return bench.error_percent(displacement_um, reference_um, RATE_HZ)
 
 
 def run(loop: Loop, frequencies: str, seconds: float) -> dict[str, tuple[float, float]]:
@@ -232,7 +230,8 @@ def main() -> None:
     parser.add_argument("--count-0-um", type=number(-math.inf), default=0.0, help="likewise: um at count 0")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "loop", help="folder of the results")
     parser.add_argument("--frequencies", default="1,5,10,20,40", help="of the excitation, Hz (default: %(default)s)")
-    parser.add_argument("--seconds", type=number(SETTLED_S), default=2.0, help="of the profile (default: %(default)s)")
+    parser.add_argument("--seconds", type=number(bench.SETTLED_S), default=2.0,
+                        help="of the profile (default: %(default)s)")
     options = parser.parse_args()
     out = options.out.resolve()
     try:

@@ -1,5 +1,5 @@
-/* Makes an actuator follow a reference in open loop: start-up sweep, then the reference to its end, every sample told to
- * the host. The same file on every port, in floating or, with TRACK_Q31, fixed point; see port/README.md. */
+/* Makes an actuator follow a reference in open loop: start-up sweep, then the reference to its end, every sample told
+ * to the host. The same file on every port, in floating or, with TRACK_Q31, fixed point; see port/README.md. */
 #include <string.h>
 
 #include "rdpi/rdpi.h"
@@ -117,7 +117,7 @@ static void take_sample(uint32_t ticks, int32_t adc_counts)
     if (!advance(ticks)) {
         counts.state = RDPI_TELEMETRY_FINISHED;
     } else if (!rdpi_port_write_dac(sample.dac_code)) {
-        sample.flags |= RDPI_TELEMETRY_HELD; /* the library takes the code as output; the next one brings both together */
+        sample.flags |= RDPI_TELEMETRY_HELD; /* the library takes it as output; the next brings both together */
         counts.held_count++;
     }
     if (before.tick > 0u) {

@@ -10,7 +10,8 @@ static inline rdpi_real_t rdpi_f32_deadzone(rdpi_real_t v_um, rdpi_real_t d_um)
     return v_um > d_um ? v_um - d_um : 0;
 }
 
-/* Eq. 8: S(v) = sum of ws_j S_dj(v), S_0(v) = v. Thresholds ascend, so beyond the first that v does not exceed there is nothing to add. O(count), count >= 1. */
+/* Eq. 8: S(v) = sum of ws_j S_dj(v), S_0(v) = v. Thresholds ascend, so beyond the first that v does not exceed there
+ * is nothing to add. O(count), count >= 1. */
 static inline rdpi_real_t rdpi_f32_saturation(const rdpi_f32_deadzone_t *term, size_t count, rdpi_real_t v_um)
 {
     const rdpi_f32_deadzone_t *end = &term[count];

@@ -14,12 +14,10 @@
  * play engages or x turns round; w and P are linear in the rate, so rest is kept in two parts. Falling is rising seen
  * in a mirror: `side`, +1 or -1, turns it over.
  *
- * rest is summed afresh whenever a play engages or x turns round, so rounding cannot pile up. While none
- * engages and the engaged ones do not let go, the solution is one division (rdpi_f32_bank_near, rdpi_f32_bank_room). */
+ * rest is summed afresh whenever a play engages or x turns round, so rounding cannot pile up. While none engages and
+ * the engaged ones do not let go, the solution is one division (rdpi_f32_bank_near). */
 #ifndef RDPI_INVERSE_H
 #define RDPI_INVERSE_H
-
-#include <tgmath.h> /* fabs of whichever type rdpi_real_t is */
 
 #include "play.h"
 

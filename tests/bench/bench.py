@@ -19,6 +19,8 @@ import numpy as np
 
 from bench_laws import LAWS, Pole
 
+SETTLED_S = 0.3  # paper_profile fades in before
+
 
 @dataclass
 class Bench:
@@ -117,6 +119,14 @@ def paper_profile(name: str, sample_rate_hz: float, duration_s: float, stroke_um
         raise ValueError(f'no profile "{name}": 10hz or 5-20-35hz')
     fade = np.minimum(t / 0.2, 1)
     return stroke_um * (0.5 + fade**2 * (3 - 2 * fade) * wave)
+
+
+def error_percent(reading_um: np.ndarray, reference_um: np.ndarray, sample_rate_hz: float) -> tuple[float, float]:
+    """rms and max tracking error as % of the reference's peak-to-peak, once the profile has faded in."""
+    part = slice(round(SETTLED_S * sample_rate_hz), None)
+    error_um = (reading_um - reference_um)[part]
+    stroke_um = np.ptp(reference_um[part])
+    return 100 * float(np.sqrt(np.mean(error_um**2)) / stroke_um), 100 * float(np.abs(error_um).max() / stroke_um)
 
 
 def record(bench: Bench, command_V: np.ndarray, sample_rate_hz: float, path: Path | str,
