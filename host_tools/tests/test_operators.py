@@ -320,7 +320,11 @@ def test_step_against_the_library(model: Model, seed: int, broken: float) -> Non
     library = Firmware(model, SAMPLE_TIME_S, "f64")
     theirs, (ours, states) = library.step(reference), operators.step(model, reference, SAMPLE_TIME_S)
     range_V = model.drive.max_V - model.drive.min_V
-    np.testing.assert_array_equal(ours.flags, theirs.flags)
+    # As many slew steps down as up end where they began, at an end of the range: rounding decides whether the last one
+    # was limited.
+    ends = np.minimum(np.abs(ours.drive_V - model.drive.min_V), np.abs(ours.drive_V - model.drive.max_V))
+    undecided = np.where((ends < 1e-12 * range_V) & (ours.flags & RANGE > 0), SLEW, 0).astype(np.uint32)
+    np.testing.assert_array_equal(ours.flags | undecided, theirs.flags | undecided)
     np.testing.assert_array_equal(ours.dac_code, theirs.dac_code)
     np.testing.assert_allclose(ours.drive_V, theirs.drive_V, rtol=0, atol=1e-9 * range_V)
     np.testing.assert_allclose(ours.rate_um_per_s, theirs.rate_um_per_s, rtol=1e-9, atol=1e-9)
