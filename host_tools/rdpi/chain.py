@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import firmware, operators, signals
+from . import effects, firmware, operators, signals
 from .errors import BadInput
 from .firmware import Firmware, Steps
 from .model import Drive, Memory, Model
@@ -29,6 +29,7 @@ class Prediction:
     """Displacement predicted for one run."""
 
     predicted_um: np.ndarray  # (samples,)
+    start_um: np.ndarray  # plays before the first sample, (n + 1,)
     states_um: np.ndarray  # plays at the end, (n + 1,)
     rate_um_per_s: np.ndarray  # (samples,), before the guard
     settled: bool  # whether the sweeps that find the rate of the prediction itself came to rest
@@ -65,14 +66,16 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
 
     memory: "auto" follows each run's metadata (reset: a decaying sweep ended at the first sample; carried: where the
     run before ended; unknown: one number, a previous position, estimated from the samples that still depend on it, or
-    the model's memory without displacement); "model" and "reset" impose theirs on every run.
+    the model's memory without displacement); "model" and "reset" impose theirs on every run. The model's effects act,
+    disturbances among them as this very run shows them.
     """
-    if model.effects:
-        names = [str(effect.get("name") if isinstance(effect, dict) else effect) for effect in model.effects]
-        raise BadInput(f"the model has effects that this version cannot simulate: {', '.join(names)}; "
-                       "empty its list `effects`")
+    acting = effects.acting(model)
+    plain = effects.operator(acting, replace(model, effects=[]))
+    if any(one.effect.name == "initial_memory" for one in acting):
+        memory = "unknown"
     predictions: list[Prediction] = []
     for run in runs:
+        run = replace(run, columns={**run.columns, "command_V": effects.driven(acting, run.command_V, run, model)})
         kind = run.memory if memory == "auto" else memory
         x0 = float(model.x_of(run.command_V[0]))
         if kind == "carried" and predictions:
@@ -82,8 +85,10 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
         elif kind == "model" or run.displacement_um is None:
             kind, states = "model", model.memory.plays_um
         else:
-            kind, states = "estimated", estimate_states(model, run)
-        predictions.append(_predict(model, run, states, kind))
+            kind, states = "estimated", estimate_states(plain, run)
+        found = _predict(plain, run, states, kind)
+        shown = effects.disturbed(acting, effects.moved(acting, found.predicted_um, run, model), run, model)
+        predictions.append(replace(found, predicted_um=shown))
     return predictions
 
 
@@ -125,7 +130,7 @@ def start_states(model: Model, run: Recording) -> tuple[np.ndarray, float, float
     measured = run.displacement_um[used]
 
     def miss_um(position: float) -> float:
-        error = measured - _firmware(model, run, states_after(position, x[0], r)).forward(run.command_V[used], rate)
+        error = measured - operator_from(model, run, states_after(position, x[0], r)).forward(run.command_V[used], rate)
         error -= np.mean(error[samples:])  # drift since the fit, and plays that never move, are not to pass for memory
         return float(np.sqrt(np.mean(error[:samples] ** 2)))
 
@@ -203,7 +208,7 @@ def reachable_um(model: Model) -> tuple[float, float]:
     return float(min(low, high)), float(max(low, high))
 
 
-def _firmware(model: Model, run: Recording, states_um: np.ndarray) -> Firmware:
+def operator_from(model: Model, run: Recording, states_um: np.ndarray) -> Firmware:
     """The compiled forward operator with these states; the run may use more of the drive than the model allows."""
     start_V = states_um[0] / model.gain_um_per_V + model.offset_V
     low, high = np.min(run.command_V), np.max(run.command_V)
@@ -219,12 +224,12 @@ def _predict(model: Model, run: Recording, states_um: np.ndarray, memory: str) -
         return signals.rate(signal_um, sample_time_s, rate.window_s, rate.filter_s, smoothing_s)
 
     def forward(rate_um_per_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        engine = _firmware(model, run, states_um)
+        engine = operator_from(model, run, states_um)
         return engine.forward(command_V, rate_um_per_s), engine.memory_um
 
     rho = rate_of(model.x_of(command_V), 0.0)
     predicted, end = forward(rho)
-    first = Prediction(predicted, end, rho, True, 0.0, memory)
+    first = Prediction(predicted, states_um, end, rho, True, 0.0, memory)
     if rate.source == "control" or not np.any(model.slope_rate_s_per_um):
         return first
     # The rate is that of the displacement, which depends on the rate. A strong law amplifies what is fast: where the

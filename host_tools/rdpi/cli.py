@@ -113,7 +113,10 @@ def _check_paths(context: click.Context) -> None:
         if isinstance(parameter.type, click.Path) and (value := context.params.get(parameter.name)):
             kind = "out" if parameter.name in ("output", "json_path", "report", "raw") else "in"
             names = [value] if isinstance(value, str) else list(value)
-            paths[kind] += [os.path.join(value, "fit.json")] if parameter.name == "report" else names
+            if parameter.name == "report":
+                files = ("gap.json", "index.html") if context.command.name == "gap" else ("fit.json",)
+                names = [os.path.join(value, file) for file in files]
+            paths[kind] += names
             if parameter.name == "report" and os.path.exists(value) and not os.path.isdir(value):
                 raise BadInput(f"{value}: is no folder; name another for --report")
     for k, name in enumerate(paths["out"]):
@@ -985,6 +988,47 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
             click.echo(f"memory: unknown ({OFF_THE_MIDDLE})")
     write_recording(output, columns, metadata)
     return result
+
+
+@command("gap")
+@click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
+@click.option("-o", "--output", metavar="IMPROVED.json", type=click.Path(dir_okay=False),
+              help="The model with the effects that were found.")
+@click.option("--report", metavar="DIR", type=click.Path(file_okay=False),
+              help="Write index.html, one page with pictures, and gap.json there.")
+@click.option("--without", multiple=True, metavar="EFFECT",
+              help="Leave this effect out of those that are tried; may be given several times.")
+def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | None,
+        without: tuple[str, ...]) -> dict[str, Any]:
+    """Diagnose the sim-to-real gap: where it lies, which effect causes it, how far it shrinks once that is added.
+
+    RUNs are recordings that the model was not fitted to, several with different waveforms if possible; a column
+    monitor_V (the amplifier's output) tells what lies before the actuator from what lies after.
+    """
+    from . import gap_report
+    from .effects import CATALOGUE
+    from .gap import diagnose
+    from .model import read_model, write_model
+    from .recording import read_recording
+
+    for name in without:
+        if name not in CATALOGUE:
+            raise BadInput(f"--without {name}: no effect; there are {', '.join(CATALOGUE)}")
+    with progress("diagnosing") as report_progress:
+        parameters = read_model(model)
+        found = diagnose(parameters, [read_recording(path) for path in runs], without, report_progress)
+    document = {**found.document, "model": model, "model_digest": parameters.digest()}
+    if output is not None:
+        write_model(output, found.improved)
+    if report is not None:
+        gap_report.write(document, gap_report.Pictures(found.runs, found.before_um, found.after_um, found.table,
+                                                       found.spectrum_after), report)
+    click.echo(gap_report.tables(document))
+    if output is not None:
+        click.echo(f"{output}: the model with {len(found.improved.effects)} effects" if found.improved.effects else
+                   f"{output}: the model unchanged")
+    return document
 
 
 @command("plot")

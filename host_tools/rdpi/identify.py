@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import chain, firmware, operators, signals
+from . import chain, firmware, localise, operators, passport, signals
 from .errors import BadInput
 from .intake import LARGEST_INPUT, check_run, check_together, correlation, reversals, stays_at_an_end
 from .model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate,
@@ -45,6 +45,7 @@ OTHER_SOURCE = 0.6  # residual with the other rate source, relative to this one'
 RATE_BINS = 8
 BAND_OFFSET = 3.0  # weight that keeps the offset of a band of rate near the model's
 CHUNK = 1 << 12  # samples held as columns at a time: what fits into a processor's cache
+FOLDS = 8  # at most so many groups of runs are left out in turn for the passport
 THIN = 8  # of the samples, every how many are used to compare rate sources
 
 
@@ -128,7 +129,8 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     _check_options(options)
     check_together(runs, hold_out)
     warnings: list[str] = []
-    noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
+    noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
+    noise = float(np.median(noises[:len(runs)]))
     smoothing_s = _smoothing(runs)
 
     low_V = min(float(np.min(run.command_V)) for run in runs)
@@ -150,7 +152,8 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
                        "record a drive that moves the actuator")
     grid = low_um + GRID * (high_um - low_um)
     columns = _Columns(thresholds, grid, 0.0 if options.rate_independent else top)
-    factor, means, samples = _reduce(prepared, columns, stroke, lambda share: progress(0.6 * share))
+    reduced = _reduce(prepared, columns, stroke, lambda share: progress(0.6 * share))
+    factor, samples = _joined(reduced)
     unknowns = columns.plays + options.deadzones + len(runs)
     if samples < MIN_SAMPLES_PER_UNKNOWN * unknowns:
         raise BadInput(f"{runs[0].path}: {samples} samples after warm-up for {unknowns} unknowns; "
@@ -160,36 +163,30 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if not options.rate_independent:
         _compare_sources(runs, prepared, columns, options, plant, stroke, smoothing_s, warnings)
 
-    offsets = np.array([_offset(row, columns, plant) for row in means]) * stroke
-    # The offset of a run whose unknown memory is never erased holds what its plays remember: only if there is no other.
-    erased = [run.first == 0 or np.ptp(run.x_um) >= 2 * thresholds[-1] for run in prepared]
-    weights = [(len(run.x_um) - run.first) * (sure or not any(erased)) for run, sure in zip(prepared, erased)]
-    offset_um = float(np.average(offsets, weights=weights))
-    deadzones, deadzone_weights = _saturation(grid[list(plant.picks)] - offset_um, plant.pieces)
-    change = (plant.fast - plant.rest) / top
-    singular = float(np.min(guard_rates(plant.rest, change)))
-    guard = min((1 - options.min_slope_ratio) * singular, RATE_HEADROOM * top)
     first = prepared[0]
-    model = Model(
-        gain_um_per_V=gain, offset_V=offset_V, offset_um=offset_um, stroke_um=stroke, thresholds_um=thresholds,
-        slopes=plant.rest, slope_rate_s_per_um=change, deadzones_um=deadzones, deadzone_weights=deadzone_weights,
-        rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s, guard,
-                  singular if np.isfinite(singular) else None, options.min_slope_ratio,
-                  min(smoothing_s), top),
+    model = _of_plant(Model(
+        gain_um_per_V=gain, offset_V=offset_V, offset_um=0.0, stroke_um=stroke, thresholds_um=thresholds,
+        slopes=plant.rest, slope_rate_s_per_um=np.zeros(len(thresholds)), deadzones_um=np.zeros(1),
+        deadzone_weights=np.ones(1),
+        rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s,
+                  min_slope_ratio=options.min_slope_ratio, smoothing_s=min(smoothing_s), identified_um_per_s=top),
         drive=Drive(low_V if options.min_V is None else options.min_V,
                     high_V if options.max_V is None else options.max_V, options.slew_V_per_s, options.dac_bits),
         memory=Memory(float(first.x_um[0]), first.states_um),
         actuator=options.actuator if options.actuator is not None else runs[0].metadata.get("actuator", ""),
-    )
+    ), plant, columns, prepared, reduced)
     if first.recording.memory == "unknown":
         states = chain.estimate_states(model, first.recording)
         model.memory = Memory(float(states[0]), states)
     model.memory = chain.within_drive(model)
     _check_reset(model, runs, warnings)
     progress(0.7)
-    scores = _scores(model, runs, hold_out, warnings)
+    predictions = chain.simulate(model, [*runs, *hold_out])
+    scores = _scores(runs, hold_out, predictions, warnings)
     _remark(plant, scores, warnings)
     model.fit = _record(scores, noise, warnings)
+    left_out = _leave_out(model, prepared, predictions, reduced, columns, options.deadzones)
+    model.passport = _passport(runs, hold_out, predictions, left_out, noises)
     bands = _rate_slopes(model, prepared)
     progress(1.0)
     without = plant
@@ -205,7 +202,7 @@ def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], column
     rates = [_rate(run, used.x_um, other, options.rate_window_s, options.rate_filter_s, smoothing)
              for run, used, smoothing in zip(runs, prepared, smoothing_s)]
     swapped = [replace(run, rate_um_per_s=rate) for run, rate in zip(prepared, rates)]
-    factor, _, samples = _reduce(swapped, columns, stroke, every=THIN)
+    factor, samples = _joined(_reduce(swapped, columns, stroke, every=THIN))
     residual = plant.residual
     for _ in range(3):  # the prior follows the residual
         residual = _solve(factor, columns, plant.picks, samples, residual).residual
@@ -322,25 +319,37 @@ class _Columns(NamedTuple):
                 yield block
 
 
-def _reduce(runs: Sequence[_Run], columns: _Columns, stroke: float,
-            progress: Callable[[float], None] = lambda fraction: None,
-            every: int = 1) -> tuple[np.ndarray, np.ndarray, int]:
-    """Triangular factor of all columns with every run's mean removed (each run has its own offset), the means, samples.
+class _Reduced(NamedTuple):
+    """What the regression needs of one run; displacements in units of the stroke."""
 
-    Displacements are in units of the stroke. Means are one row per run.
-    """
-    total, means, samples = np.zeros((0, columns.plays + len(columns.grid_um) + 1)), [], 0
-    everything = sum(len(run.x_um) for run in runs)
+    factor: np.ndarray  # triangular, of all columns with the run's mean removed: each run has its own offset
+    means: np.ndarray  # of the columns
+    samples: int
+
+
+def _reduce(runs: Sequence[_Run], columns: _Columns, stroke: float,
+            progress: Callable[[float], None] = lambda fraction: None, every: int = 1) -> list[_Reduced]:
+    reduced: list[_Reduced] = []
+    everything, done = sum(len(run.x_um) for run in runs), 0
     for run in runs:
-        factor = np.zeros((0, total.shape[1] + 1))
+        factor, samples = np.zeros((0, columns.plays + len(columns.grid_um) + 2)), 0
         for block in columns.blocks(run, every):
             block[:, 1:] /= stroke
             factor = np.linalg.qr(np.vstack([factor, block]), mode="r")
             samples += len(block)
-            progress(min(1.0, samples * every / everything))
-        means.append(factor[0, 1:] / factor[0, 0])  # of a factor with a leading column of ones
-        total = np.linalg.qr(np.vstack([total, factor[1:, 1:]]), mode="r")
-    return total, np.array(means), samples
+            progress(min(1.0, (done + samples) * every / everything))
+        done += samples
+        means = factor[0, 1:] / factor[0, 0]  # of a factor with a leading column of ones
+        reduced.append(_Reduced(factor[1:, 1:], means, samples))
+    return reduced
+
+
+def _joined(reduced: Sequence[_Reduced]) -> tuple[np.ndarray, int]:
+    """Triangular factor of several runs together, and their samples."""
+    factor = reduced[0].factor[:0]
+    for run in reduced:
+        factor = np.linalg.qr(np.vstack([factor, run.factor]), mode="r")
+    return factor, sum(run.samples for run in reduced)
 
 
 def _assemble(rows: np.ndarray, columns: _Columns, picks: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -429,11 +438,71 @@ def _saturation(corners_um: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray,
     return deadzones, np.diff(1 / pieces, prepend=0.0)
 
 
-def _scores(model: Model, runs: Sequence[Recording], hold_out: Sequence[Recording],
+def _of_plant(model: Model, plant: _Plant, columns: _Columns, runs: Sequence[_Run],
+              reduced: Sequence[_Reduced]) -> Model:
+    """The model with slopes, saturation, guard and offset of a plant fitted to these runs.
+
+    Raises BadInput for a saturation that has no meaning.
+    """
+    offsets = np.array([_offset(run.means, columns, plant) for run in reduced]) * model.stroke_um
+    # The offset of a run whose unknown memory is never erased holds what its plays remember: only if there is no other.
+    erased = [run.first == 0 or np.ptp(run.x_um) >= 2 * model.thresholds_um[-1] for run in runs]
+    weights = [(len(run.x_um) - run.first) * (sure or not any(erased)) for run, sure in zip(runs, erased)]
+    offset_um = float(np.average(offsets, weights=weights))
+    deadzones, deadzone_weights = _saturation(columns.grid_um[list(plant.picks)] - offset_um, plant.pieces)
+    top = model.rate.identified_um_per_s
+    change = (plant.fast - plant.rest) / top
+    singular = float(np.min(guard_rates(plant.rest, change)))
+    guard = min((1 - model.rate.min_slope_ratio) * singular, RATE_HEADROOM * top)
+    rate = replace(model.rate, max_um_per_s=guard, singular_um_per_s=singular if np.isfinite(singular) else None)
+    return replace(model, offset_um=offset_um, slopes=plant.rest, slope_rate_s_per_um=change, deadzones_um=deadzones,
+                   deadzone_weights=deadzone_weights, rate=rate)
+
+
+def _leave_out(model: Model, runs: Sequence[_Run], predictions: Sequence[chain.Prediction],
+               reduced: Sequence[_Reduced], columns: _Columns, m: int) -> list[np.ndarray | None]:
+    """Each run as predicted by a model fitted to the others, (samples,); None where the others do not make a model.
+
+    Rate and memory are those of the model's own prediction: they hardly differ, and finding them anew takes long.
+    """
+    found: list[np.ndarray | None] = [None] * len(runs)
+    for group in np.array_split(np.arange(len(runs)), min(len(runs), FOLDS)):
+        rest = [k for k in range(len(runs)) if k not in group]
+        if sum(reduced[k].samples for k in rest) < MIN_SAMPLES_PER_UNKNOWN * (columns.plays + m + len(rest)):
+            continue
+        left = [reduced[k] for k in rest]
+        try:
+            factor, samples = _joined(left)
+            plant = _search(factor, columns, m, samples)
+            other = _of_plant(model, plant, columns, [runs[k] for k in rest], left)
+            for k in group:
+                run, seen = runs[k].recording, predictions[k]
+                found[k] = chain.operator_from(other, run, seen.start_um).forward(run.command_V, seen.rate_um_per_s)
+        except BadInput:  # what the others determine is no model: the run is then known as fitted only
+            pass
+    return found
+
+
+def _passport(runs: Sequence[Recording], hold_out: Sequence[Recording], predictions: Sequence[chain.Prediction],
+              left_out: Sequence[np.ndarray | None], noises: Sequence[float]) -> dict:
+    residuals = []
+    for k, (run, prediction) in enumerate(zip([*runs, *hold_out], predictions)):
+        left = run.displacement_um - prediction.predicted_um
+        coords = localise.coordinates(run, prediction.predicted_um, prediction.rate_um_per_s)
+        if k >= len(runs):
+            residuals.append(passport.Residual(run, passport.OTHER_RUNS, left, None, coords, noises[k]))
+        elif left_out[k] is None:
+            residuals.append(passport.Residual(run, passport.FITTED, None, left, coords, noises[k]))
+        else:
+            without = run.displacement_um - left_out[k]
+            residuals.append(passport.Residual(run, passport.LEFT_OUT, without, left, coords, noises[k]))
+    return passport.build(residuals)
+
+
+def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], predictions: Sequence[chain.Prediction],
             warnings: list[str]) -> list[RunScore]:
     scores = []
-    everything = [*runs, *hold_out]
-    for k, (run, prediction) in enumerate(zip(everything, chain.simulate(model, everything))):
+    for k, (run, prediction) in enumerate(zip([*runs, *hold_out], predictions)):
         if not prediction.settled:
             warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care, "
                             "or fit with a longer --rate-window")

@@ -8,6 +8,7 @@ from . import firmware
 
 RATE_NOISE = 0.02  # noise allowed in a smoothed rate, as a share of the peak rate
 PROBE = 9  # samples of the cubic that separates noise from movement
+GRID_TOLERANCE = 0.05  # of a grid's step: values written with few digits
 
 
 def noise_um(z_um: np.ndarray) -> float:
@@ -50,3 +51,19 @@ def smoothed(z_um: np.ndarray, sample_time_s: float, smoothing_s: float) -> np.n
 def rate(z_um: np.ndarray, sample_time_s: float, window_s: float, filter_s: float, smoothing_s: float) -> np.ndarray:
     """|dz/dt| in um/s as the firmware estimates it, after zero-phase smoothing; shape as z (samples,)."""
     return firmware.rate(smoothed(z_um, sample_time_s, smoothing_s), sample_time_s, window_s, filter_s)
+
+
+def grid_step(z_um: np.ndarray) -> float:
+    """Step in um of the grid that all values stand on, 0 if there is none: most values occur but once, or no step fits.
+
+    Unequal neighbours of a grid lie whole steps apart.
+    """
+    values = np.unique(z_um)
+    if len(values) < 3 or len(values) > 0.5 * len(z_um):
+        return 0.0
+    gaps = np.diff(values)
+    gaps = gaps[gaps > GRID_TOLERANCE * 1e-3 * gaps.max()]
+    step = float(np.percentile(gaps, 1))
+    step = float(np.median(gaps[gaps < 1.5 * step]))
+    whole = np.round(gaps / step)
+    return step if np.mean(np.abs(gaps - whole * step) < GRID_TOLERANCE * step) > 0.95 else 0.0

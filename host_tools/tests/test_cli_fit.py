@@ -65,7 +65,8 @@ def test_model_file(fitted: Callable, runs: dict[str, Path], tmp_path: Path) -> 
     assert len(document["deadzones_um"]) == len(document["deadzone_weights"]) == 3
     assert document["thresholds_um"][0] == document["deadzones_um"][0] == 0 and document["deadzone_weights"][0] == 1
     assert document["slope_rate_s_per_um"] == [0] * 10 and document["rate"]["singular_um_per_s"] is None
-    assert document["rate"]["source"] == "displacement" and document["effects"] == [] and document["passport"] is None
+    assert document["rate"]["source"] == "displacement" and document["effects"] == []
+    assert document["passport"]["schema"] == "rdpi-passport/1" and len(document["passport"]["runs"]) == 2
     assert {"min_V", "max_V", "slew_V_per_s"} <= set(document["drive"])
     assert set(document["memory"]) == {"x_um", "plays_um"}
     model = read_model(tmp_path / "model.json")

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from plants import (Plant, changed, marked, quasi_static, rate_of, recording, slopes_um_per_V, stack, thresholds_um,
                     waves)
 
-from rdpi import chain
+from rdpi import chain, passport
 from rdpi.errors import BadInput
-from rdpi.identify import SLOPE_FLOOR, Fit, Options, fit, rate_slopes
+from rdpi.identify import FOLDS, SLOPE_FLOOR, Fit, Options, fit, rate_slopes
 from rdpi.model import Drive
 from rdpi.recording import Recording
 
@@ -512,6 +512,62 @@ def test_record() -> None:
         assert {key: row[key] for key in run.score._fields} == run.score._asdict()
     assert record["warnings"] == result.warnings
     assert not any("left out of the fit" in text for text in result.warnings if text.startswith("b.csv"))
+
+
+def test_passport_holds_each_run_as_the_others_predict_it() -> None:
+    """The second run is of another actuator, nearly, so that fitting it or not shows."""
+    first, third = static_run(name="first.csv"), static_run(high=60, low=10, name="third.csv")
+    odd = static_run(high=70, low=20, name="second.csv")
+    odd = changed(odd, displacement_um=1.05 * odd.displacement_um)
+    result = fit([first, odd, third], STATIC)
+    runs = result.model.passport["runs"]
+    assert [(run["file"], run["digest"]) for run in runs] == [(f"{k}.csv", f"sha256:{k}.csv")
+                                                              for k in ("first", "second", "third")]
+    assert {run["held_out"] for run in runs} == {passport.LEFT_OUT} == {result.model.passport["held_out"]}
+    for run, score in zip(runs, result.scores):
+        spread = np.sqrt(score.score.rms_um**2 - score.score.offset_um**2)
+        assert run["fitted_rms_um"] == pytest.approx(spread, rel=1e-3)
+    # without the second run, range and gain, and with them thresholds and dead zones, are the same
+    other = fit([first, third], STATIC).model
+    error = odd.displacement_um - chain.simulate(other, [odd])[0].predicted_um
+    assert runs[1]["rms_um"] == pytest.approx(np.std(error), rel=0.03)
+    assert runs[1]["rms_um"] > 1.3 * runs[1]["fitted_rms_um"]
+    assert result.model.slopes != pytest.approx(other.slopes, rel=1e-3)
+
+
+def test_passport_of_held_out_runs_and_of_a_single_one() -> None:
+    held = static_run(high=60, cycles=2, name="held.csv")
+    result = fit([static_run()], STATIC, [held])
+    known = result.model.passport
+    assert known["held_out"] == passport.OTHER_RUNS
+    assert [run["held_out"] for run in known["runs"]] == [passport.FITTED, passport.OTHER_RUNS]
+    score = result.scores[1].score
+    assert known["runs"][1]["rms_um"] == pytest.approx(np.sqrt(score.rms_um**2 - score.offset_um**2), rel=1e-3)
+    assert known["runs"][1]["fitted_rms_um"] is None
+    single = static_fit().model.passport
+    assert single["held_out"] == passport.FITTED and single["spread"] > known["spread"]
+
+
+def test_passport_of_runs_with_a_rate_law() -> None:
+    """Left out in turn, the fastest run too, the model still predicts them at the rate they have."""
+    known = fit(moving_runs("displacement"), Options(thresholds_um=thresholds_um(
+        stack(), moving_runs("displacement")))).model.passport
+    assert all(run["held_out"] == passport.LEFT_OUT for run in known["runs"])
+    assert all(run["rms_um"] < 4 * run["fitted_rms_um"] for run in known["runs"])
+
+
+def test_passport_of_many_runs_leaves_out_groups() -> None:
+    high = np.linspace(60, SPAN_V, FOLDS + 3)
+    known = fit([static_run(high=top, cycles=1, name=f"{top:.0f}.csv") for top in high], STATIC).model.passport
+    assert [run["held_out"] for run in known["runs"]] == [passport.LEFT_OUT] * len(high)
+    assert all(run["rms_um"] < 3 * NOISE_UM for run in known["runs"])
+
+
+def test_a_passport_where_the_other_runs_make_no_model() -> None:
+    """What is left without the first run is too short to be fitted."""
+    short = static_run(high=80, cycles=1, rate_hz=20.0, name="short.csv")
+    known = fit([static_run(), short], STATIC).model.passport
+    assert [run["held_out"] for run in known["runs"]] == [passport.FITTED, passport.LEFT_OUT]
 
 
 def test_same_input_same_bits() -> None:

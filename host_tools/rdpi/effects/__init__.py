@@ -1,0 +1,140 @@
+"""Effects that a real actuator has and its model may lack, and the models that were given some.
+
+`CATALOGUE` holds them all, by name; `Acting` is one with its parameters, as the model file's list `effects` holds it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import BadInput
+from ..model import Model, guard_rates
+from ..recording import Recording
+from .backlash import Backlash
+from .base import BEFORE_MONITOR, STAGES, Effect, Parameter, Values, View
+from .creep import Creep
+from .cross_coupling import CrossCoupling, covariates
+from .delay import Delay
+from .gain_change import GainChange
+from .hysteresis_change import HysteresisChange
+from .initial_memory import InitialMemory
+from .lag import Lag
+from .periodic_disturbance import PeriodicDisturbance
+from .quantisation import Quantisation
+from .rail_saturation import RailSaturation
+from .rate_dependence import RateDependence
+from .resonance import Resonance
+from .slew_limit import SlewLimit
+from .static_nonlinearity import StaticNonlinearity
+from .thermal_drift import ThermalDrift
+
+__all__ = ["BEFORE_MONITOR", "CATALOGUE", "STAGES", "Acting", "Effect", "Parameter", "Values", "View", "acting",
+           "covariates", "disturbed", "driven", "moved", "operator"]
+
+CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
+    # where two act at one stage, the first comes first
+    InitialMemory, RateDependence, HysteresisChange, Creep, GainChange, Backlash, Resonance, CrossCoupling,
+    ThermalDrift, PeriodicDisturbance, StaticNonlinearity, SlewLimit, Lag, RailSaturation, Delay, Quantisation)}
+_ORDER = list(CATALOGUE)
+GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
+LEAST_SLOPE_RATIO = 0.02
+
+
+class Acting(NamedTuple):
+    """An effect and its parameters."""
+
+    effect: Effect
+    values: dict[str, float]
+
+
+def acting(model: Model) -> list[Acting]:
+    """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete."""
+    found = [_acting(entry, f"effects[{k}]") for k, entry in enumerate(model.effects)]
+    return in_order(found)
+
+
+def in_order(effects: Iterable[Acting]) -> list[Acting]:
+    """Sorted along the chain."""
+    return sorted(effects, key=lambda one: (STAGES.index(one.effect.stage), _ORDER.index(one.effect.name)))
+
+
+def driven(effects: Sequence[Acting], drive_V: np.ndarray, run: Recording, model: Model) -> np.ndarray:
+    """The drive in V that reaches the actuator, of the one that goes in, both (samples,)."""
+    for effect, values in effects:
+        drive_V = effect.drive(drive_V, run, values, model)
+    return drive_V
+
+
+def operator(effects: Sequence[Acting], model: Model) -> Model:
+    """The model with what the effects change of its operator.
+
+    It is only ever driven forward, so that its guard keeps the slopes positive and no more.
+    """
+    changed = model
+    for effect, values in effects:
+        changed = effect.operator(changed, values)
+    if changed is model:
+        return model
+    singular = float(np.min(guard_rates(changed.slopes, changed.slope_rate_s_per_um)))
+    highest = GUARD_SLACK * (1 - LEAST_SLOPE_RATIO) * singular
+    return replace(changed, rate=replace(changed.rate, max_um_per_s=min(model.rate.max_um_per_s, highest),
+                                         min_slope_ratio=LEAST_SLOPE_RATIO,
+                                         singular_um_per_s=singular if np.isfinite(singular) else None))
+
+
+def moved(effects: Sequence[Acting], z_um: np.ndarray, run: Recording, model: Model) -> np.ndarray:
+    """The displacement in um that the sensor shows, of the one that the operator gives, both (samples,).
+
+    run.command_V is what drove the actuator.
+    """
+    for effect, values in effects:
+        z_um = effect.displacement(z_um, run, values, model)
+    return z_um
+
+
+def disturbed(effects: Sequence[Acting], predicted_um: np.ndarray, run: Recording, model: Model) -> np.ndarray:
+    """The prediction with the disturbances of this very recording, estimated from what is missed, (samples,)."""
+    columns = [one.effect.columns(run, one.values, model) for one in effects if one.effect.disturbance]
+    if not columns or run.displacement_um is None:
+        return predicted_um
+    drifts = any(one.effect.name == "thermal_drift" for one in effects)
+    design = np.column_stack([np.ones(len(run)), *columns])
+    found = np.linalg.lstsq(design, run.displacement_um - predicted_um, rcond=None)[0]
+    if not drifts:
+        found[0] = 0.0  # the zero is not hum's to move
+    return predicted_um + design @ found
+
+
+def _acting(entry: Any, where: str) -> Acting:
+    if not isinstance(entry, dict) or str(entry.get("name")) not in CATALOGUE:
+        name = entry.get("name") if isinstance(entry, dict) else entry
+        raise BadInput(f"the model's {where} is {json.dumps(name)[:40]}, which this version cannot simulate; it knows "
+                       f"{', '.join(CATALOGUE)}")
+    kind = CATALOGUE[entry["name"]]
+    where = f"the model's {where} ({kind.name})"
+    stage = entry.get("stage", kind.stages[0])
+    if stage not in kind.stages:
+        raise BadInput(f"{where}: stage is {json.dumps(stage)[:40]}; must be one of {', '.join(kind.stages)}")
+    options = {"column": entry["column"]} if kind is CrossCoupling and isinstance(entry.get("column"), str) else {}
+    given = entry.get("parameters", {})
+    if not isinstance(given, dict):
+        raise BadInput(f"{where}: parameters must be an object")
+    values = {}
+    for parameter in kind.parameters:
+        value = given.get(parameter.name, parameter.absent)
+        value = value.get("value") if isinstance(value, dict) else value
+        if value is None:
+            value = parameter.absent
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or \
+                not (parameter.low <= value <= parameter.high):
+            raise BadInput(f"{where}: {parameter.name} is {json.dumps(value)[:40]}; must be a number, "
+                           f"{parameter.low:g} to {parameter.high:g} {parameter.unit}")
+        values[parameter.name] = float(value)
+    if (complaint := kind.refusal(values)) is not None:
+        raise BadInput(f"{where}: {complaint}")
+    return Acting(kind(stage, **options), values)

@@ -1,0 +1,41 @@
+"""Cross coupling: another axis moves this one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..model import Model
+from ..recording import Recording
+from .base import Effect, Parameter, Values, View
+
+OWN = "command_V", "monitor_V"
+
+
+def covariates(run: Recording) -> list[str]:
+    """Columns in V of other axes that move."""
+    return [name for name, values in run.columns.items()
+            if name.endswith("_V") and name not in OWN and np.ptp(values) > 0]
+
+
+class CrossCoupling(Effect):
+    """um_per_V times the drive of another axis, a logged column in V."""
+
+    name = "cross_coupling"
+    title = "cross coupling from another axis"
+    what = "another axis of the stage moves this one, mechanically or through the supply"
+    remedy = "decouple the axes, or subtract its share from the reference"
+    needs = "a logged column of the other axis, such as other_axis_V, that moves"
+    stages = ("environment",)
+    parameters = (Parameter("um_per_V", "um/V", -np.inf, np.inf),)
+    linear = True
+
+    def __init__(self, stage: str | None = None, column: str = "other_axis_V") -> None:
+        super().__init__(stage)
+        self.column = column
+
+    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        other = run.columns.get(self.column)
+        return z_um if other is None else z_um + values["um_per_V"] * other
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        return [self.absent()] if any(self.column in covariates(run) for run in view.runs) else []

@@ -1,0 +1,28 @@
+"""Gain change: everything moves more, or less, than identified."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..model import Model
+from ..recording import Recording
+from .base import Effect, Parameter, Values, View
+
+
+class GainChange(Effect):
+    """factor times the displacement from the model's offset."""
+
+    name = "gain_change"
+    title = "changed gain"
+    what = "the actuator's stroke, its load or the sensor's scale has changed"
+    remedy = "calibrate the sensor, check the load; then identify anew or scale the model"
+    needs = "any motion, the model frozen"
+    stages = ("actuator",)
+    parameters = (Parameter("factor", "1", 0.05, 20.0, 1.0),)
+    linear = True
+
+    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        return model.offset_um + values["factor"] * (z_um - model.offset_um)
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        return [self.absent()]

@@ -1,0 +1,36 @@
+"""Thermal drift: the zero wanders with time, or with the temperature where that was recorded."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..model import Model
+from ..recording import Recording
+from .base import Effect, Parameter, Values, View
+
+COLUMN = "temperature_degC"
+
+
+class ThermalDrift(Effect):
+    """um_per_s times the time, bent by a parabola that is 0 at both ends, or um_per_degC times the temperature.
+
+    Estimated per recording, never extrapolated; the same bend for all would be creep.
+    """
+
+    name = "thermal_drift"
+    title = "thermal drift"
+    what = "the zero wanders as actuator, sensor or frame warm up"
+    remedy = "warm up longer, shield from draught and sun, log temperature_degC, or re-zero"
+    needs = "rest or repetition over a long time"
+    stages = ("environment",)
+    parameters = Parameter("um_per_s", "um/s", -np.inf, np.inf), Parameter("um_per_degC", "um/°C", -np.inf, np.inf)
+    disturbance = True
+
+    def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
+        if COLUMN in run.columns and np.ptp(run.columns[COLUMN]) > 0:
+            return run.columns[COLUMN][:, None] - run.columns[COLUMN][0]
+        time = np.linspace(0, 1, len(run)) * (len(run) - 1) * run.sample_time_s
+        return np.column_stack([time, time * (time - time[-1]) / max(time[-1], run.sample_time_s)])
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        return [{}]

@@ -1,0 +1,401 @@
+"""Candidates: fits of one effect to recordings of plants that have just that, and Gram matrices against dense algebra."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from plants import changed, marked, model_of, quasi_static, recording, stack, waves
+
+from rdpi import candidates, chain, excite
+from rdpi.candidates import Bench, Candidate, Grams, Rig, search
+from rdpi.effects import CATALOGUE, Acting
+from rdpi.model import Drive, Model, Rate
+from rdpi.recording import Recording
+
+RATE_HZ = 1000.0
+NOISE_UM = 0.004
+# An effect, where it acts, and the parameters a plant has; which of them to find, and how nearly.
+INJECTED: dict[str, tuple[str, dict[str, float], dict[str, float]]] = {
+    "quantisation": ("DAC", {"step": 0.8, "origin": 0.13}, {"step": 0.01}),
+    "delay": ("timing", {"delay_s": 0.0034}, {"delay_s": 0.01}),
+    "delay at the sensor": ("sensor", {"delay_s": 0.0034}, {"delay_s": 0.01}),
+    "slew_limit": ("amplifier", {"V_per_s": 400.0}, {"V_per_s": 0.03}),
+    "lag": ("amplifier", {"time_constant_s": 0.004}, {"time_constant_s": 0.02}),
+    "lag at the sensor": ("sensor", {"time_constant_s": 0.004}, {"time_constant_s": 0.02}),
+    "rail_saturation": ("amplifier", {"V_min": 8.0, "V_max": 88.0}, {"V_min": 0.02, "V_max": 0.02}),
+    "rate_dependence": ("actuator", {"widening": 0.3, "change": -0.05, "exponent": 0.7},
+                        {"widening": 0.03, "change": 0.03, "exponent": 0.05}),
+    "hysteresis_change": ("actuator", {"scale": 0.4, "shape": 0.2}, {"scale": 0.02, "shape": 0.05}),
+    "creep": ("actuator", {"percent_per_decade": 2.0}, {"percent_per_decade": 0.02}),
+    "gain_change": ("actuator", {"factor": 1.04}, {"factor": 0.001}),
+    "backlash": ("mechanics", {"width_um": 0.3}, {"width_um": 0.02}),
+    "resonance": ("mechanics", {"f0_hz": 60.0, "damping": 0.1}, {"f0_hz": 0.01, "damping": 0.05}),
+    "cross_coupling": ("environment", {"um_per_V": 0.05}, {"um_per_V": 0.01}),
+    "static_nonlinearity": ("sensor", {"linear": 0.01, "quadratic": 0.05, "cubic": -0.04},
+                            {"linear": 0.05, "quadratic": 0.02, "cubic": 0.05})}
+
+
+def plain_model(law: float = 0.0, source: str = "displacement") -> Model:
+    return model_of(stack(law=law), drive=Drive(0.0, 100.0),
+                    rate=Rate(source, window_s=0.002, max_um_per_s=1000.0, identified_um_per_s=500.0))
+
+
+@lru_cache(maxsize=None)
+def drives() -> tuple[Recording, ...]:
+    """Canned drives of 0 to 100 V, with another axis that moves."""
+    found = []
+    for kind, options in (("sawtooth", {"cycles": 1}), ("steps", {"levels": 3, "hold_s": 0.5}),
+                          ("multisine", {"duration_s": 3.0})):
+        columns, _ = excite.make_drive(kind, excite.Limits(0.0, 100.0, sample_rate_hz=RATE_HZ), **options)
+        other = 5 * np.sin(np.arange(len(columns["time_s"])) / 100)
+        found.append(recording(columns["command_V"], None, RATE_HZ, f"{kind}.csv", other_axis_V=other))
+    return tuple(found)
+
+
+def recorded(model: Model, *entries: dict, runs: Sequence[Recording] | None = None) -> list[Recording]:
+    """Recordings of the actuator that is the model with these effects."""
+    runs = runs or drives()
+    random = np.random.default_rng(1)
+    return [changed(run, displacement_um=found.predicted_um + NOISE_UM * random.standard_normal(len(run)))
+            for run, found in zip(runs, chain.simulate(replace(model, effects=list(entries)), runs))]
+
+
+def entry(name: str, stage: str, values: dict[str, float]) -> dict:
+    return {"name": name, "stage": stage, "parameters": values}
+
+
+def found(bench: Bench, name: str, stage: str | None = None, acting: Sequence[Acting] = ()) -> Candidate:
+    one = search(bench, CATALOGUE[name](stage), acting, bench.predict(acting))
+    assert one is not None
+    return one
+
+
+def rms(vector: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(vector**2)))
+
+
+# --- one recording beside its model ----------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("law", [0.0, 1.0])
+def test_a_rig_predicts_what_simulate_does(law: float) -> None:
+    model = plain_model(law)
+    runs = recorded(model)
+    bench = Bench(model, runs)
+    together = bench.join([one.predicted_um for one in chain.simulate(model, runs)])
+    assert rms(bench.predict([]) - together) < 3e-4 * model.stroke_um
+    lag = entry("lag", "sensor", {"time_constant_s": 0.003})
+    with_lag = bench.join([one.predicted_um for one in chain.simulate(replace(model, effects=[lag]), runs)])
+    assert rms(bench.predict([Acting(CATALOGUE["lag"]("sensor"), {"time_constant_s": 0.003})]) - with_lag) < \
+        3e-4 * model.stroke_um
+    assert rms(with_lag - together) > 0.02
+
+
+def test_effects_that_the_model_has_are_no_part_of_its_rig() -> None:
+    gain = entry("gain_change", "actuator", {"factor": 1.1})
+    with_it = replace(plain_model(), effects=[gain])
+    bench = Bench(with_it, recorded(plain_model(), gain))
+    assert bench.rigs[0].model.effects == []
+    left = bench.measured - bench.predict([Acting(CATALOGUE["gain_change"](), {"factor": 1.1})])
+    assert rms(left) == pytest.approx(NOISE_UM, rel=0.05)
+
+
+@pytest.mark.parametrize("law", [0.0, 1.0])
+def test_base_columns_are_the_slopes_of_the_prediction(law: float) -> None:
+    """In W_i as a share, c_i times the highest rate as a share of W_i, and the dead zones' weights."""
+    model = plain_model(law, "control")
+    rig = candidates.rigs(model, recorded(model)[1:2])[0]
+    columns = rig.base_columns
+    step, top = 1e-6, model.rate.identified_um_per_s
+    moved = [replace(model, slopes=model.slopes * (1 + step * (np.arange(10) == i))) for i in range(10)]
+    if law:
+        moved += [replace(model, slope_rate_s_per_um=model.slope_rate_s_per_um
+                          + step * (np.arange(10) == i) * model.slopes / top) for i in range(10)]
+    moved += [replace(model, deadzone_weights=model.deadzone_weights + step * (np.arange(3) == j)) for j in (1, 2)]
+    assert columns.shape == (len(rig.recording), len(moved))
+    before = replace(rig).respond([])
+    for column, other in zip(columns.T, moved):
+        slope = (replace(rig, model=other, _plain=None).respond([]) - before) / step
+        assert column == pytest.approx(slope, abs=1e-4 * model.stroke_um)
+        assert np.ptp(column) > 0.01
+
+
+def test_the_plays_may_start_elsewhere() -> None:
+    model = plain_model()
+    rig = candidates.rigs(model, recorded(model)[:1])[0]
+    before, columns = rig.respond([]), rig.base_columns
+    start = chain.states_after(rig.start_um[0] + 3.0, rig.start_um[0], model.thresholds_um)
+    rig.start(start)
+    assert np.abs(rig.respond([]) - before).max() > 0.05
+    assert np.abs(rig.base_columns - columns).max() > 0.05
+
+
+# --- many as one vector ----------------------------------------------------------------------------------------------
+
+def test_joining_and_splitting() -> None:
+    bench = Bench(plain_model(), recorded(plain_model()))
+    parts = bench.split(bench.measured)
+    for part, rig in zip(parts, bench.rigs):
+        z = rig.recording.displacement_um
+        assert part == pytest.approx(z - np.mean(z))
+    assert np.array_equal(bench.join(parts), bench.join([part + 7.0 for part in parts])) or \
+        bench.join(parts) == pytest.approx(bench.join([part + 7.0 for part in parts]), abs=1e-9)
+    assert np.array_equal(np.unique(bench.block), np.arange(len(bench.run_of_block)))
+    for run, length in enumerate(bench.lengths):
+        inside = bench.run_of_block[bench.block] == run
+        assert np.count_nonzero(inside) == length
+        counts = np.bincount(bench.block[inside])[-candidates.BLOCKS:]
+        assert counts.max() - counts.min() <= 1
+
+
+def test_a_monitor_is_judged_by_itself_and_drives_the_actuator() -> None:
+    """A lag before the tap: the monitor shows it, and behind the tap nothing is missing."""
+    model = plain_model()
+    lag = Acting(CATALOGUE["lag"]("amplifier"), {"time_constant_s": 0.004})
+    runs = recorded(model, entry("lag", "amplifier", lag.values))
+    runs = [changed(run, monitor_V=lag.effect.drive(run.command_V, run, lag.values, model)) for run in runs]
+    bench = Bench(model, runs)
+    assert bench.monitored and len(bench.measured) == 2 * sum(bench.lengths)
+    left = bench.measured - bench.predict([])
+    assert rms(np.concatenate(bench.split(left))) == pytest.approx(NOISE_UM, rel=0.05)
+    assert rms(np.concatenate(bench.split(left, monitor=True))) > 0.05
+    assert np.sum(left[bench.of_monitor[bench.block]] ** 2) > 100 * np.sum(left[~bench.of_monitor[bench.block]] ** 2)
+    one = found(bench, "lag", "amplifier")
+    assert one.values["time_constant_s"] == pytest.approx(0.004, rel=0.01)
+    behind = found(bench, "lag", "sensor")
+    assert behind.values["time_constant_s"] < 2e-4  # s; nothing is there to find
+
+
+# --- fits ------------------------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("case", INJECTED)
+def test_search_finds_what_was_injected(case: str) -> None:
+    stage, values, tolerances = INJECTED[case]
+    name = case.split(" ")[0]
+    model = plain_model()
+    bench = Bench(model, recorded(model, entry(name, stage, values)))
+    one = found(bench, name, stage)
+    for parameter, tolerance in tolerances.items():
+        assert one.values[parameter] == pytest.approx(values[parameter], rel=tolerance)
+    assert one.change == pytest.approx(bench.predict([Acting(one.effect, one.values)]) - bench.predict([]), abs=1e-9)
+    assert one.slopes.shape == (len(one.change), len(one.free))
+    left = rms(bench.measured - bench.predict([]) - one.change)
+    assert left < (2.5 if name == "quantisation" else 1.1) * NOISE_UM < rms(bench.measured - bench.predict([]))
+
+
+def test_search_beside_an_effect_that_acts() -> None:
+    model = plain_model()
+    delay = Acting(CATALOGUE["delay"]("timing"), {"delay_s": 0.0034})
+    bench = Bench(model, recorded(model, entry("delay", "timing", delay.values),
+                                  entry("creep", "actuator", {"percent_per_decade": 2.0})))
+    one = found(bench, "creep", acting=[delay])
+    assert one.values["percent_per_decade"] == pytest.approx(2.0, rel=0.02)
+    assert rms(bench.measured - bench.predict([delay]) - one.change) < 1.1 * NOISE_UM
+
+
+def test_search_on_recordings_without_the_effect_stays_near_nothing() -> None:
+    model = plain_model()
+    bench = Bench(model, recorded(model))
+    for name, near in (("delay", 2e-5), ("lag", 2e-5), ("creep", 0.02), ("backlash", 0.01)):
+        one = found(bench, name)
+        (value,) = one.values.values()
+        assert abs(value) < near
+    assert found(bench, "gain_change").values["factor"] == pytest.approx(1, abs=1e-4)
+
+
+def test_search_of_what_nothing_excites() -> None:
+    model = plain_model()
+    bench = Bench(model, recorded(model))
+    assert search(bench, CATALOGUE["quantisation"]("sensor"), [], bench.predict([])) is None
+    assert search(bench, CATALOGUE["cross_coupling"](column="third_V"), [], bench.predict([])) is None
+
+
+def test_search_for_the_start_of_the_memory() -> None:
+    model, plant = plain_model(), stack(law=0)
+    plant.respond(np.array([0.0, 100.0, 50.0]), np.zeros(3))
+    run = quasi_static(plant, np.r_[50 + waves(20, 2, 2, RATE_HZ), 50 - waves(50, 2, 2, RATE_HZ)], RATE_HZ,
+                       noise_um=NOISE_UM)
+    bench = Bench(model, [run])
+    one = found(bench, "initial_memory")
+    before, after = (rms(bench.measured - bench.predict([]) - change) for change in (0.0, one.change))
+    assert before > 10 * NOISE_UM and after < 1.2 * NOISE_UM
+    bench.rigs[0].start(one.memory_um[0])
+    assert bench.predict([]) == pytest.approx(bench.measured, abs=6 * NOISE_UM)
+    assert search(Bench(model, [marked(run, memory="unknown")]), CATALOGUE["initial_memory"](), [],
+                  bench.predict([])) is None
+
+
+def test_search_for_drift_in_every_recording() -> None:
+    runs = [changed(run, displacement_um=run.displacement_um + um_per_s * run.time_s)
+            for run, um_per_s in zip(recorded(plain_model()), (0.1, -0.2, 0.05))]
+    bench = Bench(plain_model(), runs)
+    one = found(bench, "thermal_drift")
+    assert one.values["um_per_s"] == pytest.approx(np.average([0.1, -0.2, 0.05], weights=bench.lengths), abs=0.002)
+    assert rms(bench.measured - bench.predict([]) - one.change) == pytest.approx(NOISE_UM, rel=0.05)
+
+
+def test_search_for_hum() -> None:
+    runs = [changed(run, displacement_um=run.displacement_um + 0.05 * np.sin(2 * np.pi * 47.3 * run.time_s + phase))
+            for run, phase in zip(recorded(plain_model()), (0.0, 1.0, 4.0))]
+    bench = Bench(plain_model(), runs)
+    one = found(bench, "periodic_disturbance")
+    assert one.values["frequency_hz"] == pytest.approx(47.3, abs=0.01)
+    assert one.values["amplitude_um"] == pytest.approx(0.05, rel=0.03)
+    assert rms(bench.measured - bench.predict([]) - one.change) == pytest.approx(NOISE_UM, rel=0.05)
+
+
+# --- Gram matrices ---------------------------------------------------------------------------------------------------
+
+@lru_cache(maxsize=None)
+def judged() -> tuple[Bench, np.ndarray, Grams]:
+    """A curved sensor and drift, the gap, and four candidates: 0 curve, 1 creep, 2 drift, 3 gain."""
+    model = plain_model()
+    runs = recorded(model, entry("static_nonlinearity", "sensor", {"quadratic": 0.02, "cubic": -0.01}))
+    runs = [changed(run, displacement_um=run.displacement_um + 0.05 * (k - 1) * run.time_s)
+            for k, run in enumerate(runs)]
+    bench = Bench(model, runs)
+    left = bench.measured - bench.predict([])
+    tried = [found(bench, name) for name in ("static_nonlinearity", "creep", "thermal_drift", "gain_change")]
+    return bench, left, Grams(bench, left, tried)
+
+
+def per_block(bench: Bench, left: np.ndarray) -> np.ndarray:
+    return np.bincount(bench.block, left**2, len(bench.run_of_block))
+
+
+def test_what_is_left_without_any_effect() -> None:
+    bench, left, grams = judged()
+    assert grams.held_out() == pytest.approx(per_block(bench, left), rel=1e-9)
+
+
+@pytest.mark.parametrize(("chosen", "name"), [(0, "static_nonlinearity"), (3, "gain_change"), (1, "creep")])
+def test_leaving_out_a_recording_is_fitting_to_the_others(chosen: int, name: str) -> None:
+    """By the effect itself with the parameters that fit the others best: these effects are linear in them."""
+    bench, left, grams = judged()
+    run = bench.run_of_block[bench.block]
+    effect, expected = CATALOGUE[name](), np.empty(len(bench.run_of_block))
+    units = [{**effect.absent(), one.name: one.absent + 1e-3} for one in effect.parameters]
+    columns = np.column_stack([bench.predict([Acting(effect, values)]) - bench.predict([]) for values in units])
+    for held in range(3):
+        sizes = np.linalg.lstsq(columns[run != held], left[run != held], rcond=None)[0]
+        values = {one.name: one.absent + 1e-3 * size for one, size in zip(effect.parameters, sizes)}
+        rest = bench.measured - bench.predict([Acting(effect, values)])
+        inside = bench.run_of_block == held
+        expected[inside] = per_block(bench, rest)[inside]
+    assert grams.held_out(chosen) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("chosen", [None, 0])
+def test_leaving_out_a_recording_with_the_model_refitted(chosen: int | None) -> None:
+    """Dense algebra: the base's slopes with their prior as further rows."""
+    bench, left, grams = judged()
+    run = bench.run_of_block[bench.block]
+    base = bench.join([rig.base_columns for rig in bench.rigs])
+    one = None if chosen is None else grams.candidates[chosen]
+    target = left if one is None else left - one.change
+    columns = base if one is None else np.hstack([base, one.slopes])
+    prior = np.sqrt(np.sum(left**2) * candidates.CORRELATED / len(left)) / candidates.REFIT_FREEDOM
+    rows = np.pad(prior * np.eye(base.shape[1]), ((0, 0), (0, columns.shape[1] - base.shape[1])))
+    expected = np.empty(len(bench.run_of_block))
+    for held in range(3):
+        stacked = np.vstack([columns[run != held], rows])
+        scale = np.linalg.norm(stacked, axis=0)
+        move = np.linalg.lstsq(stacked / scale, np.r_[target[run != held], np.zeros(len(rows))], rcond=None)[0] / scale
+        inside = bench.run_of_block == held
+        expected[inside] = per_block(bench, target - columns @ move)[inside]
+    assert grams.held_out(chosen, base=True) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_disturbance_is_judged_between_the_blocks_it_was_fitted_to() -> None:
+    bench, left, grams = judged()
+    drift = grams.candidates[2]
+    expected = np.empty(len(bench.run_of_block))
+    for block in range(len(expected)):
+        mates = [k for k in range(len(expected)) if bench.run_of_block[k] == bench.run_of_block[block]
+                 and k % 2 != block % 2]
+        inside, fitted = bench.block == block, np.isin(bench.block, mates)
+        size = np.linalg.lstsq(drift.slopes[fitted], (left - drift.change)[fitted], rcond=None)[0]
+        expected[block] = np.sum((left[inside] - drift.change[inside] - drift.slopes[inside] @ size) ** 2)
+    assert grams.held_out(2) == pytest.approx(expected, rel=1e-4)
+
+
+def test_parts_of_the_only_recording_are_left_out() -> None:
+    model = plain_model()
+    bench = Bench(model, recorded(model, entry("gain_change", "actuator", {"factor": 1.02}))[:1])
+    left = bench.measured - bench.predict([])
+    one = found(bench, "gain_change")
+    grams = Grams(bench, left, [one])
+    folds = grams.folds()
+    assert len(folds) == candidates.LEFT_OUT and np.array_equal(np.sum(folds, axis=0), np.ones(candidates.BLOCKS))
+    assert np.array_equal(folds, grams.folds(within=True))
+    expected = np.empty(candidates.BLOCKS)
+    for held in folds:
+        outside = ~held[bench.block]
+        size = np.linalg.lstsq(one.slopes[outside], (left - one.change)[outside], rcond=None)[0]
+        expected[held] = per_block(bench, left - one.change - one.slopes @ size)[held]
+    assert grams.held_out(0) == pytest.approx(expected, rel=1e-4)
+
+
+def test_moves_of_those_that_act_already() -> None:
+    bench, left, _ = judged()
+    acting = [found(bench, "static_nonlinearity"), found(bench, "thermal_drift")]
+    rest = left - acting[0].change
+    run = bench.run_of_block[bench.block]
+    moves = Grams(bench, rest, [], acting).moves()
+    for held, move in enumerate(moves):
+        expected = np.linalg.lstsq(acting[0].slopes[run != held], rest[run != held], rcond=None)[0]
+        assert move == pytest.approx(expected, rel=1e-3, abs=1e-8)
+
+
+def test_the_models_refit_beside_a_candidate() -> None:
+    """A plant whose slopes and gain departed from the model: both are found together."""
+    model = plain_model()
+    wider = replace(model, slopes=model.slopes * np.linspace(1.02, 1.0, 10))
+    bench = Bench(model, recorded(wider, entry("creep", "actuator", {"percent_per_decade": 2.0})))
+    left = bench.measured - bench.predict([])
+    grams = Grams(bench, left, [found(bench, "creep")])
+    move = grams.fitted_base(0)
+    assert move[:9] == pytest.approx(np.linspace(0.02, 0.0, 10)[:9], abs=0.003)
+    base = bench.join([rig.base_columns for rig in bench.rigs])
+    one = grams.candidates[0]
+    sizes = np.linalg.lstsq(one.slopes, left - base @ move, rcond=None)[0]
+    assert sizes == pytest.approx([2.0], rel=0.02)
+
+
+def test_what_reproduces_what() -> None:
+    bench, _, grams = judged()
+    r2 = grams.reproduced()
+    assert np.diag(r2) == pytest.approx(np.ones(4))
+    run = bench.run_of_block[bench.block]
+    for i, truth in enumerate(grams.candidates):
+        for j, other in enumerate(grams.candidates):
+            columns = np.column_stack([other.change, other.slopes])
+            parts = [run == k for k in range(3)] if other.per_run else [np.full(len(run), True)]
+            explained = 0.0
+            for part in parts:
+                sizes = np.linalg.lstsq(columns[part], truth.change[part], rcond=1e-9)[0]
+                explained += float(np.sum((columns[part] @ sizes) ** 2))
+            assert r2[i, j] == pytest.approx(explained / np.sum(truth.change**2), abs=1e-4)
+    assert r2[3, 0] == pytest.approx(1, abs=1e-6)  # a curve's linear part is a gain
+    assert r2[0, 3] < 0.9
+
+
+def test_fewer_rows_say_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, left, grams = judged()
+    monkeypatch.setattr(candidates, "ROWS", 4000)
+    fewer = Grams(bench, left, grams.candidates)
+    assert np.sum(fewer.held_out(0)) == pytest.approx(np.sum(grams.held_out(0)), rel=0.05)
+
+
+def test_moves_stay_within_bounds_and_reach() -> None:
+    """What the others ask for may lie beyond the bounds, or where a nonlinear effect's slopes are no longer true."""
+    bench, left, _ = judged()
+    one = found(bench, "delay")
+    far = replace(one, change=1e-3 * one.slopes[:, 0] * 1e-3, values={"delay_s": 1e-6})
+    grams = Grams(bench, left + 0.5 * one.slopes[:, 0], [far])
+    moved = grams.held_out(0)
+    asked = per_block(bench, left + 0.5 * one.slopes[:, 0] - far.change)
+    assert np.sum(moved) > 0.99 * np.sum(asked)  # half a change of so small an effect is next to nothing
