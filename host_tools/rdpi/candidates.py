@@ -1,8 +1,8 @@
 """Candidates: each effect fitted to the gap by itself, and the gap in numbers small enough to judge them by.
 
-A candidate's prediction is p0 + D + J (theta - theta_hat): D at the parameters that fit best, J its slope there. The gap
-and the columns D and J of all candidates are reduced to one Gram matrix per block of each recording. Leaving recordings
-out, joining effects, refitting the model and telling one effect from another is then linear algebra on those.
+A candidate's prediction is p0 + D + J (theta - theta_hat): D at the parameters that fit best, J its slope there. The
+gap and the columns D and J of all candidates are reduced to one Gram matrix per block of each recording. Leaving
+recordings out, joining effects, refitting the model and telling one effect from another is then linear algebra.
 
 All samples of all recordings stand in one long vector, each recording without its mean; where there is a monitor, what
 it shows follows the displacement, in um.
@@ -18,7 +18,8 @@ import numpy as np
 
 from . import chain, effects, firmware, signals
 from .effects import Acting, Effect, View
-from .model import Model
+from .errors import BadInput
+from .model import Model, guard_rates
 from .recording import Recording
 
 BLOCKS = 8  # of each recording
@@ -122,9 +123,8 @@ class Rig:
         return np.hstack(parts)
 
 
-def rigs(model: Model, runs: Sequence[Recording]) -> list[Rig]:
+def rigs(model: Model, runs: Sequence[Recording], monitored: bool) -> list[Rig]:
     """Each recording set up, its memory as `rdpi simulate` takes it."""
-    monitored = all("monitor_V" in run.columns for run in runs)
     inputs = [replace(run, columns={**run.columns, "command_V": run.columns["monitor_V"]}) if monitored else run
               for run in runs]
     kept = [entry for entry, one in zip(model.effects, (effects.acting(replace(model, effects=[entry]))[0]
@@ -139,8 +139,8 @@ class Bench:
     """All recordings of one diagnosis as one long vector, and the block of each sample."""
 
     def __init__(self, model: Model, runs: Sequence[Recording]) -> None:
-        self.model, self.rigs = model, rigs(model, runs)
-        self.monitored = self.rigs[0].monitored
+        self.monitored = all("monitor_V" in run.columns for run in runs)
+        self.model, self.rigs = model, rigs(model, runs, self.monitored)
         self.lengths = [len(run) for run in runs]
         self.measured = self.join([run.displacement_um for run in runs],
                                   [rig.um_per_V * rig.recording.columns["monitor_V"] for rig in self.rigs]
@@ -171,11 +171,41 @@ class Bench:
         return self.join([rig.respond(acting) for rig in self.rigs],
                          [rig.amplified(acting) for rig in self.rigs] if self.monitored else None)
 
+    def restart(self, acting: Sequence[Acting]) -> None:
+        """Estimate anew, beside these effects, how recordings of unknown memory start."""
+        unknown = [rig for rig in self.rigs if rig.recording.memory == "unknown"]
+        if unknown:
+            model = replace(self.model, effects=effects.entries(acting))
+            for rig, found in zip(unknown, rigs(model, [rig.recording for rig in unknown], self.monitored)):
+                rig.start(found.start_um)
+
     def view(self, predicted: np.ndarray) -> View:
         """What effects look at, beside a long vector that was predicted."""
         left = self.measured - predicted
         return View(self.model, [rig.recording for rig in self.rigs], self.split(predicted), self.split(left),
                     self.split(left, self.monitored))
+
+
+def moved(model: Model, move: np.ndarray) -> Model:
+    """The model with its parameters moved as Rig.base_columns counts them, as far as it stays a model."""
+    n, law = len(model.slopes), bool(np.any(model.slope_rate_s_per_um))
+    top = model.rate.identified_um_per_s or model.rate.max_um_per_s
+    for damping in (1.0, 0.5, 0.25, 0.1):
+        step = damping * move
+        slopes = model.slopes * (1 + step[:n])
+        changes = model.slope_rate_s_per_um + (model.slopes * step[n:2 * n] / top if law else 0.0)
+        weights = model.deadzone_weights + np.r_[0.0, step[n * (1 + law):]]
+        singular = float(np.min(guard_rates(slopes, changes))) if np.all(slopes > 0) else 0.0
+        guard = min(model.rate.max_um_per_s, effects.GUARD_SLACK * (1 - model.rate.min_slope_ratio) * singular)
+        new = replace(model, slopes=slopes, slope_rate_s_per_um=changes, deadzone_weights=weights,
+                      rate=replace(model.rate, max_um_per_s=guard,
+                                   singular_um_per_s=singular if np.isfinite(singular) else None))
+        try:
+            new.validate()
+            return new
+        except BadInput:
+            pass
+    return model
 
 
 @dataclass

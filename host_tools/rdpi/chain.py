@@ -71,12 +71,13 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
     """
     acting = effects.acting(model)
     plain = effects.operator(acting, replace(model, effects=[]))
-    if any(one.effect.name == "initial_memory" for one in acting):
-        memory = "unknown"
+    unknown = any(one.effect.name == "initial_memory" for one in acting)
     predictions: list[Prediction] = []
     for run in runs:
         run = replace(run, columns={**run.columns, "command_V": effects.driven(acting, run.command_V, run, model)})
         kind = run.memory if memory == "auto" else memory
+        if unknown and run.displacement_um is not None:
+            kind = "unknown"
         x0 = float(model.x_of(run.command_V[0]))
         if kind == "carried" and predictions:
             states = predictions[-1].states_um

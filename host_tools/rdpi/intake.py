@@ -8,12 +8,14 @@ import numpy as np
 
 from . import firmware
 from .errors import BadInput
-from .model import MAX_OFFSET
+from .model import MAX_OFFSET, Model
 from .recording import Recording
 
 LARGEST_INPUT = 1e6  # V or um
 MIN_CORRELATION = 0.5  # between command and displacement
 GAIN_SPREAD = 5.0  # between the runs' um per volt
+MODEL_SPREAD = 3.0  # between the model's um per volt and a recording's
+UNITS = 200.0  # ... from which it is a matter of units
 CLIPPED_SHARE = 0.01  # of the samples at the very highest or lowest reading while the command moves
 
 
@@ -75,6 +77,43 @@ def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> 
         if abs(moved) > np.ptp(largest.displacement_um) / 2:
             raise BadInput(f"{run.path}: lies {moved:.4g} um from {largest.path} at the same command; "
                            "the sensor's zero or the command's offset has changed: subtract it, or fit the runs apart")
+
+
+def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
+    """Remarks; raises BadInput for recordings that are not this actuator's, or not in these units."""
+    notes = []
+    for run in runs:
+        check_run(run)
+    check_together(runs, [])
+    usual = abs(model.gain_um_per_V) * float(model.slopes[-1])
+    for run in runs:
+        if correlation(run) * model.gain_um_per_V < 0:
+            raise BadInput(f"{run.path}: moves opposite to the model; check the sign of command and displacement")
+        gain = float(np.ptp(run.displacement_um) / np.ptp(run.command_V))
+        times = max(gain / usual, usual / gain)
+        if times > UNITS:
+            raise BadInput(f"{run.path}: moves {gain:.3g} um/V, the model {usual:.3g}: these are other units; give "
+                           "volts as at commissioning, and displacement in um (`rdpi import`)")
+        if times > MODEL_SPREAD:
+            notes.append(f"{run.path} moves {gain:.3g} um/V and the model {usual:.3g}: is it the same actuator?")
+        name = run.metadata.get("actuator", "")
+        if name and model.actuator and name != model.actuator:
+            notes.append(f"{run.path} was recorded from {name}, the model is of {model.actuator}")
+        stays = stays_at_an_end(run)
+        if stays:
+            notes.append(f"{run.path}: {stays} samples stand at the very highest or lowest reading while the command "
+                         "moves: a clipped sensor looks like saturation of the amplifier or a curved scale")
+        low, high = float(np.min(run.command_V)), float(np.max(run.command_V))
+        beyond = max(model.drive.min_V - low, high - model.drive.max_V)
+        if beyond > 0.05 * (model.drive.max_V - model.drive.min_V):
+            notes.append(f"{run.path}: the command goes {beyond:.3g} V beyond what the model was fitted to")
+    if model.passport is None:
+        notes.append("the model has no passport: what it always missed cannot be told from what is new; "
+                     "fit it again to get one")
+    if len(runs) == 1:
+        notes.append("one recording only: effects were judged on parts of it that were left out, which promises more "
+                     "than other recordings keep; give several with different waveforms")
+    return notes
 
 
 def correlation(run: Recording) -> float:

@@ -1,4 +1,4 @@
-"""Candidates: fits of one effect to recordings of plants that have just that, and Gram matrices against dense algebra."""
+"""Candidates: fits of an effect to recordings of plants that have just that, and Gram matrices as dense algebra."""
 
 from __future__ import annotations
 
@@ -8,16 +8,13 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from plants import changed, marked, model_of, quasi_static, recording, stack, waves
+from injected import NOISE_UM, RATE_HZ, drives, entry, plain_model, recorded, rms
+from plants import changed, marked, quasi_static, stack, waves
 
-from rdpi import candidates, chain, excite
-from rdpi.candidates import Bench, Candidate, Grams, Rig, search
+from rdpi import candidates, chain
+from rdpi.candidates import Bench, Candidate, Grams, search
 from rdpi.effects import CATALOGUE, Acting
-from rdpi.model import Drive, Model, Rate
-from rdpi.recording import Recording
 
-RATE_HZ = 1000.0
-NOISE_UM = 0.004
 # An effect, where it acts, and the parameters a plant has; which of them to find, and how nearly.
 INJECTED: dict[str, tuple[str, dict[str, float], dict[str, float]]] = {
     "quantisation": ("DAC", {"step": 0.8, "origin": 0.13}, {"step": 0.01}),
@@ -39,43 +36,10 @@ INJECTED: dict[str, tuple[str, dict[str, float], dict[str, float]]] = {
                             {"linear": 0.05, "quadratic": 0.02, "cubic": 0.05})}
 
 
-def plain_model(law: float = 0.0, source: str = "displacement") -> Model:
-    return model_of(stack(law=law), drive=Drive(0.0, 100.0),
-                    rate=Rate(source, window_s=0.002, max_um_per_s=1000.0, identified_um_per_s=500.0))
-
-
-@lru_cache(maxsize=None)
-def drives() -> tuple[Recording, ...]:
-    """Canned drives of 0 to 100 V, with another axis that moves."""
-    found = []
-    for kind, options in (("sawtooth", {"cycles": 1}), ("steps", {"levels": 3, "hold_s": 0.5}),
-                          ("multisine", {"duration_s": 3.0})):
-        columns, _ = excite.make_drive(kind, excite.Limits(0.0, 100.0, sample_rate_hz=RATE_HZ), **options)
-        other = 5 * np.sin(np.arange(len(columns["time_s"])) / 100)
-        found.append(recording(columns["command_V"], None, RATE_HZ, f"{kind}.csv", other_axis_V=other))
-    return tuple(found)
-
-
-def recorded(model: Model, *entries: dict, runs: Sequence[Recording] | None = None) -> list[Recording]:
-    """Recordings of the actuator that is the model with these effects."""
-    runs = runs or drives()
-    random = np.random.default_rng(1)
-    return [changed(run, displacement_um=found.predicted_um + NOISE_UM * random.standard_normal(len(run)))
-            for run, found in zip(runs, chain.simulate(replace(model, effects=list(entries)), runs))]
-
-
-def entry(name: str, stage: str, values: dict[str, float]) -> dict:
-    return {"name": name, "stage": stage, "parameters": values}
-
-
 def found(bench: Bench, name: str, stage: str | None = None, acting: Sequence[Acting] = ()) -> Candidate:
     one = search(bench, CATALOGUE[name](stage), acting, bench.predict(acting))
     assert one is not None
     return one
-
-
-def rms(vector: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(vector**2)))
 
 
 # --- one recording beside its model ----------------------------------------------------------------------------------
@@ -83,11 +47,11 @@ def rms(vector: np.ndarray) -> float:
 @pytest.mark.parametrize("law", [0.0, 1.0])
 def test_a_rig_predicts_what_simulate_does(law: float) -> None:
     model = plain_model(law)
-    runs = recorded(model)
+    runs = recorded(model, drives())
     bench = Bench(model, runs)
     together = bench.join([one.predicted_um for one in chain.simulate(model, runs)])
     assert rms(bench.predict([]) - together) < 3e-4 * model.stroke_um
-    lag = entry("lag", "sensor", {"time_constant_s": 0.003})
+    lag = entry("lag", "sensor", time_constant_s=0.003)
     with_lag = bench.join([one.predicted_um for one in chain.simulate(replace(model, effects=[lag]), runs)])
     assert rms(bench.predict([Acting(CATALOGUE["lag"]("sensor"), {"time_constant_s": 0.003})]) - with_lag) < \
         3e-4 * model.stroke_um
@@ -95,9 +59,9 @@ def test_a_rig_predicts_what_simulate_does(law: float) -> None:
 
 
 def test_effects_that_the_model_has_are_no_part_of_its_rig() -> None:
-    gain = entry("gain_change", "actuator", {"factor": 1.1})
+    gain = entry("gain_change", "actuator", factor=1.1)
     with_it = replace(plain_model(), effects=[gain])
-    bench = Bench(with_it, recorded(plain_model(), gain))
+    bench = Bench(with_it, recorded(plain_model(), drives(), gain))
     assert bench.rigs[0].model.effects == []
     left = bench.measured - bench.predict([Acting(CATALOGUE["gain_change"](), {"factor": 1.1})])
     assert rms(left) == pytest.approx(NOISE_UM, rel=0.05)
@@ -107,7 +71,7 @@ def test_effects_that_the_model_has_are_no_part_of_its_rig() -> None:
 def test_base_columns_are_the_slopes_of_the_prediction(law: float) -> None:
     """In W_i as a share, c_i times the highest rate as a share of W_i, and the dead zones' weights."""
     model = plain_model(law, "control")
-    rig = candidates.rigs(model, recorded(model)[1:2])[0]
+    rig = candidates.rigs(model, recorded(model, drives())[1:2])[0]
     columns = rig.base_columns
     step, top = 1e-6, model.rate.identified_um_per_s
     moved = [replace(model, slopes=model.slopes * (1 + step * (np.arange(10) == i))) for i in range(10)]
@@ -125,7 +89,7 @@ def test_base_columns_are_the_slopes_of_the_prediction(law: float) -> None:
 
 def test_the_plays_may_start_elsewhere() -> None:
     model = plain_model()
-    rig = candidates.rigs(model, recorded(model)[:1])[0]
+    rig = candidates.rigs(model, recorded(model, drives())[:1])[0]
     before, columns = rig.respond([]), rig.base_columns
     start = chain.states_after(rig.start_um[0] + 3.0, rig.start_um[0], model.thresholds_um)
     rig.start(start)
@@ -136,13 +100,12 @@ def test_the_plays_may_start_elsewhere() -> None:
 # --- many as one vector ----------------------------------------------------------------------------------------------
 
 def test_joining_and_splitting() -> None:
-    bench = Bench(plain_model(), recorded(plain_model()))
+    bench = Bench(plain_model(), recorded(plain_model(), drives()))
     parts = bench.split(bench.measured)
     for part, rig in zip(parts, bench.rigs):
         z = rig.recording.displacement_um
         assert part == pytest.approx(z - np.mean(z))
-    assert np.array_equal(bench.join(parts), bench.join([part + 7.0 for part in parts])) or \
-        bench.join(parts) == pytest.approx(bench.join([part + 7.0 for part in parts]), abs=1e-9)
+    assert bench.join([part + 7.0 for part in parts]) == pytest.approx(bench.measured, abs=1e-9)
     assert np.array_equal(np.unique(bench.block), np.arange(len(bench.run_of_block)))
     for run, length in enumerate(bench.lengths):
         inside = bench.run_of_block[bench.block] == run
@@ -155,7 +118,7 @@ def test_a_monitor_is_judged_by_itself_and_drives_the_actuator() -> None:
     """A lag before the tap: the monitor shows it, and behind the tap nothing is missing."""
     model = plain_model()
     lag = Acting(CATALOGUE["lag"]("amplifier"), {"time_constant_s": 0.004})
-    runs = recorded(model, entry("lag", "amplifier", lag.values))
+    runs = recorded(model, drives(), entry("lag", "amplifier", **lag.values))
     runs = [changed(run, monitor_V=lag.effect.drive(run.command_V, run, lag.values, model)) for run in runs]
     bench = Bench(model, runs)
     assert bench.monitored and len(bench.measured) == 2 * sum(bench.lengths)
@@ -176,21 +139,23 @@ def test_search_finds_what_was_injected(case: str) -> None:
     stage, values, tolerances = INJECTED[case]
     name = case.split(" ")[0]
     model = plain_model()
-    bench = Bench(model, recorded(model, entry(name, stage, values)))
+    bench = Bench(model, recorded(model, drives(), entry(name, stage, **values)))
     one = found(bench, name, stage)
     for parameter, tolerance in tolerances.items():
         assert one.values[parameter] == pytest.approx(values[parameter], rel=tolerance)
     assert one.change == pytest.approx(bench.predict([Acting(one.effect, one.values)]) - bench.predict([]), abs=1e-9)
     assert one.slopes.shape == (len(one.change), len(one.free))
     left = rms(bench.measured - bench.predict([]) - one.change)
-    assert left < (2.5 if name == "quantisation" else 1.1) * NOISE_UM < rms(bench.measured - bench.predict([]))
+    before = rms(bench.measured - bench.predict([]))
+    # where the codes of a DAC lie is found to a few percent of a step
+    assert left < (0.5 * before if name == "quantisation" else 1.1 * NOISE_UM) and before > 2 * NOISE_UM
 
 
 def test_search_beside_an_effect_that_acts() -> None:
     model = plain_model()
     delay = Acting(CATALOGUE["delay"]("timing"), {"delay_s": 0.0034})
-    bench = Bench(model, recorded(model, entry("delay", "timing", delay.values),
-                                  entry("creep", "actuator", {"percent_per_decade": 2.0})))
+    bench = Bench(model, recorded(model, drives(), entry("delay", "timing", **delay.values),
+                                  entry("creep", "actuator", percent_per_decade=2.0)))
     one = found(bench, "creep", acting=[delay])
     assert one.values["percent_per_decade"] == pytest.approx(2.0, rel=0.02)
     assert rms(bench.measured - bench.predict([delay]) - one.change) < 1.1 * NOISE_UM
@@ -198,7 +163,7 @@ def test_search_beside_an_effect_that_acts() -> None:
 
 def test_search_on_recordings_without_the_effect_stays_near_nothing() -> None:
     model = plain_model()
-    bench = Bench(model, recorded(model))
+    bench = Bench(model, recorded(model, drives()))
     for name, near in (("delay", 2e-5), ("lag", 2e-5), ("creep", 0.02), ("backlash", 0.01)):
         one = found(bench, name)
         (value,) = one.values.values()
@@ -208,29 +173,30 @@ def test_search_on_recordings_without_the_effect_stays_near_nothing() -> None:
 
 def test_search_of_what_nothing_excites() -> None:
     model = plain_model()
-    bench = Bench(model, recorded(model))
+    bench = Bench(model, recorded(model, drives()))
     assert search(bench, CATALOGUE["quantisation"]("sensor"), [], bench.predict([])) is None
     assert search(bench, CATALOGUE["cross_coupling"](column="third_V"), [], bench.predict([])) is None
 
 
 def test_search_for_the_start_of_the_memory() -> None:
     model, plant = plain_model(), stack(law=0)
-    plant.respond(np.array([0.0, 100.0, 50.0]), np.zeros(3))
+    plant.settle(80.0)
+    plant.respond(np.array([50.0]), np.zeros(1))
     run = quasi_static(plant, np.r_[50 + waves(20, 2, 2, RATE_HZ), 50 - waves(50, 2, 2, RATE_HZ)], RATE_HZ,
                        noise_um=NOISE_UM)
     bench = Bench(model, [run])
     one = found(bench, "initial_memory")
     before, after = (rms(bench.measured - bench.predict([]) - change) for change in (0.0, one.change))
-    assert before > 10 * NOISE_UM and after < 1.2 * NOISE_UM
+    assert before > 10 * NOISE_UM and after < 3 * NOISE_UM  # positions are tried on a grid
     bench.rigs[0].start(one.memory_um[0])
-    assert bench.predict([]) == pytest.approx(bench.measured, abs=6 * NOISE_UM)
+    assert bench.predict([]) == pytest.approx(bench.measured, abs=0.1)
     assert search(Bench(model, [marked(run, memory="unknown")]), CATALOGUE["initial_memory"](), [],
                   bench.predict([])) is None
 
 
 def test_search_for_drift_in_every_recording() -> None:
     runs = [changed(run, displacement_um=run.displacement_um + um_per_s * run.time_s)
-            for run, um_per_s in zip(recorded(plain_model()), (0.1, -0.2, 0.05))]
+            for run, um_per_s in zip(recorded(plain_model(), drives()), (0.1, -0.2, 0.05))]
     bench = Bench(plain_model(), runs)
     one = found(bench, "thermal_drift")
     assert one.values["um_per_s"] == pytest.approx(np.average([0.1, -0.2, 0.05], weights=bench.lengths), abs=0.002)
@@ -239,7 +205,7 @@ def test_search_for_drift_in_every_recording() -> None:
 
 def test_search_for_hum() -> None:
     runs = [changed(run, displacement_um=run.displacement_um + 0.05 * np.sin(2 * np.pi * 47.3 * run.time_s + phase))
-            for run, phase in zip(recorded(plain_model()), (0.0, 1.0, 4.0))]
+            for run, phase in zip(recorded(plain_model(), drives()), (0.0, 1.0, 4.0))]
     bench = Bench(plain_model(), runs)
     one = found(bench, "periodic_disturbance")
     assert one.values["frequency_hz"] == pytest.approx(47.3, abs=0.01)
@@ -253,7 +219,7 @@ def test_search_for_hum() -> None:
 def judged() -> tuple[Bench, np.ndarray, Grams]:
     """A curved sensor and drift, the gap, and four candidates: 0 curve, 1 creep, 2 drift, 3 gain."""
     model = plain_model()
-    runs = recorded(model, entry("static_nonlinearity", "sensor", {"quadratic": 0.02, "cubic": -0.01}))
+    runs = recorded(model, drives(), entry("static_nonlinearity", "sensor", quadratic=0.02, cubic=-0.01))
     runs = [changed(run, displacement_um=run.displacement_um + 0.05 * (k - 1) * run.time_s)
             for k, run in enumerate(runs)]
     bench = Bench(model, runs)
@@ -324,7 +290,7 @@ def test_a_disturbance_is_judged_between_the_blocks_it_was_fitted_to() -> None:
 
 def test_parts_of_the_only_recording_are_left_out() -> None:
     model = plain_model()
-    bench = Bench(model, recorded(model, entry("gain_change", "actuator", {"factor": 1.02}))[:1])
+    bench = Bench(model, recorded(model, drives(), entry("gain_change", "actuator", factor=1.02))[:1])
     left = bench.measured - bench.predict([])
     one = found(bench, "gain_change")
     grams = Grams(bench, left, [one])
@@ -354,7 +320,7 @@ def test_the_models_refit_beside_a_candidate() -> None:
     """A plant whose slopes and gain departed from the model: both are found together."""
     model = plain_model()
     wider = replace(model, slopes=model.slopes * np.linspace(1.02, 1.0, 10))
-    bench = Bench(model, recorded(wider, entry("creep", "actuator", {"percent_per_decade": 2.0})))
+    bench = Bench(model, recorded(wider, drives(), entry("creep", "actuator", percent_per_decade=2.0)))
     left = bench.measured - bench.predict([])
     grams = Grams(bench, left, [found(bench, "creep")])
     move = grams.fitted_base(0)
@@ -390,12 +356,20 @@ def test_fewer_rows_say_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     assert np.sum(fewer.held_out(0)) == pytest.approx(np.sum(grams.held_out(0)), rel=0.05)
 
 
-def test_moves_stay_within_bounds_and_reach() -> None:
-    """What the others ask for may lie beyond the bounds, or where a nonlinear effect's slopes are no longer true."""
-    bench, left, _ = judged()
+def test_no_move_goes_beyond_the_bounds() -> None:
+    bench, _, _ = judged()
+    one = found(bench, "creep")
+    grams = Grams(bench, 30 * one.slopes[:, 0] + one.change, [one])  # 30 % a decade more, at most 20 in all
+    expected = per_block(bench, (30 + one.values["percent_per_decade"] - 20) * one.slopes[:, 0])
+    assert grams.held_out(0) == pytest.approx(expected, rel=1e-6)
+
+
+def test_no_move_goes_further_than_slopes_are_true() -> None:
+    """A delay of which the recordings ask for ten times more than its change: by REACH of that at most."""
+    bench = Bench(plain_model(), recorded(plain_model(), drives(), entry("delay", "timing", delay_s=0.001)))
     one = found(bench, "delay")
-    far = replace(one, change=1e-3 * one.slopes[:, 0] * 1e-3, values={"delay_s": 1e-6})
-    grams = Grams(bench, left + 0.5 * one.slopes[:, 0], [far])
-    moved = grams.held_out(0)
-    asked = per_block(bench, left + 0.5 * one.slopes[:, 0] - far.change)
-    assert np.sum(moved) > 0.99 * np.sum(asked)  # half a change of so small an effect is next to nothing
+    grams = Grams(bench, 10 * one.change, [one])
+    sign = np.sign(one.change @ one.slopes[:, 0])
+    step = sign * candidates.REACH * np.linalg.norm(one.change) / np.linalg.norm(one.slopes)
+    expected = per_block(bench, 9 * one.change - step * one.slopes[:, 0])
+    assert grams.held_out(0) == pytest.approx(expected, rel=1e-6)

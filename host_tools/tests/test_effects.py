@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from injected import entry
 from models import SEEDS, random_model
 from plants import Plant, changed, marked, model_of, quasi_static, recording, stack, waves
 
@@ -33,11 +34,6 @@ SIZES: dict[str, dict[str, float]] = {
     "gain_change": {"factor": 1.04}, "backlash": {"width_um": 0.3}, "resonance": {"f0_hz": 60.0, "damping": 0.1},
     "cross_coupling": {"um_per_V": 0.1}, "thermal_drift": {}, "periodic_disturbance": {"frequency_hz": 50.0},
     "static_nonlinearity": {"linear": 0.01, "quadratic": 0.05, "cubic": -0.04}}
-
-
-def entry(name: str, stage: str | None = None, **parameters: object) -> dict:
-    """As the model file holds it."""
-    return {"name": name, "stage": stage or CATALOGUE[name].stages[0], "parameters": parameters}
 
 
 def straight(**changes: object) -> Model:

@@ -24,7 +24,7 @@ from rdpi.model import Model, read_model
 from rdpi.recording import Recording, write_recording
 
 RHOS = (4.0, 1.0, 10.0, 2.0, 0.3)  # small sets get the first of them
-CASES_PER_MACHINE = 20
+CASES_PER_MACHINE, LEAST_MACHINES = 20, 8
 SHARES = {"single": 0.40, "born in": 0.06, "foreign": 0.09, "pair": 0.06, "poor": 0.055}  # the rest is "none"
 # The fit takes up the others, entirely or so far that nothing is left to be found.
 BORN_IN = ("delay", "lag", "slew_limit", "rail_saturation", "quantisation", "creep", "static_nonlinearity",
@@ -66,7 +66,7 @@ class Case:
 def plan(count: int, seed: int, withhold: str | None) -> list[Case]:
     """The cases, spread evenly over effects, severities and machines. With `withhold`, that effect alone, or "all"."""
     random = np.random.default_rng([seed, 1])
-    machines = max(3, -(-count // CASES_PER_MACHINE))
+    machines = min(count, max(LEAST_MACHINES, -(-count // CASES_PER_MACHINE)))
 
     def spread(names: Sequence[str], rhos: Sequence[float], amount: int) -> list[tuple[str, float]]:
         shuffled = random.permutation(names).tolist()
@@ -183,10 +183,11 @@ class Bench:
         return Put(name, size, where, form), reached
 
 
-def rdpi(*arguments: str) -> int:
-    """Run a command of rdpi in this process, what it prints dropped; returns its exit status."""
-    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-        return cli.main(list(arguments), standalone_mode=False) or 0
+def rdpi(*arguments: str) -> str:
+    """Run a command of rdpi in this process, what it prints dropped; returns why it failed, or nothing."""
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as errors:
+        status = cli.main(list(arguments), standalone_mode=False)
+    return f"exit status {status}: {errors.getvalue()}" if status else ""
 
 
 def find_size(rms: Callable[[float], float], target: float, largest: float) -> tuple[float, float]:

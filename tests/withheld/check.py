@@ -62,10 +62,10 @@ def diagnose(case: Path) -> None:
     begin = time.perf_counter()
     verdict: dict[str, Any] = {}
     try:
-        verdict["status"] = rdpi("gap", str(model), *map(str, sorted(case.glob("run-*.csv"))), "-o", str(improved),
+        verdict["failed"] = rdpi("gap", str(model), *map(str, sorted(case.glob("run-*.csv"))), "-o", str(improved),
                                  "--json", str(gap), *without)
     except Exception:  # a crash is a result too
-        verdict["status"] = traceback.format_exc(limit=-3)
+        verdict["failed"] = traceback.format_exc(limit=-3)
     verdict["seconds"] = time.perf_counter() - begin
     if gap.exists():
         found = json.loads(gap.read_text())

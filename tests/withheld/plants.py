@@ -486,7 +486,7 @@ def make_machine(form: Form, index: int, random: np.random.Generator) -> Machine
         rate_law=0.0 if index % 5 in (2, 3) else random.uniform(0.1, 0.4), rate_power=random.uniform(0.5, 1.0),
         amplifier_hz=random.uniform(1500, 4000), amplifier_damping=random.uniform(0.6, 1.0),
         creep=random.uniform(0, 0.004), creep_power=random.uniform(-0.05, 0.05), offset_um=random.uniform(0, 5),
-        noise=noise, flicker=noise * random.uniform(0.2, 1.0), unrest=10 ** random.uniform(-3.7, -2.7),
+        noise=noise, flicker=noise * random.uniform(0.2, 1.0), unrest=10 ** random.uniform(-4.0, -3.3),
         monitor=(index + index // len(form.kinds)) % 2 == 1)
 
 

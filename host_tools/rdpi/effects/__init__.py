@@ -34,7 +34,7 @@ from .static_nonlinearity import StaticNonlinearity
 from .thermal_drift import ThermalDrift
 
 __all__ = ["BEFORE_MONITOR", "CATALOGUE", "STAGES", "Acting", "Effect", "Parameter", "Values", "View", "acting",
-           "covariates", "disturbed", "driven", "moved", "operator"]
+           "covariates", "disturbed", "driven", "entries", "moved", "operator"]
 
 CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
     # where two act at one stage, the first comes first
@@ -56,6 +56,12 @@ def acting(model: Model) -> list[Acting]:
     """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete."""
     found = [_acting(entry, f"effects[{k}]") for k, entry in enumerate(model.effects)]
     return in_order(found)
+
+
+def entries(effects: Iterable[Acting]) -> list[dict[str, Any]]:
+    """Effects as the model file's list holds them."""
+    return [{"name": one.effect.name, "stage": one.effect.stage, **one.effect.options, "parameters": dict(one.values)}
+            for one in effects]
 
 
 def in_order(effects: Iterable[Acting]) -> list[Acting]:

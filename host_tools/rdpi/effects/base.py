@@ -73,6 +73,11 @@ class Effect:
         """Names of the parameters that a fit moves; the others stay where it starts."""
         return tuple(parameter.name for parameter in self.parameters)
 
+    @property
+    def options(self) -> dict[str, str]:
+        """What else an entry of the model file's list `effects` must hold to make this effect again."""
+        return {}
+
     def absent(self) -> dict[str, float]:
         """Parameters at which it does nothing."""
         return {parameter.name: parameter.absent for parameter in self.parameters}

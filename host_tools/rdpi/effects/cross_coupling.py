@@ -33,6 +33,10 @@ class CrossCoupling(Effect):
         super().__init__(stage)
         self.column = column
 
+    @property
+    def options(self) -> dict[str, str]:
+        return {"column": self.column}
+
     def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         other = run.columns.get(self.column)
         return z_um if other is None else z_um + values["um_per_V"] * other

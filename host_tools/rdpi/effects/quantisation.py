@@ -14,6 +14,7 @@ LEAST_STEP = 1e-9  # um or V; a finer grid is none
 BINS, FINER = 1 << 14, 8  # of the command's range, and of their spectrum
 LEAST_STEPS = 6  # over the command's range
 PEAKS = 2
+ORIGINS = np.arange(16) / 16  # tried, of a step: a staircase has no slope for the fit to follow
 DITHERS = 0.0, 0.1, 0.2, 0.3, 0.45  # of a step
 
 
@@ -69,8 +70,8 @@ def _steps(view: View) -> list[dict[str, float]]:
         # round(V) - V is -(step / pi) sin(2 pi (V - origin) / step) + ..., and bins are counted by their lower ends
         step = FINER * span / best
         phase = -np.angle(spectrum[best] * (1 if view.model.gain_um_per_V > 0 else -1)) - np.pi / 2
-        starts.append({"step": step, "origin": low + span / BINS / 2 + step * phase / (2 * np.pi), "dither": 0.0})
-        starts.append({**starts[-1], "origin": starts[-1]["origin"] + step / 2})
+        origin = low + span / BINS / 2 + step * phase / (2 * np.pi)
+        starts += [{"step": step, "origin": origin + share * step, "dither": 0.0} for share in ORIGINS]
         spectrum[max(0, best - 2 * FINER):best + 2 * FINER + 1] = 0
     return starts
 

@@ -8,8 +8,7 @@ from ..model import Model
 from ..recording import Recording
 from .base import Effect, Parameter, Values, View
 
-SHARES = 0.95, 0.8, 0.6, 0.4, 0.2  # of the fastest move, where a fit starts
-SEEN = 3  # samples in a row that must move fast
+SHARES = 0.95 * 0.75 ** np.arange(24)  # of the fastest move, where a fit starts
 
 
 class SlewLimit(Effect):
@@ -28,14 +27,8 @@ class SlewLimit(Effect):
         return limited(drive_V, limit) if np.isfinite(limit) else drive_V
 
     def starts(self, view: View) -> list[dict[str, float]]:
-        fastest = max(_fastest(run) for run in view.runs)
+        fastest = max(float(np.max(np.abs(np.diff(run.command_V)))) / run.sample_time_s for run in view.runs)
         return [{"V_per_s": share * fastest} for share in SHARES if fastest > 0]
-
-
-def _fastest(run: Recording) -> float:
-    """Speed in V/s that is kept up for some samples, or of the highest single step."""
-    moves = np.abs(np.diff(run.command_V))
-    return float(np.max(moves)) / run.sample_time_s
 
 
 def limited(signal: np.ndarray, limit: float) -> np.ndarray:

@@ -12,9 +12,9 @@ COLUMN = "temperature_degC"
 
 
 class ThermalDrift(Effect):
-    """um_per_s times the time, bent by a parabola that is 0 at both ends, or um_per_degC times the temperature.
+    """um_per_s times the time, or um_per_degC times the temperature; estimated per recording, never extrapolated.
 
-    Estimated per recording, never extrapolated; the same bend for all would be creep.
+    A parabola beside it would take the slow noise of any sensor for drift.
     """
 
     name = "thermal_drift"
@@ -29,8 +29,7 @@ class ThermalDrift(Effect):
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
         if COLUMN in run.columns and np.ptp(run.columns[COLUMN]) > 0:
             return run.columns[COLUMN][:, None] - run.columns[COLUMN][0]
-        time = np.linspace(0, 1, len(run)) * (len(run) - 1) * run.sample_time_s
-        return np.column_stack([time, time * (time - time[-1]) / max(time[-1], run.sample_time_s)])
+        return (run.time_s - run.time_s[0])[:, None]
 
     def starts(self, view: View) -> list[dict[str, float]]:
         return [{}]

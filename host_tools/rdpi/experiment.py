@@ -1,0 +1,89 @@
+"""The next experiment: of a few canned drives the one that tells the surviving effects apart best per second."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from . import candidates, excite
+from .candidates import Bench, Candidate
+from .effects import Acting
+from .errors import BadInput
+from .recording import Recording
+from .selection import Round, Selection
+
+CANNED: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("sawtooth", {"cycles": 2}), ("steps", {"levels": 3, "hold_s": 1.0}), ("steps", {"levels": 2, "hold_s": 5.0}),
+    ("minor-loops", {"levels": 4}), ("multisine", {"duration_s": 10.0}), ("sine", {"cycles": 3}),
+    ("chirp", {"duration_s": 5.0}), ("startup", {}))
+LONGEST = 120_000  # samples of a drive that is simulated
+
+
+def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, Any] | None:
+    """The canned recording that would tell the survivors apart best per second of bench time."""
+    if verdict == "unknown":
+        return {"command": _command(state, "steps", {"levels": 3, "hold_s": 1.0}), "seconds": None,
+                "why": "fast edges and holds show what kind of motion is missing; record monitor_V beside it"}
+    open_ = next((done for done in rounds if done.rivals), None) if verdict == "ambiguous" else None
+    if open_ is None:
+        return None
+    truth, rivals = open_.best.candidate, open_.rivals
+    floor = float(np.mean(state.rest**2))
+    best = None
+    for kind, options in CANNED:
+        try:
+            columns, _ = excite.make_drive(kind, _limits(state), **options)
+        except BadInput:
+            continue
+        if len(columns["time_s"]) > LONGEST:
+            continue
+        seconds = float(columns["time_s"][-1])
+        apart = min(_apart(state, truth, rival.candidate, columns) for rival in rivals)
+        worth = apart / seconds / max(floor, 1e-300)
+        if best is None or worth > best[0]:
+            best = worth, apart / len(columns["time_s"]), kind, options, seconds
+    if best is None:
+        return None
+    names = " and ".join([truth.effect.name, *dict.fromkeys(rival.name for rival in rivals)])
+    why = f"of the canned recordings it tells {names} apart best per second"
+    if best[1] < floor / 4:
+        why += "; if it does not, monitor_V beside it will tell what lies before the actuator from what lies after"
+    return {"command": _command(state, best[2], best[3]), "why": why, "seconds": best[4]}
+
+
+def _limits(state: Selection) -> excite.Limits:
+    drive = state.model.drive
+    return excite.Limits(drive.min_V, drive.max_V, sample_rate_hz=max(run.sample_rate_hz for run in state.runs),
+                         slew_V_per_s=drive.slew_V_per_s)
+
+
+def _command(state: Selection, kind: str, options: dict[str, Any]) -> str:
+    limits = _limits(state)
+    parts = ["rdpi excite", kind, "-o next.csv", f"--min-V {limits.min_V:g}", f"--max-V {limits.max_V:g}",
+             f"--sample-rate {limits.sample_rate_hz:g}"]
+    if limits.slew_V_per_s is not None:
+        parts.append(f"--slew {limits.slew_V_per_s:g}")
+    return " ".join(parts + [f"--{excite.OPTION_NAMES[name]} {value:g}" for name, value in options.items()])
+
+
+def _apart(state: Selection, truth: Candidate, rival: Candidate, columns: dict[str, np.ndarray]) -> float:
+    """Sum of squares that the rival, fitted to it, leaves of what the truth would show in this drive."""
+    metadata = {"memory": "reset", "sample_rate_hz": f"{_limits(state).sample_rate_hz:.12g}"}
+    drive = Recording("next.csv", metadata, {**columns, "displacement_um": columns["command_V"]})
+    rig = candidates.rigs(state.model, [drive], False)[0]
+    shown = rig.respond([Acting(truth.effect, truth.values)])
+    if truth.per_run:
+        shown = shown + truth.effect.columns(drive, truth.values, state.model) @ _sizes(truth)
+    bench = Bench(state.model, [replace(drive, columns={**drive.columns, "displacement_um": shown})])
+    before = bench.predict([])
+    found = candidates.search(bench, rival.effect, [], before)
+    left = bench.measured - before
+    return float(np.sum((left if found is None else left - found.change) ** 2))
+
+
+def _sizes(truth: Candidate) -> np.ndarray:
+    """Typical coefficients of a disturbance's columns."""
+    size = truth.values.get("amplitude_um") or truth.values.get("um_per_s") or truth.values.get("um_per_degC") or 0.0
+    return np.r_[size, np.zeros(truth.slopes.shape[1])][:truth.slopes.shape[1]]
