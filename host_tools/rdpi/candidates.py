@@ -29,6 +29,7 @@ PROBE = 1e-3  # change of the prediction that a slope is taken over, as a share 
 ROWS = 200_000  # samples used for the Gram matrices; more say no more
 REACH = 0.5  # of a candidate's change: how far its slopes are taken to be true
 LEFT_OUT = 4  # parts of the only recording that are left out in turn
+REMEMBERED = 2  # responses of the operator that a rig keeps
 POSITIONS = 41  # tried for an unknown start of the memory
 REFIT_FREEDOM = 0.2  # how far refitting moves a slope, as a share of it: the standard deviation of its prior
 CORRELATED = 30  # samples of the residual that count as one: what the model misses is no white noise
@@ -47,7 +48,7 @@ class Rig:
     rate_um_per_s: np.ndarray  # settled, (samples,)
     smoothing_s: float
     monitored: bool
-    _plain: np.ndarray | None = field(default=None, repr=False)
+    _last: dict = field(default_factory=dict, repr=False)
 
     @property
     def input_V(self) -> np.ndarray:
@@ -60,44 +61,52 @@ class Rig:
 
     def start(self, start_um: np.ndarray) -> None:
         """Let the plays start here."""
-        self.start_um, self._plain = start_um, None
+        self.start_um = start_um
+        self._last.clear()
         self.__dict__.pop("base_columns", None)
 
     def respond(self, acting: Sequence[Acting], start_um: np.ndarray | None = None) -> np.ndarray:
         """Displacement in um (samples,) with these effects, disturbances apart."""
-        model, run = self.model, self.recording
         shown = [one for one in acting if not (self.monitored and one.effect.before_monitor)]
-        drive_V, changed = effects.driven(shown, self.input_V, run, model), effects.operator(shown, model)
-        driven = replace(run, columns={**run.columns, "command_V": drive_V})
-        if drive_V is self.input_V and changed is model and start_um is None:
-            if self._plain is None:
-                self._plain = self._operate(model, driven, self.start_um)
-            z = self._plain
-        else:
-            z = self._operate(changed, driven, self.start_um if start_um is None else start_um)
-        return effects.moved(shown, z, driven, model)
+        driven, z = self._remembered(shown) if start_um is None else self._operate(shown, start_um)
+        return effects.moved(shown, z, driven, self.model)
+
+    def _remembered(self, shown: Sequence[Acting]) -> tuple[Recording, np.ndarray]:
+        """_operate, which takes longest, only where an effect ahead of the displacement differs from the last two."""
+        key = tuple((repr(one.effect), *one.values.items()) for one in shown if one.effect.ahead)
+        if key not in self._last:
+            while len(self._last) >= REMEMBERED:
+                del self._last[next(iter(self._last))]
+            self._last[key] = self._operate(shown, None)
+        return self._last[key]
 
     def amplified(self, acting: Sequence[Acting]) -> np.ndarray:
         """What monitor_V shows with these effects, in um."""
         shown = [one for one in acting if one.effect.before_monitor]
         return self.um_per_V * effects.driven(shown, self.recording.command_V, self.recording, self.model)
 
-    def _operate(self, model: Model, driven: Recording, start_um: np.ndarray) -> np.ndarray:
-        """The operator with the rate of the model's own prediction, then with that of the result: one sweep is enough,
-        because effects change the rate little.
+    def _operate(self, shown: Sequence[Acting], start_um: np.ndarray | None) -> tuple[Recording, np.ndarray]:
+        """The recording as it was driven, and what the operator makes of that: with the rate of the model's own
+        prediction, then with that of the result. One sweep is enough, because effects change the rate little.
         """
-        rate, drive_V = model.rate, driven.command_V
+        run, drive_V = self.recording, effects.driven(shown, self.input_V, self.recording, self.model)
+        model = effects.operator(shown, self.model)
+        driven = replace(run, columns={**run.columns, "command_V": drive_V})
+        if start_um is None:
+            start_um = self.start_um
+            if run.memory == "reset" and drive_V[0] != self.input_V[0]:
+                start_um = np.full(len(start_um), model.x_of(drive_V[0]))  # the sweep ended where it was driven to
         engine = self._engine if model is self.model else chain.operator_from(model, driven, start_um)
 
         def forward(rate_um_per_s: np.ndarray) -> np.ndarray:
             engine.memory_um = start_um
             return engine.forward(drive_V, rate_um_per_s)
 
-        z = forward(self.rate_um_per_s)
-        if not np.any(model.slope_rate_s_per_um):
-            return z
-        source, smoothing_s = (z, self.smoothing_s) if rate.source == "displacement" else (model.x_of(drive_V), 0.0)
-        return forward(signals.rate(source, driven.sample_time_s, rate.window_s, rate.filter_s, smoothing_s))
+        z, rate = forward(self.rate_um_per_s), model.rate
+        if np.any(model.slope_rate_s_per_um):
+            moving, smoothing_s = (z, self.smoothing_s) if rate.source == "displacement" else (model.x_of(drive_V), 0.0)
+            z = forward(signals.rate(moving, run.sample_time_s, rate.window_s, rate.filter_s, smoothing_s))
+        return driven, z
 
     @cached_property
     def _engine(self) -> firmware.Firmware:

@@ -1026,8 +1026,8 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
                                                        found.spectrum_after), report)
     click.echo(gap_report.tables(document))
     if output is not None:
-        click.echo(f"{output}: the model with {len(found.improved.effects)} effects" if found.improved.effects else
-                   f"{output}: the model unchanged")
+        added = [effect["name"] for effect in found.improved.effects[len(parameters.effects):]]
+        click.echo(f"{output}: the model with {', '.join(added)}" if added else f"{output}: the model unchanged")
     return document
 
 

@@ -20,6 +20,7 @@ from .selection import SAME, WIDEN, Excess, Judged, Round, Selection, detected, 
 
 SCHEMA = "rdpi-gap/1"
 # Learnt on the tuning set of tests/withheld, as the thresholds of the selection are.
+UNKNOWN = 1.25  # times the evidence that an effect needs
 EXPLAINED, LEFT_OVER = 0.6, 1.5  # of the excess that all explain, or the ratio they leave, or the gap is unknown
 MUCH_LEFT = 2.5  # times the passport, with the effects: worth a remark
 RATES = 2.0  # times the identified rate, or that part of it: other rates
@@ -82,7 +83,7 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
 def _verdict(state: Selection, gap: Excess, rounds: list[Round]) -> str:
     first = rounds[0]
     if first.best is None:
-        return "unknown" if gap.ratio and state.detection > detected(state) else "none"
+        return "unknown" if gap.ratio and state.detection > UNKNOWN * detected(state) else "none"
     if gap.ratio and not first.refitted:
         left = max(0.0, float(np.sum(state.rest**2)) - state.excused())
         explained = (gap.total - left) / max(gap.total - gap.floor, 1e-300)
@@ -184,7 +185,8 @@ def _candidates(state: Selection, rounds: list[Round]) -> list[dict[str, Any]]:
         if name not in result:
             result[name] = {"name": name, "stage": kind.stages[0], "shrink": 0.0, "shrink_ci95": None,
                             "refitted_shrink": 0.0, "parameters": {}, "excited": False,
-                            "rejected_because": "these recordings do not excite it"}
+                            "rejected_because": "left out by --without" if name in state.without else
+                            "these recordings do not excite it"}
     return list(result.values())
 
 
@@ -256,8 +258,10 @@ def _leftover(state: Selection, gap: Excess) -> dict[str, Any]:
     signals_ = {"command": drive, "command_squared": [u**2 for u in drive],
                 "rate": [np.abs(np.gradient(u)) / run.sample_time_s for u, run in zip(drive, state.runs)],
                 "direction": [np.sign(np.gradient(u)) for u in drive]}
-    related = {name: float(np.corrcoef(left, np.concatenate(parts))[0, 1]) if np.ptp(np.concatenate(parts)) else 0.0
-               for name, parts in signals_.items()}
+    related = {}
+    for name, parts in signals_.items():
+        other = np.concatenate(parts)
+        related[name] = float(np.corrcoef(left, other)[0, 1]) if np.ptp(left) and np.ptp(other) else 0.0
     spread = float(np.mean(left**2))
     return {"ratio": gap.left(float(np.sum(state.rest**2))) if gap.ratio else None, "correlation": related,
             "kurtosis": float(np.mean(left**4) / spread**2) if spread > 0 else None}

@@ -19,8 +19,11 @@ UNITS = 200.0  # ... from which it is a matter of units
 CLIPPED_SHARE = 0.01  # of the samples at the very highest or lowest reading while the command moves
 
 
-def check_run(run: Recording) -> None:
-    """Raise BadInput, naming the file and a remedy, for a run from which no hysteresis can be identified."""
+def check_run(run: Recording, related: bool = True) -> None:
+    """Raise BadInput, naming the file and a remedy, for a run from which no hysteresis can be identified.
+
+    `related`: command and displacement must go together.
+    """
     command, displacement = run.command_V, run.displacement_um
     for name, values in (("command_V", command), ("displacement_um", displacement)):
         largest = float(np.max(np.abs(values)))
@@ -32,9 +35,9 @@ def check_run(run: Recording) -> None:
     if np.ptp(displacement) == 0:
         raise BadInput(f"{run.path}: displacement_um is constant at {displacement[0]:g} um; "
                        "check the sensor and its column")
-    related = correlation(run)
-    if abs(related) < MIN_CORRELATION:
-        raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {related:.2f}); "
+    together = correlation(run)
+    if related and abs(together) < MIN_CORRELATION:
+        raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {together:.2f}); "
                        "check that both columns are of the same run, and their order and units")
     if reversals(command, 0.05) == 0:
         raise BadInput(f"{run.path}: command_V never turns round, so that nothing of the hysteresis shows; "
@@ -57,11 +60,7 @@ def reversals(command: np.ndarray, share: float, first: int = 0) -> int:
 
 def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> None:
     """Each run once, all of one actuator: same sign, same zero, about as many um per volt (small loops have fewer)."""
-    digests = [run.digest for run in (*runs, *hold_out) if run.digest]
-    for run in (*runs, *hold_out):
-        if digests.count(run.digest) > 1:
-            raise BadInput(f"{run.path}: given twice (the same bytes); a run counts once, "
-                           "and one that is fitted is not held out")
+    check_once([*runs, *hold_out], ", and one that is fitted is not held out")
     gains = [float(np.ptp(run.displacement_um) / np.ptp(run.command_V)) for run in runs]
     low, high = int(np.argmin(gains)), int(np.argmax(gains))
     if gains[high] > GAIN_SPREAD * gains[low]:
@@ -79,22 +78,32 @@ def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> 
                            "the sensor's zero or the command's offset has changed: subtract it, or fit the runs apart")
 
 
+def check_once(runs: Sequence[Recording], why: str = "") -> None:
+    """Raise BadInput for a run that is given twice."""
+    digests = [run.digest for run in runs if run.digest]
+    for run in runs:
+        if digests.count(run.digest) > 1:
+            raise BadInput(f"{run.path}: given twice (the same bytes); a run counts once{why}")
+
+
 def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     """Remarks; raises BadInput for recordings that are not this actuator's, or not in these units."""
     notes = []
+    widest = max(runs, key=lambda run: float(np.ptp(run.command_V)))
     for run in runs:
-        check_run(run)
-    check_together(runs, [])
+        check_run(run, related=run is widest)  # what shakes the actuator may drown its small movements
+    check_once(runs)
     usual = abs(model.gain_um_per_V) * float(model.slopes[-1])
     for run in runs:
-        if correlation(run) * model.gain_um_per_V < 0:
+        together = correlation(run)
+        if together * np.sign(model.gain_um_per_V) < -MIN_CORRELATION:
             raise BadInput(f"{run.path}: moves opposite to the model; check the sign of command and displacement")
         gain = float(np.ptp(run.displacement_um) / np.ptp(run.command_V))
         times = max(gain / usual, usual / gain)
         if times > UNITS:
             raise BadInput(f"{run.path}: moves {gain:.3g} um/V, the model {usual:.3g}: these are other units; give "
                            "volts as at commissioning, and displacement in um (`rdpi import`)")
-        if times > MODEL_SPREAD:
+        if times > MODEL_SPREAD and abs(together) > MIN_CORRELATION:
             notes.append(f"{run.path} moves {gain:.3g} um/V and the model {usual:.3g}: is it the same actuator?")
         name = run.metadata.get("actuator", "")
         if name and model.actuator and name != model.actuator:

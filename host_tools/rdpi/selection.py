@@ -220,7 +220,8 @@ class Selection:
             share = (total - kept) / max(total - floor, 1e-9 * total, 1e-300)
             judged.append(Judged(
                 one, kept, shrink_of(left, zero), self.interval(left, zero),
-                float(1 - np.sqrt(np.sum(refitted) / lowest)), float(np.sum(refitted) + np.sum(refitted_within)) / 2, share,
+                float(1 - np.sqrt(np.sum(refitted) / lowest)),
+                float(np.sum(refitted) + np.sum(refitted_within)) / 2, share,
                 self.interval(refitted, min(zero, base, key=np.sum)), float(np.sum(within[side]))))
         self.zero, self.base, self.total = zero, base, total
         self.least = min(total, float(np.sum(base) + np.sum(base_within)) / 2)

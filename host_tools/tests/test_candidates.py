@@ -71,7 +71,7 @@ def test_effects_that_the_model_has_are_no_part_of_its_rig() -> None:
 def test_base_columns_are_the_slopes_of_the_prediction(law: float) -> None:
     """In W_i as a share, c_i times the highest rate as a share of W_i, and the dead zones' weights."""
     model = plain_model(law, "control")
-    rig = candidates.rigs(model, recorded(model, drives())[1:2])[0]
+    rig = Bench(model, recorded(model, drives())[1:2]).rigs[0]
     columns = rig.base_columns
     step, top = 1e-6, model.rate.identified_um_per_s
     moved = [replace(model, slopes=model.slopes * (1 + step * (np.arange(10) == i))) for i in range(10)]
@@ -89,7 +89,7 @@ def test_base_columns_are_the_slopes_of_the_prediction(law: float) -> None:
 
 def test_the_plays_may_start_elsewhere() -> None:
     model = plain_model()
-    rig = candidates.rigs(model, recorded(model, drives())[:1])[0]
+    rig = Bench(model, recorded(model, drives())[:1]).rigs[0]
     before, columns = rig.respond([]), rig.base_columns
     start = chain.states_after(rig.start_um[0] + 3.0, rig.start_um[0], model.thresholds_um)
     rig.start(start)

@@ -19,6 +19,9 @@
 #ifndef RDPI_INVERSE_H
 #define RDPI_INVERSE_H
 
+#include <float.h>
+#include <math.h> /* INFINITY */
+
 #include "play.h"
 
 static inline rdpi_real_t rdpi_f32_bank_side(bool falling)
@@ -47,35 +50,47 @@ static inline rdpi_real_t rdpi_f32_bank_at(const rdpi_f32_bank_t *bank, const rd
     return v_um + rdpi_f32_slope(&play[count - 1u], rate_um_per_s) * y_um;
 }
 
-/* Sums rest afresh for `engaged` plays engaged. */
-static inline void rdpi_f32_bank_engage(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
-                                        size_t engaged)
+/* Takes x, where it is heading, to `x_um`: finds out which plays engage, and sums rest afresh over those that do not, by
+ * parts as rdpi_f32_bank_at does. The state of the last that is engaged already is implied by x, so its place can end
+ * the search. */
+static inline void rdpi_f32_bank_settle(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
+                                        rdpi_real_t side, rdpi_real_t x_um)
 {
-    rdpi_real_t side = rdpi_f32_bank_side(bank->falling);
-    const rdpi_f32_play_t *row = &play[engaged], *last = &play[count - 1u];
-    const rdpi_real_t *next_um = &bank->y_um[engaged + 1u];
-    rdpi_real_t rest_um = -side * row->intercept_um;
-    rdpi_real_t rest_rate_s = -side * row->intercept_rate_s;
-    bank->at = row;
-    bank->engaged = (uint16_t)engaged;
-    for (; row != last; row++) {
-        rest_um = rdpi_f32_fma(row[1].slope - row->slope, *next_um, rest_um);
-        rest_rate_s = rdpi_f32_fma(row[1].slope_rate_s_per_um - row->slope_rate_s_per_um, *next_um, rest_rate_s);
-        next_um++;
+    rdpi_real_t way_um = side * x_um;
+    const rdpi_f32_play_t *row = &play[count - 1u];
+    const rdpi_real_t *y_um = &bank->y_um[count - 1u];
+    rdpi_real_t rest_um = 0, rest_rate_s = 0, above_um = 0;
+    bank->y_um[bank->engaged] = -side * (rdpi_real_t)INFINITY;
+    while (rdpi_f32_fma(side, *y_um, row->r_um) >= way_um) {
+        rdpi_real_t apart_um = *y_um - above_um;
+        above_um = *y_um;
+        rest_um = rdpi_f32_fma(row->slope, apart_um, rest_um);
+        rest_rate_s = rdpi_f32_fma(row->slope_rate_s_per_um, apart_um, rest_rate_s);
+        y_um--;
+        row--;
     }
-    bank->rest_um = rest_um;
-    bank->rest_rate_s = rest_rate_s;
+    bank->at = row;
+    bank->engaged = (uint16_t)(y_um - bank->y_um);
+    bank->y_um[0] = x_um;
+    rest_um = rdpi_f32_fma(-row->slope, above_um, rest_um);
+    rest_rate_s = rdpi_f32_fma(-row->slope_rate_s_per_um, above_um, rest_rate_s);
+    bank->rest_um = rdpi_f32_fma(-side, row->intercept_um, rest_um);
+    bank->rest_rate_s = rdpi_f32_fma(-side, row->intercept_rate_s, rest_rate_s);
 }
 
-/* Takes on `y_um`, states that one history can reach. */
+/* Takes on `y_um`, states that one history can reach, as they are: x seems to come from below them all, so that none is
+ * engaged, however they are rounded. */
 static inline void rdpi_f32_bank_set(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
                                      const rdpi_real_t *y_um)
 {
-    for (size_t i = 0; i < count; i++) {
+    rdpi_real_t x_um = y_um[0];
+    for (size_t i = 1; i < count; i++) {
         bank->y_um[i] = y_um[i];
     }
     bank->falling = false;
-    rdpi_f32_bank_engage(bank, play, count, 0);
+    bank->engaged = 0;
+    rdpi_f32_bank_settle(bank, play, count, 1, -FLT_MAX);
+    bank->y_um[0] = x_um;
 }
 
 /* v less rest. */
@@ -84,18 +99,26 @@ static inline rdpi_real_t rdpi_f32_bank_left(const rdpi_f32_bank_t *bank, rdpi_r
     return v_um - rdpi_f32_fma(rate_um_per_s, bank->rest_rate_s, bank->rest_um);
 }
 
+/* How far f has to climb to `v_um`, seen in the mirror: below 0, x has to turn round. */
+static inline rdpi_real_t rdpi_f32_bank_climb(const rdpi_f32_bank_t *bank, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
+{
+    rdpi_real_t slope = rdpi_f32_slope(bank->at, rate_um_per_s);
+    rdpi_real_t left_um = rdpi_f32_bank_left(bank, rate_um_per_s, v_um);
+    return rdpi_f32_bank_side(bank->falling) * rdpi_f32_fma(-slope, bank->y_um[0], left_um);
+}
+
 /* The x at which f is `v_um` if no play engages or lets go on the way there. */
 static inline rdpi_real_t rdpi_f32_bank_near(const rdpi_f32_bank_t *bank, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
     return rdpi_f32_bank_left(bank, rate_um_per_s, v_um) / rdpi_f32_slope(bank->at, rate_um_per_s);
 }
 
-/* x turns round: the engaged plays stay where it has taken them. Leaves rest as it was. */
-static inline void rdpi_f32_bank_turn(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play)
+/* x, which was heading for `side`, turns round: the engaged plays stay where it has taken them. Leaves rest as it
+ * was. */
+static inline void rdpi_f32_bank_turn(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, rdpi_real_t side)
 {
-    rdpi_real_t side = rdpi_f32_bank_side(bank->falling);
     for (size_t i = bank->engaged; i > 0u; i--) {
-        bank->y_um[i] = bank->y_um[0] - side * play[i].r_um;
+        bank->y_um[i] = rdpi_f32_fma(-side, play[i].r_um, bank->y_um[0]);
     }
     bank->engaged = 0;
     bank->falling = !bank->falling;
@@ -104,9 +127,16 @@ static inline void rdpi_f32_bank_turn(rdpi_f32_bank_t *bank, const rdpi_f32_play
 /* An input of the bank. */
 typedef struct {
     rdpi_real_t x_um;
-    size_t engaged; /* a guess, which saves time, at how many plays it engages */
-    bool turned;    /* x has turned round, and rest is still to be summed */
+    rdpi_real_t side; /* where the bank is heading */
+    bool turned;      /* x has turned round, and rest is still to be summed */
 } rdpi_f32_target_t;
+
+/* `x_um`, from any source. */
+static inline rdpi_f32_target_t rdpi_f32_bank_target(const rdpi_f32_bank_t *bank, rdpi_real_t x_um)
+{
+    rdpi_f32_target_t target = {x_um, rdpi_f32_bank_side(bank->falling), false};
+    return target;
+}
 
 /* The x at which f is `v_um`, to rounding, for slopes that are all > 0 at this rate. No play moves; rdpi_f32_bank_move
  * must follow, to what is really output. Walks from corner to corner, all seen in the mirror, and from the first that
@@ -114,62 +144,53 @@ typedef struct {
 static inline rdpi_f32_target_t rdpi_f32_bank_solve(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
                                                     rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
-    rdpi_real_t slope = rdpi_f32_slope(bank->at, rate_um_per_s);
-    rdpi_real_t left_um = rdpi_f32_bank_left(bank, rate_um_per_s, v_um);
-    rdpi_real_t rise_um = rdpi_f32_fma(-slope, bank->y_um[0], left_um); /* still to climb */
-    bool falling = rise_um < 0;
-    rdpi_real_t side = rdpi_f32_bank_side(falling);
-    rdpi_real_t x_um = side * bank->y_um[0];
-    rdpi_f32_target_t target = {0, bank->engaged, falling != bank->falling};
+    const rdpi_f32_play_t *row = bank->at, *last = &play[count - 1u];
+    rdpi_real_t slope = rdpi_f32_slope(row, rate_um_per_s);
+    rdpi_real_t rise_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
+    rdpi_f32_target_t target = {0, rdpi_f32_bank_side(bank->falling), false};
 
-    if (target.turned) {
-        rdpi_f32_bank_turn(bank, play);
-        target.engaged = 0;
-        slope = rdpi_f32_slope(play, rate_um_per_s);
+    if (rise_um < 0) {
+        rdpi_f32_bank_turn(bank, play, target.side);
+        target.turned = true;
+        target.side = -target.side;
+        rise_um = -rise_um;
+        row = play;
+        slope = rdpi_f32_slope(row, rate_um_per_s);
     }
-    rise_um *= side;
-    play += target.engaged;
-    while (rise_um > 0 && target.engaged + 1u < count) {
-        play++;
-        rdpi_real_t corner_um = rdpi_f32_fma(side, bank->y_um[target.engaged + 1u], play->r_um);
-        rise_um = rdpi_f32_fma(-slope, corner_um - x_um, rise_um);
-        x_um = corner_um;
+    const rdpi_real_t *y_um = &bank->y_um[bank->engaged];
+    rdpi_real_t behind_um = -target.side * bank->y_um[0]; /* less x: one copy less per corner than x itself */
+    while (rise_um > 0 && row != last) {
+        row++;
+        y_um++;
+        rdpi_real_t corner_um = rdpi_f32_fma(target.side, *y_um, row->r_um);
+        rise_um = rdpi_f32_fma(-slope, corner_um + behind_um, rise_um);
+        behind_um = -corner_um;
         if (rise_um > 0) { /* v lies beyond it */
-            target.engaged++;
-            slope = rdpi_f32_slope(play, rate_um_per_s);
+            slope = rdpi_f32_slope(row, rate_um_per_s);
         }
     }
-    target.x_um = side * (x_um + rise_um / slope);
+    target.x_um = target.side * (rise_um / slope - behind_um);
     return target;
 }
 
-/* Whether play i has engaged when x, on its way to where the bank is heading, gets to `x_um`. */
-static inline bool rdpi_f32_bank_engages(const rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t i,
-                                         rdpi_real_t side, rdpi_real_t x_um)
+/* Moves every play (eq. 1) to the input target.x_um. Returns the side where the bank is heading then. */
+static inline rdpi_real_t rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
+                                             rdpi_f32_target_t target)
 {
-    return side * (x_um - bank->y_um[i]) > play[i].r_um;
-}
-
-/* Moves every play (eq. 1) to the input target.x_um. */
-static inline void rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
-                                      rdpi_f32_target_t target)
-{
-    if (target.x_um != bank->y_um[0] && (target.x_um < bank->y_um[0]) != bank->falling) {
-        rdpi_f32_bank_turn(bank, play);
+    rdpi_real_t side = target.side;
+    if (side * target.x_um < side * bank->y_um[0]) {
+        rdpi_f32_bank_turn(bank, play, side);
+        side = -side;
         target.turned = true;
     }
-    rdpi_real_t side = rdpi_f32_bank_side(bank->falling);
-    size_t k = target.engaged > bank->engaged ? target.engaged : bank->engaged;
-    while (k + 1u < count && rdpi_f32_bank_engages(bank, play, k + 1u, side, target.x_um)) {
-        k++;
+    size_t next = bank->engaged + 1u;
+    if (target.turned ||
+        (next < count && rdpi_f32_fma(side, bank->y_um[next], play[next].r_um) < side * target.x_um)) {
+        rdpi_f32_bank_settle(bank, play, count, side, target.x_um);
+    } else {
+        bank->y_um[0] = target.x_um;
     }
-    while (k > bank->engaged && !rdpi_f32_bank_engages(bank, play, k, side, target.x_um)) {
-        k--;
-    }
-    if (target.turned || k > bank->engaged) {
-        rdpi_f32_bank_engage(bank, play, count, k);
-    }
-    bank->y_um[0] = target.x_um;
+    return side;
 }
 
 #endif

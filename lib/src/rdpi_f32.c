@@ -390,64 +390,110 @@ static void output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_f32_target_t targ
         target.x_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
     }
     self->drive_V = drive_V;
-    rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
+    (void)rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
 }
 
 #if RDPI_QUICK_STEP
-/* How far x may go without a play engaging or letting go and with a code inside the range, whatever it rounds to. An
- * edge ahead is the x of a code: rounding leads to it, not beyond. */
-static void mark(rdpi_f32_t *self)
+/* Where x may be with the drive inside its range: no further than this from the middle. */
+typedef struct {
+    rdpi_real_t middle_um, reach_um;
+} range_t;
+
+/* How far x may go from `code` without a play engaging or letting go and with a code inside the range, whatever it
+ * rounds to; `side` is where it is heading. An edge ahead is the x of a code: rounding leads to it, not beyond. */
+static inline void mark(rdpi_f32_t *self, rdpi_real_t side, rdpi_real_t code, range_t range)
 {
     const rdpi_f32_params_t *params = self->params;
     rdpi_f32_bank_t *bank = &self->bank;
-    rdpi_real_t last = params->last_code;
-    size_t next = bank->engaged + 1u;
+    const rdpi_f32_play_t *next = &bank->at[1];
+    rdpi_real_t *next_um = &bank->y_um[bank->engaged + 1u];
+    bool last = bank->engaged + 1u == params->plays;
     if (bank->engaged > 0u) {
-        rdpi_real_t side = rdpi_f32_bank_side(bank->falling);
-        bool down = bank->falling == (params->gain_um_per_V > 0);
-        rdpi_real_t code = down ? 0 : last;
-        if (next < params->plays) {
-            rdpi_real_t corner_um = rdpi_f32_fma(side, params->play[next].r_um, bank->y_um[next]);
-            code = rdpi_f32_fma(corner_um, params->codes_per_um, params->code_of_x_0) - (rdpi_real_t)0.5;
-            code = clamp(code, 0, last);
-            code = (rdpi_real_t)((uint32_t)code + (down ? 1u : 0u));
+        rdpi_real_t way_um = side * bank->y_um[0];
+        rdpi_real_t end_um = rdpi_f32_fma(side, range.middle_um, range.reach_um);
+        if (!last) {
+            rdpi_real_t corner_um = rdpi_f32_fma(side, *next_um, next->r_um);
+            end_um = corner_um < end_um ? corner_um : end_um;
         }
-        rdpi_real_t edge_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
-        bank->edge_um = side * (edge_um - bank->y_um[0]) > 0 ? edge_um : bank->y_um[0];
+        end_um = end_um > way_um ? end_um : way_um; /* rounding alone can put it behind */
+        int32_t codes = (int32_t)((side * end_um - bank->y_um[0]) * params->codes_per_um);
+        bank->edge_um = rdpi_f32_fma(code + (rdpi_real_t)codes, params->um_per_code, params->x_of_code_0_um);
     } else {
-        rdpi_real_t middle_um = rdpi_f32_fma(last / 2, params->um_per_code, params->x_of_code_0_um);
-        rdpi_real_t reach_um = last / 2 * fabs(params->um_per_code);
-        if (next == params->plays) { /* one play alone is free in all of the range */
-            bank->y_um[next] = middle_um;
+        rdpi_real_t reach_um = range.reach_um;
+        if (last) { /* one play alone is free in all of the range */
+            *next_um = range.middle_um;
         } else {
-            reach_um -= fabs(bank->y_um[next] - middle_um);
-            reach_um = reach_um < params->play[next].r_um ? reach_um : params->play[next].r_um;
+            reach_um -= fabs(*next_um - range.middle_um);
+            reach_um = reach_um < next->r_um ? reach_um : next->r_um;
         }
         bank->edge_um = reach_um - fabs(params->um_per_code) / 2;
     }
 }
-#endif
 
-/* The end of any step: the bank output that makes the reference, solved for and put out. */
-APART static rdpi_real_t walk(rdpi_f32_t *self, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
+/* What `output` does, for a wish that nothing but the range limits, and `mark`. */
+static inline rdpi_real_t output_code(rdpi_f32_t *self, rdpi_f32_target_t target)
 {
     const rdpi_f32_params_t *params = self->params;
-    rdpi_f32_target_t target = rdpi_f32_bank_solve(&self->bank, params->play, params->plays, rate_um_per_s, v_um);
+    rdpi_real_t last = params->last_code;
+    range_t range = {rdpi_f32_fma(last / 2, params->um_per_code, params->x_of_code_0_um),
+                     last / 2 * fabs(params->um_per_code)};
+    if (fabs(target.x_um - range.middle_um) > range.reach_um) {
+        set_flag(self, RDPI_FLAG_RANGE, &self->clip_count);
+    }
+    self->dac_code = (uint32_t)clamp(rdpi_f32_fma(target.x_um, params->codes_per_um, params->code_of_x_0), 0, last);
+    rdpi_real_t code = (rdpi_real_t)self->dac_code;
+    rdpi_real_t drive_V = rdpi_f32_fma(code, params->V_per_code, params->min_V);
+    target.x_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
+    self->drive_V = drive_V;
+    rdpi_real_t side = rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
+    mark(self, side, code, range);
+    return drive_V;
+}
+#endif
+
+/* The end of any step: the bank output that makes the reference, solved for and put out. From a code, where they are
+ * `code_um` apart, x does not turn back by less than half of one. */
+APART static rdpi_real_t walk(rdpi_f32_t *self, rdpi_real_t v_um, rdpi_real_t rate_um_per_s, rdpi_real_t code_um)
+{
+    const rdpi_f32_params_t *params = self->params;
+    rdpi_f32_bank_t *bank = &self->bank;
+#if RDPI_QUICK_STEP
+    rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
+    if (climb_um < 0 && bank->engaged > 0u &&
+        -2 * climb_um < code_um * rdpi_f32_slope(params->play, rate_um_per_s)) {
+        return self->drive_V;
+    }
+#else
+    (void)code_um;
+#endif
+    rdpi_f32_target_t target = rdpi_f32_bank_solve(bank, params->play, params->plays, rate_um_per_s, v_um);
+#if RDPI_QUICK_STEP
+    if (self->plain) {
+        return output_code(self, target);
+    }
+#endif
     rdpi_real_t wish_V = drive_of_x(params, target.x_um);
     rdpi_real_t drive_V = limit_drive(self, wish_V);
     if (drive_V != wish_V) {
         target.x_um = x_of_drive(params, drive_V);
     }
     output(self, drive_V, target);
-#if RDPI_QUICK_STEP
-    if (self->plain) {
-        mark(self);
-    }
-#endif
     return self->drive_V;
 }
 
-/* Any step. */
+#if RDPI_QUICK_STEP
+/* Whether samples that follow one another may take the short way. Half a code must not lead beyond the first corner
+ * back, 2 r_1 away: there the slope is no longer W_0, by which `walk` tells what stays. */
+static bool is_plain(const rdpi_f32_t *self)
+{
+    const rdpi_f32_params_t *params = self->params;
+    return self->rate.window == 1u && self->rate.keep <= 0 && params->slew_V_per_s <= 0 && params->dac_bits > 0u &&
+           fabs(params->code_of_x_0) <= MAX_CODE_0 &&
+           (params->plays == 1u || fabs(params->um_per_code) <= 4 * params->play[1].r_um);
+}
+#endif
+
+/* A step of any kind, and what opens the short way to the next. */
 APART static rdpi_real_t full_step(rdpi_f32_t *self, rdpi_real_t reference_um)
 {
     const rdpi_f32_params_t *params = self->params;
@@ -464,32 +510,53 @@ APART static rdpi_real_t full_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     const rdpi_f32_piece_t *piece = rdpi_f32_piece(params->inverse, params->deadzones, reference_um);
 #if RDPI_QUICK_STEP
     self->piece = piece;
-    if (!self->plain) {
-        self->plain = self->rate.window == 1u && self->rate.keep <= 0 && params->slew_V_per_s <= 0 &&
-                      params->dac_bits > 0u && fabs(params->code_of_x_0) <= MAX_CODE_0;
+    self->plain = is_plain(self);
+#endif
+    rdpi_real_t drive_V = walk(self, rdpi_f32_unsaturate(piece, reference_um - params->offset_um), rate_um_per_s, 0);
+#if RDPI_QUICK_STEP
+    /* Just come back to an end of the range: half a code the other way is beyond it, and clipped. */
+    bool down = self->bank.falling == (params->gain_um_per_V > 0);
+    if (self->bank.engaged > 0u && self->dac_code == (down ? (uint32_t)params->last_code : 0u)) {
+        take_the_long_way(self);
     }
 #endif
-    return walk(self, rate_um_per_s, rdpi_f32_unsaturate(piece, reference_um - params->offset_um));
+    return drive_V;
 }
 
 #if RDPI_QUICK_STEP
-/* The same in a fraction of the instructions while no play engages or lets go, S^-1 does not bend and no limit is met,
- * which is nearly always. Comparisons are such that NaN fails; nothing is stored before all have passed, so that
- * full_step finds everything as it was. */
+/* The step of a sample that could take the short way, were the rate not above the guard or S^-1 on another piece. */
+APART static rdpi_real_t bend(rdpi_f32_t *self, rdpi_real_t reference_um, rdpi_real_t rate_um_per_s)
+{
+    const rdpi_f32_params_t *params = self->params;
+    self->flags = 0;
+    if (!(fabs(reference_um) <= RDPI_MAX_REFERENCE_UM)) {
+        return refuse_input(self);
+    }
+    rate_um_per_s = limit_rate(self, rate_um_per_s);
+    const rdpi_f32_piece_t *piece = rdpi_f32_piece(params->inverse, params->deadzones, reference_um);
+    self->rate.z_um[0] = reference_um;
+    self->piece = piece;
+    return walk(self, rdpi_f32_unsaturate(piece, reference_um - params->offset_um), rate_um_per_s,
+                fabs(params->um_per_code));
+}
+
+/* Any step, in a fraction of the instructions while no play engages or lets go, S^-1 does not bend and no limit is met,
+ * which is nearly always. Comparisons are such that NaN fails; nothing is stored before the reference is known to be
+ * usable. */
 rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
 {
     const rdpi_f32_params_t *params = self->params;
-    const rdpi_f32_piece_t *piece = self->piece;
-    rdpi_f32_bank_t *bank = &self->bank;
     if (!self->plain) {
         return full_step(self, reference_um);
     }
+    const rdpi_f32_piece_t *piece = self->piece;
+    rdpi_f32_bank_t *bank = &self->bank;
     rdpi_real_t rate_um_per_s = rdpi_f32_rate_plain(&self->rate, reference_um);
     if (!(rate_um_per_s <= params->max_um_per_s)) {
-        return full_step(self, reference_um);
+        return bend(self, reference_um, rate_um_per_s);
     }
     if (!((reference_um - piece->from_um) * (piece->to_um - reference_um) >= 0)) {
-        return full_step(self, reference_um);
+        return bend(self, reference_um, rate_um_per_s);
     }
     rdpi_real_t v_um = rdpi_f32_unsaturate(piece, reference_um - params->offset_um);
     rdpi_real_t x_um = rdpi_f32_bank_near(bank, rate_um_per_s, v_um);
@@ -499,13 +566,7 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     self->rate.z_um[0] = reference_um;
     self->rate_um_per_s = rate_um_per_s;
     if (!(room >= 0)) {
-        /* Back along W_0, but not by half a code: it stays. */
-        rdpi_real_t back_um = (bank->y_um[0] - x_um) * rdpi_f32_bank_side(bank->falling);
-        rdpi_real_t least_um = fabs(params->um_per_code) * rdpi_f32_slope(params->play, rate_um_per_s);
-        if (bank->engaged > 0u && back_um >= 0 && 2 * back_um * rdpi_f32_slope(bank->at, rate_um_per_s) < least_um) {
-            return self->drive_V;
-        }
-        return walk(self, rate_um_per_s, v_um);
+        return walk(self, v_um, rate_um_per_s, fabs(params->um_per_code));
     }
     uint32_t code = (uint32_t)rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0);
     rdpi_real_t drive_V = rdpi_f32_fma((rdpi_real_t)code, params->V_per_code, params->min_V);
@@ -555,7 +616,7 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     if (drive_V == turn_V) {
         self->sweep_turns--;
     }
-    rdpi_f32_target_t target = {x_of_drive(params, drive_V), 0, false};
+    rdpi_f32_target_t target = rdpi_f32_bank_target(&self->bank, x_of_drive(params, drive_V));
     output(self, drive_V, target);
     return self->sweep_turns > 0u;
 }
@@ -582,10 +643,10 @@ rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t 
         fabs(outside_V) > MAX_SPANS * (params->max_V - params->min_V)) {
         return rdpi_f32_predict(self, refuse_input(self), self->rate_um_per_s);
     }
-    rdpi_f32_target_t target = {x_of_drive(params, drive_V), 0, false};
+    rdpi_f32_target_t target = rdpi_f32_bank_target(&self->bank, x_of_drive(params, drive_V));
     (void)limit_rate(self, rate_um_per_s);
     forget_samples(self);
-    rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
+    (void)rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
     hold(self, drive_V);
     return displacement_um;
 }

@@ -1768,8 +1768,9 @@ void test_missed_samples_do_not_survive_a_reset(void)
 
 /* ---- the short way ---- */
 
-/* Steps through references of all kinds, beside a twin that is made to take the long way. */
-static void equals_the_long_way(size_t plays, rdpi_real_t slack_V)
+/* Steps through references of all kinds, beside a twin that is made to take the long way; `open` says whether there
+ * is a short one. */
+static void equals_the_long_way(size_t plays, rdpi_real_t slack_V, bool open)
 {
     given.params.plays = (uint16_t)plays;
     start();
@@ -1809,7 +1810,7 @@ static void equals_the_long_way(size_t plays, rdpi_real_t slack_V)
         for (size_t i = 0; i < plays; i++) {
             TEST_ASSERT_FLOAT_WITHIN(2e-4f, (float)twin_y_um[i], (float)y_um[i]);
         }
-        TEST_ASSERT_EQUAL(k > 0, plain);
+        TEST_ASSERT_EQUAL(open && k > 0, plain);
     }
     TEST_ASSERT_EQUAL_UINT32(twin.clip_count, axis.clip_count);
     TEST_ASSERT_EQUAL_UINT32(twin.guard_count, axis.guard_count);
@@ -1820,16 +1821,63 @@ void test_short_and_long_way_lead_to_the_same_drive(void)
 {
     for (size_t plays = 1; plays <= PLAYS; plays++) {
         given.params.dac_bits = 20;
-        equals_the_long_way(plays, (rdpi_real_t)1e-4); /* codes are 3e-5 V, which single precision just resolves */
+        equals_the_long_way(plays, (rdpi_real_t)1e-4, true); /* codes are 3e-5 V, which single precision just resolves */
     }
 }
 
 void test_short_and_long_way_lead_to_the_same_code(void)
 {
     five_bit_dac();
-    equals_the_long_way(PLAYS, (rdpi_real_t)1e-5);
+    equals_the_long_way(PLAYS, (rdpi_real_t)1e-5, true);
     given.params.gain_um_per_V = (rdpi_real_t)-1.5; /* corners between codes: rounding alone can reach one */
-    equals_the_long_way(PLAYS, (rdpi_real_t)1e-5);
+    equals_the_long_way(PLAYS, (rdpi_real_t)1e-5, true);
+}
+
+void test_codes_so_coarse_that_half_of_one_leads_past_a_corner_take_the_long_way(void)
+{
+    given.play[0].slope = 2; /* steeper than beyond r_1: W_0 alone would hold back what gets to the next code */
+    given.params.min_V = -15;
+    for (unsigned bits = 3; bits <= 5; bits++) { /* 8.6 um, 4 r_1 and 1.9 um a code */
+        given.params.dac_bits = (uint16_t)bits;
+        equals_the_long_way(PLAYS, (rdpi_real_t)1e-5, bits > 3);
+    }
+}
+
+void test_back_from_beyond_the_range_half_a_code_the_other_way_is_clipped(void)
+{
+    without_rate_law();
+    five_bit_dac();
+    for (int side = -1; side <= 1; side += 2) {
+        start();
+        rdpi_real_t end_V = side > 0 ? given.params.max_V : given.params.min_V;
+        rdpi_f32_forward(&axis, end_V + (rdpi_real_t)side * 20, 0); /* and back: all plays are engaged */
+        rdpi_real_t end_um = rdpi_f32_predict(&axis, end_V, 0);
+        for (int k = 0; k < 4; k++) {
+            rdpi_real_t drive_V = rdpi_f32_step(&axis, end_um + (rdpi_real_t)(side * (k % 2 == 0 ? -1 : 1)) / 32);
+            EQUAL_REAL(end_V, drive_V);
+            TEST_ASSERT_EQUAL_UINT32(k % 2 == 0 ? 0 : RDPI_FLAG_RANGE, axis.flags);
+        }
+    }
+}
+
+void test_the_short_way_refuses_what_is_no_reference(void)
+{
+    const rdpi_real_t bad_um[] = {(rdpi_real_t)NAN, (rdpi_real_t)INFINITY, (rdpi_real_t)-INFINITY,
+                                  (rdpi_real_t)1.001e6, (rdpi_real_t)-1.001e6};
+    given.params.dac_bits = 16;
+    for (size_t k = 0; k < sizeof bad_um / sizeof bad_um[0]; k++) {
+        start();
+        rdpi_f32_step(&axis, 1);
+        rdpi_real_t drive_V = rdpi_f32_step(&axis, 2); /* above the guard: flagged */
+        TEST_ASSERT_TRUE(axis.plain);
+        rdpi_real_t held_V = rdpi_f32_step(&axis, bad_um[k]);
+        SAME_REAL(drive_V, held_V);
+        TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_INPUT, axis.flags);
+        TEST_ASSERT_EQUAL_UINT32(1, axis.input_count);
+        rdpi_f32_step(&axis, (rdpi_real_t)2.25);
+        EQUAL_REAL(0.25 / 2 / T_S, axis.rate_um_per_s);
+        TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_MISSED, axis.flags);
+    }
 }
 
 void test_a_sweep_after_the_short_way_starts_from_the_drive(void)

@@ -26,18 +26,12 @@ static void fill(rdpi_f32_play_t *play, const rdpi_real_t *at_rate_1)
     actuator_derive_intercepts(play, COUNT);
 }
 
-static void move_with_guess(rdpi_real_t x_um, size_t guess)
+static void move(rdpi_real_t x_um)
 {
-    const rdpi_f32_target_t target = {x_um, guess, false};
-    rdpi_f32_bank_move(&bank, halving, COUNT, target);
+    rdpi_f32_bank_move(&bank, halving, COUNT, rdpi_f32_bank_target(&bank, x_um));
     for (size_t i = 0; i < COUNT; i++) {
         plain_um[i] = rdpi_f32_play(x_um, halving[i].r_um, plain_um[i]);
     }
-}
-
-static void move(rdpi_real_t x_um)
-{
-    move_with_guess(x_um, 0);
 }
 
 /* Solved on a copy: nothing moves. */
@@ -123,9 +117,8 @@ void test_a_closed_minor_loop_is_forgotten(void)
 
 void test_move_touches_count_plays_and_no_more(void)
 {
-    const rdpi_f32_target_t target = {5, 0, false};
     bank.y_um[2] = 77;
-    rdpi_f32_bank_move(&bank, halving, 2, target);
+    rdpi_f32_bank_move(&bank, halving, 2, rdpi_f32_bank_target(&bank, 5));
     equal_states(5, 4, 77, 0);
 }
 
@@ -152,26 +145,14 @@ void test_a_play_reached_but_not_pushed_yet_is_not_engaged(void)
     equal_states(3, 4, 3, 1);
 }
 
-void test_the_guess_how_many_plays_engage_does_not_matter(void)
-{
-    const rdpi_real_t path_um[] = {3, 2, 5, 4, -1, -1, 0, -6, 6};
-    for (size_t guess = 0; guess < COUNT; guess++) {
-        setUp();
-        for (size_t k = 0; k < sizeof path_um / sizeof path_um[0]; k++) {
-            move_with_guess(path_um[k], guess);
-            equal_states(plain_um[0], plain_um[1], plain_um[2], plain_um[3]);
-        }
-    }
-}
-
 void test_turning_round_moves_no_play(void)
 {
     move(5);
-    rdpi_f32_bank_turn(&bank, halving);
+    rdpi_f32_bank_turn(&bank, halving, 1);
     TEST_ASSERT_TRUE(bank.falling);
     TEST_ASSERT_EQUAL_UINT(0, bank.engaged);
     equal_states(5, 4, 3, 1);
-    rdpi_f32_bank_turn(&bank, halving);
+    rdpi_f32_bank_turn(&bank, halving, -1);
     TEST_ASSERT_FALSE(bank.falling);
     equal_states(5, 4, 3, 1);
 }
@@ -184,6 +165,17 @@ void test_states_taken_on_are_those_given(void)
     equal_states(5, 4, 3, 1);
     solves(4, 9);
     solves(6, (rdpi_real_t)13.5);
+}
+
+/* Each y_i so far below x - r_i that the play would be engaged, were they not rounded. */
+void test_states_taken_on_are_those_given_also_where_they_are_rounded(void)
+{
+    const rdpi_real_t y_um[COUNT] = {5, (rdpi_real_t)3.9999, (rdpi_real_t)2.9998, (rdpi_real_t)0.9997};
+    rdpi_f32_bank_set(&bank, halving, COUNT, y_um);
+    for (size_t i = 0; i < COUNT; i++) {
+        rdpi_real_t state_um = rdpi_f32_bank_state(&bank, halving, i);
+        TEST_ASSERT_EQUAL_MEMORY(&y_um[i], &state_um, sizeof state_um);
+    }
 }
 
 /* ---- the output ---- */
@@ -350,15 +342,11 @@ void test_solving_moves_no_play(void)
     equal_states(5, 4, 3, 1);
 }
 
-void test_solution_says_how_many_plays_it_engages_and_whether_it_turned(void)
+void test_solution_says_whether_x_has_turned(void)
 {
-    rdpi_f32_target_t target = rdpi_f32_bank_solve(&bank, halving, COUNT, 0, (rdpi_real_t)3.5);
-    TEST_ASSERT_EQUAL_UINT(2, target.engaged);
-    TEST_ASSERT_FALSE(target.turned);
     move(5);
-    target = rdpi_f32_bank_solve(&bank, halving, COUNT, 0, (rdpi_real_t)7.5);
-    TEST_ASSERT_EQUAL_UINT(1, target.engaged);
-    TEST_ASSERT_TRUE(target.turned);
+    TEST_ASSERT_FALSE(rdpi_f32_bank_solve(&bank, halving, COUNT, 0, 12).turned);
+    TEST_ASSERT_TRUE(rdpi_f32_bank_solve(&bank, halving, COUNT, 0, (rdpi_real_t)7.5).turned);
 }
 
 /* ---- the short way ---- */

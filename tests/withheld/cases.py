@@ -17,8 +17,8 @@ from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
-from plants import (EFFECTS, FORMS, IN_CATALOGUE, OUT_OF_CATALOGUE, POOR, RICH, Form, Put, Run, make_machine, make_run,
-                    record, simulate)
+from actuators import (EFFECTS, FORMS, IN_CATALOGUE, OUT_OF_CATALOGUE, POOR, RICH, Form, Put, Run, make_machine,
+                       make_run, record, simulate)
 from rdpi import chain, cli
 from rdpi.model import Model, read_model
 from rdpi.recording import Recording, write_recording

@@ -4,7 +4,7 @@
     .venv/bin/python tests/withheld/check.py --cases 600 --seed 1 --jobs 2 -o build/withheld
     .venv/bin/python tests/withheld/check.py --withhold all --cases 160 -o build/withheld-one-out
 
-1. Generate. Machines of plants.py are recorded and identified with `rdpi fit`; then they are recorded again, under
+1. Generate. Machines of actuators.py are recorded and identified with `rdpi fit`; then they are recorded again, under
    random names, with other waveforms and fresh noise, with or without an effect in them: one of the sixteen that the
    tool knows, one that it does not, two at once, or none; at severities from 0.3 to 10 times what the model misses
    anyway; on rich recordings and on poor ones (a tracking profile and a sine); with the amplifier's monitor and
@@ -47,8 +47,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import measured  # noqa: E402
 import score  # noqa: E402
+from actuators import FORMS, IN_CATALOGUE  # noqa: E402
 from cases import Case, generate, plan, rdpi, read_labels, write_labels  # noqa: E402
-from plants import FORMS, IN_CATALOGUE  # noqa: E402
 
 SEEDS = {"tune": 0, "report": 1_000_000}  # added to --seed
 
@@ -59,6 +59,8 @@ def diagnose(case: Path) -> None:
     model, improved, gap = (case / task["model"]).resolve(), case / "improved.json", case / "gap.json"
     without = [word for name in task["without"] for word in ("--without", name)]
     later = [str(path) for path in sorted(case.glob("later-*.csv"))]
+    for old in (improved, gap):
+        old.unlink(missing_ok=True)
     begin = time.perf_counter()
     verdict: dict[str, Any] = {}
     try:
@@ -131,10 +133,13 @@ def prepare(folder: Path, settings: dict[str, Any], jobs: int) -> str:
     return digest
 
 
-def run(folder: Path, settings: dict[str, Any], jobs: int) -> list[score.Judged]:
-    """Generate, diagnose what has no verdict yet, and only then open the labels."""
+def run(folder: Path, settings: dict[str, Any], jobs: int, again: bool = False) -> list[score.Judged]:
+    """Generate, diagnose what has no verdict yet (or all, again), and only then open the labels."""
     folder.mkdir(parents=True, exist_ok=True)
     digest = prepare(folder, settings, jobs)
+    if again:
+        for old in folder.glob("cases/*/verdict.json"):
+            old.unlink()
     waiting = [path.parent for path in sorted(folder.glob("cases/*/task.json"))
                if not (path.parent / "verdict.json").exists()]
     for _ in each(jobs, "diagnosing, cases", diagnose, waiting):
@@ -153,12 +158,13 @@ def main() -> None:
     parser.add_argument("--withhold", choices=[*IN_CATALOGUE, "all"], metavar="NAME",
                         help="deny the tool this effect and present exactly that; all: each in turn")
     parser.add_argument("--jobs", type=int, default=2, help="processes; default: %(default)s")
+    parser.add_argument("--again", action="store_true", help="diagnose anew what has a verdict; recordings stay")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     given = parser.parse_args()
     if given.withhold and given.set == "measured":
         parser.error("--withhold: takes the sets of virtual actuators")
     settings = {"cases": given.cases, "seed": given.seed, "set": given.set, "withhold": given.withhold}
-    judged = run(given.output, settings, given.jobs)
+    judged = run(given.output, settings, given.jobs, given.again)
     rows = score.figures(judged)
     matrix = score.confusion(judged)
     print(score.table(rows), score.per_effect(judged), score.matrix_text(*matrix), sep="\n\n")

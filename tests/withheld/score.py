@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from actuators import IN_CATALOGUE
 from cases import GROUP_OF, Case
-from plants import IN_CATALOGUE
 
 Z = 1.959964  # of a 95 % interval
 RESAMPLES = 1000
@@ -167,7 +167,9 @@ def figures(judged: Sequence[Judged]) -> list[Figure]:
             hot = np.array([j.detection for j in of("single", low) if known(j) and j.case.reached < high])
             found = _bootstrap(auc, hot, calm) if len(hot) and len(calm) else None
             rows.append(_row(name, found, len(hot), least=least))
-        rows.append(_share("false alarms on 'none'", none, lambda j: j.verdict != "none", most=0.05))
+        poor = of("none", recordings="poor")
+        rows += [_share("false alarms on 'none'", none, lambda j: j.verdict != "none", most=0.05),
+                 _share("  of these on poor recordings", poor, lambda j: j.verdict != "none")]
     single = of("single", NAMEABLE)
     with_monitor = [j for j in single if j.case.monitor]
     if single:

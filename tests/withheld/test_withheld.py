@@ -15,17 +15,17 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 sys.path.insert(0, str(HERE))
 
+import actuators  # noqa: E402
 import cases  # noqa: E402
 import check  # noqa: E402
 import measured  # noqa: E402
-import plants  # noqa: E402
 import score  # noqa: E402
-from plants import EFFECTS, FORMS, IN_CATALOGUE, Machine, Put, Run, simulate  # noqa: E402
+from actuators import EFFECTS, FORMS, IN_CATALOGUE, Machine, Put, Run, simulate  # noqa: E402
 from rdpi.recording import Recording  # noqa: E402
 
 RATE_HZ = 1000.0
 CLEAN = Machine(noise=0.0, flicker=0.0, creep=0.0, adc_bits=30, monitor=True)
-KINDS = sorted(plants.RAW_LOOPS)
+KINDS = sorted(actuators.RAW_LOOPS)
 SHAPES = {"power-preisach": {"power": 1.5}}
 
 
@@ -74,12 +74,12 @@ def statements(source: str) -> set[str]:
     return found
 
 
-PLANT_SOURCES = [HERE / "plants.py", HERE.parent / "bench" / "bench_laws.py"]
+OUR_SOURCES = [HERE / "actuators.py", HERE.parent / "bench" / "bench_laws.py"]
 TOOL_SOURCES = sorted((ROOT / "host_tools" / "rdpi").rglob("*.py"))
 
 
-@pytest.mark.parametrize("path", PLANT_SOURCES, ids=lambda path: path.name)
-def test_plants_import_nothing_of_rdpi(path):
+@pytest.mark.parametrize("path", OUR_SOURCES, ids=lambda path: path.name)
+def test_actuators_import_nothing_of_rdpi(path):
     assert foreign_imports(path.read_text(), {"bench_laws"}) == set()
 
 
@@ -89,8 +89,8 @@ def test_import_check_notices(source):
     assert foreign_imports(source, {"bench_laws"})
 
 
-@pytest.mark.parametrize("path", PLANT_SOURCES, ids=lambda path: path.name)
-def test_plants_share_no_statement_with_rdpi(path):
+@pytest.mark.parametrize("path", OUR_SOURCES, ids=lambda path: path.name)
+def test_actuators_share_no_statement_with_rdpi(path):
     assert len(TOOL_SOURCES) > 20
     theirs = set().union(*(statements(source.read_text()) for source in TOOL_SOURCES))
     assert statements(path.read_text()) & theirs == set()
@@ -107,28 +107,28 @@ def test_statement_check_notices_a_copied_function():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_loop_has_half_width_1_and_closed_ends(kind):
-    loop = plants.Loop(kind, SHAPES.get(kind, {}))
-    d, bow = loop(np.concatenate([plants.BRANCH, -plants.BRANCH] * 3))
-    rising, falling = np.split(d[-2 * len(plants.BRANCH):], 2)
-    assert np.interp(0, plants.BRANCH, rising) == pytest.approx(-1, rel=1e-3), "the displacement trails the voltage"
+    loop = actuators.Loop(kind, SHAPES.get(kind, {}))
+    d, bow = loop(np.concatenate([actuators.BRANCH, -actuators.BRANCH] * 3))
+    rising, falling = np.split(d[-2 * len(actuators.BRANCH):], 2)
+    assert np.interp(0, actuators.BRANCH, rising) == pytest.approx(-1, rel=1e-3), "the displacement trails the voltage"
     assert np.abs(rising + falling[::-1]).max() < 2e-3
     assert abs(rising[-1]) < 2e-3 and abs(falling[-1]) < 2e-3
-    assert bow[len(plants.BRANCH) - 1] == pytest.approx(0, abs=2e-3) == bow[-1]
+    assert bow[len(actuators.BRANCH) - 1] == pytest.approx(0, abs=2e-3) == bow[-1]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_sweep_leaves_the_same_memory_whatever_came_before(kind):
     machine = replace(CLEAN, kind=kind, shape=SHAPES.get(kind, {}))
-    swept = plants.make_run("small", machine, FORMS["tune"], 5)
+    swept = actuators.make_run("small", machine, FORMS["tune"], 5)
     a, b = (simulate(machine, replace(swept, past_V=np.concatenate([past, swept.past_V]), cache={}))[1]
             for past in ([0.0, 100], [100.0, 0]))
     assert np.std(a - b) < 2e-3 * np.std(a)
 
 
-@pytest.mark.parametrize("kind", [*plants.WAVES])
+@pytest.mark.parametrize("kind", [*actuators.WAVES])
 def test_waveforms_stay_in_range_and_differ_by_seed(kind):
     for form in FORMS.values():
-        first, again, other = (plants.make_run(kind, CLEAN, form, seed) for seed in (1, 1, 2))
+        first, again, other = (actuators.make_run(kind, CLEAN, form, seed) for seed in (1, 1, 2))
         assert np.array_equal(first.command_V, again.command_V)
         assert not np.array_equal(first.command_V, other.command_V[:len(first.command_V)])
         assert first.command_V.min() >= 0 and first.command_V.max() <= 100
@@ -137,7 +137,7 @@ def test_waveforms_stay_in_range_and_differ_by_seed(kind):
 
 def test_recording_holds_noise_grid_and_monitor():
     machine = replace(CLEAN, noise=1e-3, adc_bits=12)
-    columns = plants.record(machine, run_of(np.full(20_000, 0.3)), (), 1)
+    columns = actuators.record(machine, run_of(np.full(20_000, 0.3)), (), 1)
     assert np.std(columns["displacement_um"]) == pytest.approx(0.015, rel=0.1)
     steps = columns["displacement_um"] / (2 * machine.stroke_um / 2**12)
     assert np.abs(steps - np.round(steps)).max() < 1e-3
@@ -148,7 +148,7 @@ def test_recording_holds_noise_grid_and_monitor():
 def test_unrest_spreads_drift_and_gain_of_runs():
     machine, run = replace(CLEAN, unrest=0.01), run_of(sine(2))
     plain = simulate(CLEAN, run)[1]
-    added = [plants.record(machine, run, (), k)["displacement_um"] - plain for k in range(150)]
+    added = [actuators.record(machine, run, (), k)["displacement_um"] - plain for k in range(150)]
     basis = np.column_stack([np.linspace(0, 1, len(plain)), plain - plain.mean(), np.ones(len(plain))])
     found = np.linalg.lstsq(basis, np.transpose(added), rcond=None)[0]
     assert np.std(found[0]) == pytest.approx(0.01 * CLEAN.stroke_um, rel=0.2)
@@ -164,7 +164,7 @@ def places() -> list[tuple[str, str]]:
 @pytest.mark.parametrize("name, where", places())
 def test_effect_vanishes_with_its_size_and_grows_with_it(name, where):
     machine = replace(CLEAN, rate_law=0.2)
-    runs = [plants.make_run(kind, machine, FORMS["tune"], 3) for kind in ("two", "saw")]
+    runs = [actuators.make_run(kind, machine, FORMS["tune"], 3) for kind in ("two", "saw")]
     rms = [cases.pooled([change(Put(name, size, where, 0.7), run, machine)[1] for run in runs])
            for size in (0.0, 0.2 * EFFECTS[name].largest, EFFECTS[name].largest)]
     assert rms[0] < 1e-6
@@ -212,7 +212,7 @@ def test_quantisation_leaves_a_grid_and_no_bias():
     _, reading = simulate(CLEAN, run_of(sine(3)), [Put("quantisation", 0.01, "sensor")])
     assert np.abs(reading / 0.15 - np.round(reading / 0.15)).max() < 1e-6
     assert abs(np.mean(change(Put("quantisation", 0.01, "sensor"), run_of(sine(3)))[1])) < 0.15 / 20
-    noisy = plants.record(replace(CLEAN, noise=0.002), run_of(sine(3)), [Put("quantisation", 0.01, "sensor")])
+    noisy = actuators.record(replace(CLEAN, noise=0.002), run_of(sine(3)), [Put("quantisation", 0.01, "sensor")])
     assert np.abs(noisy["displacement_um"] / 0.15 - np.round(noisy["displacement_um"] / 0.15)).max() < 1e-4
 
 
@@ -255,7 +255,7 @@ def test_memory_is_forgotten_after_the_whole_range(kind):
     machine = replace(CLEAN, kind=kind, shape=SHAPES.get(kind, {}))
     share = np.concatenate([0.5 + 0.1 * np.sin(np.arange(1000) / 30), np.linspace(0.5, 1, 200), np.linspace(1, 0, 400),
                             np.linspace(0, 1, 400), sine(3)])
-    run = replace(run_of(share), past_V=plants.make_run("small", machine, FORMS["tune"], 5).past_V)
+    run = replace(run_of(share), past_V=actuators.make_run("small", machine, FORMS["tune"], 5).past_V)
     _, added = change(Put("initial_memory", 0.8), run, machine)
     assert np.abs(added[:1000]).max() > 0.02 * machine.stroke_um
     assert np.abs(added[2000:]).max() < 0.03 * np.abs(added).max()
@@ -300,7 +300,7 @@ def test_backlash_loses_its_width_at_every_turn():
 
 @pytest.mark.parametrize("name", sorted(IN_CATALOGUE))
 def test_monitor_shows_what_happens_before_it_and_nothing_else(name):
-    run = plants.make_run("two", CLEAN, FORMS["tune"], 3)
+    run = actuators.make_run("two", CLEAN, FORMS["tune"], 3)
     for where in EFFECTS[name].places:
         volts, _ = change(Put(name, 0.3 * EFFECTS[name].largest, where), run)
         before = name in ("slew_limit", "rail_saturation") or where in ("command", "dac", "amplifier")
@@ -322,7 +322,7 @@ def test_full_plan_holds_every_effect_at_every_severity():
     assert sum(case.group == "none" for case in planned) >= 200
     single = {(case.names[0], case.rho) for case in planned if case.group == "single"}
     assert single == {(name, rho) for name in IN_CATALOGUE for rho in cases.RHOS}
-    assert {case.names[0] for case in planned if case.group == "foreign"} == set(plants.OUT_OF_CATALOGUE)
+    assert {case.names[0] for case in planned if case.group == "foreign"} == set(actuators.OUT_OF_CATALOGUE)
     assert {case.names[0] for case in cases.plan(16, 1, "all")} == set(IN_CATALOGUE)
     assert set(cases.GROUP_OF) == set(IN_CATALOGUE) == set(score.WHERE)
 
@@ -342,7 +342,7 @@ def test_generated_files_hold_what_was_asked_and_no_label(small_set):
     assert made[0].growth == 1 and made[1].growth == pytest.approx(np.sqrt(5), rel=0.15)
     assert made[2].growth < np.sqrt(17) and made[2].absorbed > 0
     for case in made:
-        assert len(list((folder / "cases" / case.ident).glob("run-*.csv"))) == len(plants.RICH)
+        assert len(list((folder / "cases" / case.ident).glob("run-*.csv"))) == len(actuators.RICH)
         task = json.loads((folder / "cases" / case.ident / "task.json").read_text())
         assert (folder / "cases" / case.ident / task["model"]).exists() and task["without"] == []
     for path in folder.glob("cases/*/*"):

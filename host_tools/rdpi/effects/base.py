@@ -69,6 +69,11 @@ class Effect:
         return self.stage in BEFORE_MONITOR
 
     @property
+    def ahead(self) -> bool:
+        """Whether it acts on the drive or on the operator, not on the displacement."""
+        return self.before_monitor or type(self).operator is not Effect.operator
+
+    @property
     def free(self) -> tuple[str, ...]:
         """Names of the parameters that a fit moves; the others stay where it starts."""
         return tuple(parameter.name for parameter in self.parameters)

@@ -12,7 +12,7 @@ from .base import Effect, Parameter, Values, View
 HARMONICS = 8
 LEAST_STEP = 1e-9  # um or V; a finer grid is none
 BINS, FINER = 1 << 14, 8  # of the command's range, and of their spectrum
-LEAST_STEPS = 6  # over the command's range
+LEAST_STEPS = 3  # over the command's range
 PEAKS = 2
 ORIGINS = np.arange(16) / 16  # tried, of a step: a staircase has no slope for the fit to follow
 DITHERS = 0.0, 0.1, 0.2, 0.3, 0.45  # of a step

@@ -8,7 +8,7 @@ from ..model import Model
 from ..recording import Recording
 from .base import Effect, Parameter, Values, View
 
-SHARES = 0.95 * 0.75 ** np.arange(24)  # of the fastest move, where a fit starts
+SHARES = 0.95 * 0.75 ** np.arange(14)  # of the fastest move, where a fit starts
 
 
 class SlewLimit(Effect):

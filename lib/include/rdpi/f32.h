@@ -20,9 +20,10 @@
  *
  * Cost classes: n + 1 plays, m + 1 pieces of saturation. "Amortised" counts a reversal, and each play that engages
  * after it, against the step in which it happens: O(n) at worst, none in most steps. Those take a short way of some 70
- * instructions if there are DAC codes, but no rate window of several samples, no filter and no slew limit.
+ * instructions if there are DAC codes no further than 4 r_1 apart, but no rate window of several samples, no filter and
+ * no slew limit.
  * RDPI_QUICK_STEP, 0 or 1, defined for lib/src says whether the short way is compiled; by default it is but for -Os, as
- * it adds some 850 bytes of code. */
+ * it adds some 1500 bytes of code. */
 #ifndef RDPI_F32_H
 #define RDPI_F32_H
 
