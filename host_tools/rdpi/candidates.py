@@ -96,7 +96,8 @@ class Rig:
             start_um = self.start_um
             if run.memory == "reset" and drive_V[0] != self.input_V[0]:
                 start_um = np.full(len(start_um), model.x_of(drive_V[0]))  # the sweep ended where it was driven to
-        engine = self._engine if model is self.model else chain.operator_from(model, driven, start_um)
+        own = model is self.model and start_um is self.start_um
+        engine = self._engine if own else chain.operator_from(model, driven, start_um)
 
         def forward(rate_um_per_s: np.ndarray) -> np.ndarray:
             engine.memory_um = start_um
@@ -259,6 +260,8 @@ def search(bench: Bench, effect: Effect, acting: Sequence[Acting], before: np.nd
         best = _square(left - at)
         for damping in (1.0, 0.5, 0.25, 0.06):
             new = bounded(effect, values, dict(zip(free, damping * move)))
+            if effect.refusal(new) is not None:
+                continue
             there = change(new)
             if _square(left - there) < best:
                 break

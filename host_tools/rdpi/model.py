@@ -219,6 +219,8 @@ class Model:
         for key in ("window_s", "filter_s", "smoothing_s"):
             if getattr(rate, key) < 0:
                 refuse(f"rate.{key}", f"is {getattr(rate, key):g} s; must not be negative")
+        if rate.identified_um_per_s is not None and not rate.identified_um_per_s >= 1 / LARGEST:
+            refuse("rate.identified_um_per_s", f"is {rate.identified_um_per_s:g}; must be positive, or null")
         if not rate.max_um_per_s > 0:
             refuse("rate.max_um_per_s", f"is {rate.max_um_per_s:g}; must be positive")
         if not 0 < rate.min_slope_ratio < 1:

@@ -108,6 +108,8 @@ def read(model: Model, where: str = "model") -> dict[str, Any] | None:
         known.refuse("held_out", f"must be one of {', '.join(SOURCES)}")
     if not isinstance(known.item("runs"), list):
         known.refuse("runs", "must be a list")
+    for k, run in enumerate(known.item("runs")):
+        _Checked(run, f"{where}: passport.runs[{k}]").number("step_um")
     for name in AXES:
         axis = known.section("axes").section(name)
         edges = axis.numbers("edges", low=-np.inf)
@@ -129,7 +131,7 @@ def read(model: Model, where: str = "model") -> dict[str, Any] | None:
     for name in _Windows._fields:
         level.numbers(name, windows)
     for name in ("rms_um", "weight"):
-        if not np.all(level.numbers(name) > 0):
+        if not np.all(level.numbers(name) > 1 / LARGEST):
             level.refuse(name, "must be positive")
     return model.passport
 

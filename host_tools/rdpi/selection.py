@@ -157,7 +157,8 @@ class Selection:
             at = 0
             for one, values in zip(shared, old):
                 step = dict(zip(one.free, damping * move[at:at + len(one.free)]))
-                one.values = candidates.bounded(one.effect, values, step)
+                moved = candidates.bounded(one.effect, values, step)
+                one.values = values if one.effect.refusal(moved) else moved
                 at += len(one.free)
             now = float(np.sum((self.bench.measured - self.predict()) ** 2))
             if now < left:

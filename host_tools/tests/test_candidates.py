@@ -12,7 +12,7 @@ from injected import NOISE_UM, RATE_HZ, drives, entry, plain_model, recorded, rm
 from plants import changed, marked, quasi_static, stack, waves
 
 from rdpi import candidates, chain
-from rdpi.candidates import Bench, Candidate, Grams, search
+from rdpi.candidates import Bench, Candidate, Grams, Rig, search
 from rdpi.effects import CATALOGUE, Acting
 
 # An effect, where it acts, and the parameters a plant has; which of them to find, and how nearly.
@@ -80,9 +80,10 @@ def test_base_columns_are_the_slopes_of_the_prediction(law: float) -> None:
                           + step * (np.arange(10) == i) * model.slopes / top) for i in range(10)]
     moved += [replace(model, deadzone_weights=model.deadzone_weights + step * (np.arange(3) == j)) for j in (1, 2)]
     assert columns.shape == (len(rig.recording), len(moved))
-    before = replace(rig).respond([])
+    before = rig.respond([])
     for column, other in zip(columns.T, moved):
-        slope = (replace(rig, model=other, _plain=None).respond([]) - before) / step
+        beside = Rig(rig.recording, other, rig.start_um, rig.rate_um_per_s, rig.smoothing_s, rig.monitored)
+        slope = (beside.respond([]) - before) / step
         assert column == pytest.approx(slope, abs=1e-4 * model.stroke_um)
         assert np.ptp(column) > 0.01
 

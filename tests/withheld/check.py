@@ -18,12 +18,15 @@
 
 `--set tune` and `--set report` differ in seeds, kinds of loops, ranges of parameters, sampling rates and waveforms:
 thresholds may be tuned on the one, figures are told from the other. `--set measured` puts effects into the measured
-record instead, see measured.py. With `--withhold NAME`, or each in turn with
-`all`, the data hold exactly the effect that the tool is denied (`rdpi gap --without NAME`): right is then "unknown".
+record instead, see measured.py. With `--withhold NAME`, or each in turn with `all`, the data hold exactly the effect
+that the tool is denied (`rdpi gap --without NAME`): right is then "unknown".
 
 Terms: an effect counts as to be detected from rho 1, to be named from rho 2. A name is wrong if it is none of the
 case's and its set of rivals holds none of them. Cases whose residual grew by less than 10 % do not count: "born in",
-the fit took the effect up; else it hides in what the model misses anyway.
+the fit took the effect up; else it hides in what the model misses anyway. "First two" and "first three" are of a
+ranking: accepted effects, then the first one's rivals, then the other candidates by their shrink. What an effect
+outside the catalogue looks like by construction is its twin (TWINS in score.py); a twin's name counts neither for nor
+against.
 """
 
 from __future__ import annotations

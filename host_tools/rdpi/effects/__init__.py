@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import BadInput
-from ..model import Model, guard_rates
+from ..model import LARGEST, Model, guard_rates
 from ..recording import Recording
 from .backlash import Backlash
 from .base import BEFORE_MONITOR, STAGES, Effect, Parameter, Values, View
 from .creep import Creep
-from .cross_coupling import CrossCoupling, covariates
+from .cross_coupling import CrossCoupling, covariates, is_axis
 from .delay import Delay
 from .gain_change import GainChange
 from .hysteresis_change import HysteresisChange
@@ -126,7 +126,10 @@ def _acting(entry: Any, where: str) -> Acting:
     stage = entry.get("stage", kind.stages[0])
     if stage not in kind.stages:
         raise BadInput(f"{where}: stage is {json.dumps(stage)[:40]}; must be one of {', '.join(kind.stages)}")
-    options = {"column": entry["column"]} if kind is CrossCoupling and isinstance(entry.get("column"), str) else {}
+    options = {"column": entry["column"]} if kind is CrossCoupling and "column" in entry else {}
+    if options and not (isinstance(entry["column"], str) and is_axis(entry["column"])):
+        raise BadInput(f"{where}: column is {json.dumps(entry['column'])[:40]}; must name another axis' drive, such as "
+                       "other_axis_V")
     given = entry.get("parameters", {})
     if not isinstance(given, dict):
         raise BadInput(f"{where}: parameters must be an object")
@@ -137,9 +140,10 @@ def _acting(entry: Any, where: str) -> Acting:
         if value is None:
             value = parameter.absent
         if isinstance(value, bool) or not isinstance(value, (int, float)) or \
-                not (parameter.low <= value <= parameter.high):
+                not (parameter.low <= value <= parameter.high) or LARGEST < abs(value) < np.inf:
+            low, high = max(parameter.low, -LARGEST), min(parameter.high, LARGEST)
             raise BadInput(f"{where}: {parameter.name} is {json.dumps(value)[:40]}; must be a number, "
-                           f"{parameter.low:g} to {parameter.high:g} {parameter.unit}")
+                           f"{low:g} to {high:g} {parameter.unit}")
         values[parameter.name] = float(value)
     if (complaint := kind.refusal(values)) is not None:
         raise BadInput(f"{where}: {complaint}")

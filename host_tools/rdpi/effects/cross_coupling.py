@@ -13,8 +13,12 @@ OWN = "command_V", "monitor_V"
 
 def covariates(run: Recording) -> list[str]:
     """Columns in V of other axes that move."""
-    return [name for name, values in run.columns.items()
-            if name.endswith("_V") and name not in OWN and np.ptp(values) > 0]
+    return [name for name, values in run.columns.items() if is_axis(name) and np.ptp(values) > 0]
+
+
+def is_axis(column: str) -> bool:
+    """Whether a column of this name is the drive of another axis."""
+    return column.endswith("_V") and column not in OWN
 
 
 class CrossCoupling(Effect):
