@@ -28,6 +28,7 @@ ENOUGH = 1e-3  # relative change of the sum of squares at which they end
 PROBE = 1e-3  # change of the prediction that a slope is taken over, as a share of the stroke
 ROWS = 200_000  # samples used for the Gram matrices; more say no more
 REACH = 0.5  # of a candidate's change: how far its slopes are taken to be true
+OWN = 2.0  # times a line's amplitude: from there a recording moves at its frequency itself
 LEFT_OUT = 4  # parts of the only recording that are left out in turn
 REMEMBERED = 2  # responses of the operator that a rig keeps
 POSITIONS = 41  # tried for an unknown start of the memory
@@ -148,8 +149,9 @@ def rigs(model: Model, runs: Sequence[Recording], monitored: bool) -> list[Rig]:
 class Bench:
     """All recordings of one diagnosis as one long vector, and the block of each sample."""
 
-    def __init__(self, model: Model, runs: Sequence[Recording]) -> None:
-        self.monitored = all("monitor_V" in run.columns for run in runs)
+    def __init__(self, model: Model, runs: Sequence[Recording], monitored: bool = True) -> None:
+        """With `monitored` the actuator is driven by monitor_V, where every recording has it."""
+        self.monitored = monitored and all("monitor_V" in run.columns for run in runs)
         self.model, self.rigs = model, rigs(model, runs, self.monitored)
         self.lengths = [len(run) for run in runs]
         self.measured = self.join([run.displacement_um for run in runs],
@@ -228,6 +230,7 @@ class Candidate:
     change: np.ndarray  # D, long vector
     slopes: np.ndarray  # J, (len(D), len(free)), or what a disturbance fits to each recording
     memory_um: list[np.ndarray] | None = None  # plays before the first sample, per recording
+    synchronous: float = 0.0  # share of a line that goes with the recordings' own movement
 
     @property
     def per_run(self) -> bool:
@@ -362,15 +365,26 @@ def _disturbance(bench: Bench, effect: Effect, starts: list[dict[str, float]], l
     if "frequency_hz" in values:
         values["amplitude_um"] = float(np.sqrt(np.mean([_square(one) for one in found])))
     else:
-        values = effect.absent()
-        named = effect.parameters[_by_temperature(bench)].name
-        values[named] = float(np.average([one[0] for one in found], weights=bench.lengths))
-    return Candidate(effect, values, (), bench.join([part @ one for part, one in zip(parts, found)]),
-                     bench.join(parts))
+        values = {effect.free[0]: float(np.average([one[0] for one in found], weights=bench.lengths))}
+    one = Candidate(effect, values, (), bench.join([part @ size for part, size in zip(parts, found)]),
+                    bench.join(parts))
+    one.synchronous = _synchronous(bench, values, found)
+    return one
 
 
-def _by_temperature(bench: Bench) -> int:
-    return int(any("temperature_degC" in rig.recording.columns for rig in bench.rigs))
+def _synchronous(bench: Bench, values: dict[str, float], found: list[np.ndarray]) -> float:
+    """Share of a line's energy in recordings that move at its frequency themselves: that goes with the drive."""
+    if "frequency_hz" not in values:
+        return 0.0
+    whole = drowned = 0.0
+    for rig, size in zip(bench.rigs, found):
+        asked = rig.respond([])
+        turn = np.exp(-2j * np.pi * values["frequency_hz"] * np.arange(len(asked)) * rig.recording.sample_time_s)
+        window = np.hanning(len(asked))
+        moved = 2 * abs(np.sum(window * (asked - np.mean(asked)) * turn)) / np.sum(window)
+        energy = len(asked) * _square(size)
+        whole, drowned = whole + energy, drowned + energy * (moved > OWN * np.sqrt(_square(size)))
+    return drowned / whole if whole > 0 else 0.0
 
 
 class Grams:

@@ -86,7 +86,7 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
         elif kind == "model" or run.displacement_um is None:
             kind, states = "model", model.memory.plays_um
         else:
-            kind, states = "estimated", estimate_states(plain, run)
+            kind, states = "estimated", estimate_states(plain, run, acting)
         found = _predict(plain, run, states, kind)
         shown = effects.disturbed(acting, effects.moved(acting, found.predicted_um, run, model), run, model)
         predictions.append(replace(found, predicted_um=shown))
@@ -108,14 +108,15 @@ def warm_up(x_um: np.ndarray, largest_threshold_um: float) -> int:
     return int(np.argmax(spanned >= min(2 * largest_threshold_um, 0.999 * spanned[-1])))
 
 
-def estimate_states(model: Model, run: Recording) -> np.ndarray:
+def estimate_states(model: Model, run: Recording, acting: Sequence[effects.Acting] = ()) -> np.ndarray:
     """States at the first sample of a run with unknown memory, from how it begins; shape (n + 1,)."""
-    return start_states(model, run)[0]
+    return start_states(model, run, acting)[0]
 
 
-def start_states(model: Model, run: Recording) -> tuple[np.ndarray, float, float]:
+def start_states(model: Model, run: Recording, acting: Sequence[effects.Acting] = ()
+                 ) -> tuple[np.ndarray, float, float]:
     """Best states at the first sample, and the rms error in um of the samples that depend on them: with plays at rest,
-    with the best.
+    with the best. The displacement is what effects that act show of the operator's.
 
     One number is sought, the position from which the input came straight to where the run begins.
     """
@@ -131,7 +132,8 @@ def start_states(model: Model, run: Recording) -> tuple[np.ndarray, float, float
     measured = run.displacement_um[used]
 
     def miss_um(position: float) -> float:
-        error = measured - operator_from(model, run, states_after(position, x[0], r)).forward(run.command_V[used], rate)
+        z = operator_from(model, run, states_after(position, x[0], r)).forward(beginning.command_V, rate)
+        error = measured - effects.moved(acting, z, beginning, model)
         error -= np.mean(error[samples:])  # drift since the fit, and plays that never move, are not to pass for memory
         return float(np.sqrt(np.mean(error[:samples] ** 2)))
 

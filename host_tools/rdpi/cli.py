@@ -121,7 +121,8 @@ def _check_paths(context: click.Context) -> None:
                 raise BadInput(f"{value}: is no folder; name another for --report")
     for k, name in enumerate(paths["out"]):
         folder = os.path.dirname(name) or "."
-        makes_folder = "report" in context.params or (context.command.name == "import" and name.endswith("/"))
+        report = context.params.get("report")
+        makes_folder = bool(report) and folder == report or context.command.name == "import" and name.endswith("/")
         if not os.path.isdir(folder) and not makes_folder:
             raise BadInput(f"{name}: there is no folder {folder}; make it first")
         if "port" in context.params and os.path.realpath(name) == os.path.realpath(context.params["port"]):
@@ -758,6 +759,7 @@ def header(model: str, output: str, name: str, **sweep: float | None) -> dict[st
     parameters = read_model(model)
     parameters.drive = replace(parameters.drive, **{key: value for key, value in sweep.items() if value is not None})
     write_header(parameters, output, name, source=model)
+    _tell_effects(parameters)
     click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones, "
                f"starts from {parameters.memory.x_um / parameters.gain_um_per_V + parameters.offset_V:.6g} V, "
                f"start-up sweep ends at {parameters.sweep_end():.6g} V")
@@ -775,6 +777,13 @@ def header(model: str, output: str, name: str, **sweep: float | None) -> dict[st
     if q31 is None:
         click.echo(f"note: single precision only, not fixed point: {reason}")
     return {"file": output, "name": name, "digest": parameters.digest(), "q31": q31 is not None}
+
+
+def _tell_effects(model: Any) -> None:
+    """The inverse has none of the effects that `gap` adds: say so wherever it is made of a model that has."""
+    names = [str(effect.get("name")) for effect in model.effects if isinstance(effect, dict)]
+    if names:
+        click.echo(f"note: effects that only the simulation knows, not the inverse: {', '.join(names)}", err=True)
 
 
 class Dac(click.ParamType):
@@ -937,6 +946,7 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     from .telemetry import OFF_THE_MIDDLE, STILL, amid
 
     parameters = read_model(model)
+    _tell_effects(parameters)
     if dac_bits is not None:
         parameters.drive = replace(parameters.drive, dac_bits=dac_bits)
         parameters.validate(model)
@@ -1027,7 +1037,8 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
     click.echo(gap_report.tables(document))
     if output is not None:
         added = [effect["name"] for effect in found.improved.effects[len(parameters.effects):]]
-        click.echo(f"{output}: the model with {', '.join(added)}" if added else f"{output}: the model unchanged")
+        undecided = ", one of those that explain the gap" if document["verdict"] == "ambiguous" else ""
+        click.echo(f"{output}: the model " + (f"with {', '.join(added)}{undecided}" if added else "unchanged"))
     return document
 
 

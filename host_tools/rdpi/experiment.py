@@ -18,6 +18,7 @@ CANNED: tuple[tuple[str, dict[str, Any]], ...] = (
     ("sawtooth", {"cycles": 2}), ("steps", {"levels": 3, "hold_s": 1.0}), ("steps", {"levels": 2, "hold_s": 5.0}),
     ("minor-loops", {"levels": 4}), ("multisine", {"duration_s": 10.0}), ("sine", {"cycles": 3}),
     ("chirp", {"duration_s": 5.0}), ("startup", {}))
+SMALL = 0.1  # of the drive's range
 LONGEST = 120_000  # samples of a drive that is simulated
 
 
@@ -34,7 +35,7 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
     best = None
     for kind, options in CANNED:
         try:
-            columns, _ = excite.make_drive(kind, _limits(state), **options)
+            columns, _ = excite.make_drive(kind, _limits(state, kind), **options)
         except BadInput:
             continue
         if len(columns["time_s"]) > LONGEST:
@@ -53,14 +54,18 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
     return {"command": _command(state, best[2], best[3]), "why": why, "seconds": best[4]}
 
 
-def _limits(state: Selection) -> excite.Limits:
+def _limits(state: Selection, kind: str = "") -> excite.Limits:
+    """The model's drive; for a chirp, which reaches resonances, a tenth of its range about the middle."""
     drive = state.model.drive
-    return excite.Limits(drive.min_V, drive.max_V, sample_rate_hz=max(run.sample_rate_hz for run in state.runs),
+    share = SMALL if kind == "chirp" else 1.0
+    middle_V, half_V = (drive.min_V + drive.max_V) / 2, share * (drive.max_V - drive.min_V) / 2
+    return excite.Limits(middle_V - half_V, middle_V + half_V,
+                         sample_rate_hz=max(run.sample_rate_hz for run in state.runs),
                          slew_V_per_s=drive.slew_V_per_s)
 
 
 def _command(state: Selection, kind: str, options: dict[str, Any]) -> str:
-    limits = _limits(state)
+    limits = _limits(state, kind)
     parts = ["rdpi excite", kind, "-o next.csv", f"--min-V {limits.min_V:g}", f"--max-V {limits.max_V:g}",
              f"--sample-rate {limits.sample_rate_hz:g}"]
     if limits.slew_V_per_s is not None:

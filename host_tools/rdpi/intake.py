@@ -12,6 +12,7 @@ from .model import MAX_OFFSET, Model
 from .recording import Recording
 
 LARGEST_INPUT = 1e6  # V or um
+MONITOR_SLOPE = 0.3, 2.0  # V of monitor per V of command
 MIN_CORRELATION = 0.5  # between command and displacement
 GAIN_SPREAD = 5.0  # between the runs' um per volt
 MODEL_SPREAD = 3.0  # between the model's um per volt and a recording's
@@ -60,7 +61,8 @@ def reversals(command: np.ndarray, share: float, first: int = 0) -> int:
 
 def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> None:
     """Each run once, all of one actuator: same sign, same zero, about as many um per volt (small loops have fewer)."""
-    check_once([*runs, *hold_out], ", and one that is fitted is not held out")
+    _check_once([run.digest or id(run) for run in (*runs, *hold_out)], [*runs, *hold_out],
+                ", and one that is fitted is not held out")
     gains = [float(np.ptp(run.displacement_um) / np.ptp(run.command_V)) for run in runs]
     low, high = int(np.argmin(gains)), int(np.argmax(gains))
     if gains[high] > GAIN_SPREAD * gains[low]:
@@ -78,11 +80,10 @@ def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> 
                            "the sensor's zero or the command's offset has changed: subtract it, or fit the runs apart")
 
 
-def check_once(runs: Sequence[Recording], why: str = "") -> None:
-    """Raise BadInput for a run that is given twice."""
-    digests = [run.digest for run in runs if run.digest]
-    for run in runs:
-        if digests.count(run.digest) > 1:
+def _check_once(marks: Sequence[object], runs: Sequence[Recording], why: str = "") -> None:
+    """Raise BadInput if a mark is there twice."""
+    for run, mark in zip(runs, marks):
+        if marks.count(mark) > 1:
             raise BadInput(f"{run.path}: given twice (the same bytes); a run counts once{why}")
 
 
@@ -92,7 +93,7 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     widest = max(runs, key=lambda run: float(np.ptp(run.command_V)))
     for run in runs:
         check_run(run, related=run is widest)  # what shakes the actuator may drown its small movements
-    check_once(runs)
+    _check_once([hash(run.command_V.tobytes() + run.displacement_um.tobytes()) for run in runs], runs)
     usual = abs(model.gain_um_per_V) * float(model.slopes[-1])
     for run in runs:
         together = correlation(run)
@@ -105,17 +106,22 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
                            "volts as at commissioning, and displacement in um (`rdpi import`)")
         if times > MODEL_SPREAD and abs(together) > MIN_CORRELATION:
             notes.append(f"{run.path} moves {gain:.3g} um/V and the model {usual:.3g}: is it the same actuator?")
-        name = run.metadata.get("actuator", "")
-        if name and model.actuator and name != model.actuator:
-            notes.append(f"{run.path} was recorded from {name}, the model is of {model.actuator}")
         stays = stays_at_an_end(run)
         if stays:
             notes.append(f"{run.path}: {stays} samples stand at the very highest or lowest reading while the command "
                          "moves: a clipped sensor looks like saturation of the amplifier or a curved scale")
+        _check_covariates(run)
         low, high = float(np.min(run.command_V)), float(np.max(run.command_V))
         beyond = max(model.drive.min_V - low, high - model.drive.max_V)
         if beyond > 0.05 * (model.drive.max_V - model.drive.min_V):
             notes.append(f"{run.path}: the command goes {beyond:.3g} V beyond what the model was fitted to")
+    others = sorted({name for run in runs if (name := run.metadata.get("actuator", "")) and name != model.actuator})
+    if others and model.actuator:
+        notes.append(f"recorded from {', '.join(others)}, the model is of {model.actuator}")
+    fitted = {entry.get("digest") for entry in model.fit.get("runs", []) if isinstance(entry, dict)}
+    known = [run.path for run in runs if run.digest and run.digest in fitted]
+    if known:
+        notes.append(f"the model was fitted to {', '.join(known)}: give recordings that it does not know")
     if model.passport is None:
         notes.append("the model has no passport: what it always missed cannot be told from what is new; "
                      "fit it again to get one")
@@ -123,6 +129,21 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
         notes.append("one recording only: effects were judged on parts of it that were left out, which promises more "
                      "than other recordings keep; give several with different waveforms")
     return notes
+
+
+def _check_covariates(run: Recording) -> None:
+    """Raise BadInput for a monitor that is not the drive in volts at the actuator, and for absurd covariates."""
+    for name, values in run.columns.items():
+        if np.max(np.abs(values)) > LARGEST_INPUT and name != "time_s":
+            raise BadInput(f"{run.path}: {name} reaches {np.max(np.abs(values)):g}; check its unit, or take it out")
+    monitor = run.columns.get("monitor_V")
+    if monitor is None:
+        return
+    slope = float(np.polyfit(run.command_V, monitor, 1)[0])
+    moved = abs(float(np.mean(monitor - run.command_V)))
+    if not MONITOR_SLOPE[0] < slope < MONITOR_SLOPE[1] or moved > np.ptp(run.command_V):
+        raise BadInput(f"{run.path}: monitor_V moves {slope:.3g} V per volt of the command and lies {moved:.3g} V from "
+                       "it; give volts at the actuator, as command_V, or take the column out")
 
 
 def correlation(run: Recording) -> float:

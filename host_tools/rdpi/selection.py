@@ -27,6 +27,7 @@ SHRINK_WEIGHT = 1.0  # of the best shrink in that evidence, beside the logarithm
 BORN_IN, BORN_IN_FEW = 0.25, 0.45  # shrink that makes an effect where nothing exceeds the passport; few recordings
 FEW = 4
 FREE = {"thermal_drift": 0.10, "periodic_disturbance": 0.08, "initial_memory": 0.03}  # what disturbances gain anyway
+EXCESS = 1.15  # ratio from which something is new, whatever was there before
 CLEAR_EXCESS, BESIDE = 1.5, 0.75  # below this ratio, refitting that leaves less than this share of the squares decides
 FREE_BESIDE = {**FREE, "static_nonlinearity": 0.2}  # ... and what the plays' own misfit lends, the model refitted
 LEAST_SHARE = 0.15  # of the excess that an effect must explain
@@ -92,6 +93,18 @@ class Selection:
         self.detection = -np.inf  # the evidence for a gap
         self.rest = self.bench.measured - self.predict()
         self.first = self.rest
+        self.before_um = self._missed(self.driven(model))
+
+    def _missed(self, bench: Bench) -> list[np.ndarray]:
+        """What the displacement, driven by the command, misses with all that act; per recording, without its mean."""
+        return bench.split(bench.measured - self.predict(bench))
+
+    def after_um(self) -> list[np.ndarray]:
+        """The same with the effects that were accepted."""
+        bench = self.driven(self.model)
+        if bench is not self.bench and self.chosen:
+            bench.restart(self.acting())
+        return self._missed(bench)
 
     @property
     def samples(self) -> int:
@@ -103,22 +116,32 @@ class Selection:
         return effects.in_order([*self.known, *(Acting(one.effect, one.values) for one in self.chosen
                                                 if not one.per_run)])
 
-    def predict(self) -> np.ndarray:
-        """With all that act, disturbances as every recording shows them."""
-        shared = self.bench.predict(self.acting())
-        own = [one.slopes for one in self.chosen if one.per_run and one.slopes.shape[1]]
-        own += [self.bench.join([one.effect.columns(rig.recording, one.values, self.model) for rig in self.bench.rigs])
-                for one in self.known if one.effect.disturbance and one.effect.name != "initial_memory"]
-        return shared + (self._fitted(np.hstack(own), self.bench.measured - shared) if own else 0.0)
+    def predict(self, bench: Bench | None = None) -> np.ndarray:
+        """With all that act, disturbances as every recording shows them; also on another bench of these recordings."""
+        bench = bench or self.bench
+        for one in self.chosen:
+            for rig, start_um in zip(bench.rigs if bench is not self.bench else [], one.memory_um or []):
+                rig.start(start_um)
+        shared = bench.predict(self.acting())
+        disturbances = [*(one for one in self.known if one.effect.disturbance),
+                        *(Acting(one.effect, one.values) for one in self.chosen if one.per_run)]
+        own = [bench.join([one.effect.columns(rig.recording, one.values, self.model) for rig in bench.rigs])
+               for one in disturbances]
+        return shared + (self._fitted(np.hstack(own), bench.measured - shared, bench) if own else 0.0)
 
-    def _fitted(self, columns: np.ndarray, left: np.ndarray) -> np.ndarray:
+    def _fitted(self, columns: np.ndarray, left: np.ndarray, bench: Bench) -> np.ndarray:
         """What the columns take up of what is left, in each recording by itself."""
         result = np.zeros(len(left))
-        run = self.bench.run_of_block[self.bench.block]
-        for k in range(len(self.runs)):
+        run = bench.run_of_block[bench.block]
+        for k in range(len(self.runs) if columns.shape[1] else 0):
             inside = run == k
             result[inside] = columns[inside] @ np.linalg.lstsq(columns[inside], left[inside], rcond=None)[0]
         return result
+
+    def driven(self, model: Model) -> Bench:
+        """The bench of a model that is driven by the command, whether there is a monitor or not."""
+        own = not self.bench.monitored and model is self.model
+        return self.bench if own else Bench(model, self.runs, monitored=False)
 
     def accept(self, one: Candidate) -> None:
         """Let it act, and fit all that act together."""
@@ -150,7 +173,7 @@ class Selection:
         target = self.bench.measured - before
         if own:
             taken = np.hstack(own)
-            columns = columns - np.column_stack([self._fitted(taken, column) for column in columns.T])
+            columns = columns - np.column_stack([self._fitted(taken, column, self.bench) for column in columns.T])
         move = np.linalg.lstsq(columns, target, rcond=1e-9)[0]
         old = [dict(one.values) for one in shared]
         for damping in (1.0, 0.3):
@@ -191,6 +214,8 @@ class Selection:
             if name == "cross_coupling":
                 columns = dict.fromkeys(column for run in self.runs for column in effects.covariates(run))
                 result += [kind(column=column) for column in columns]
+            elif name == "thermal_drift":
+                result += [kind(column=column) for column in effects.DRIFT_COLUMNS]
             elif name != "static_nonlinearity":
                 result += [kind(stage) for stage in kind.stages]
             else:  # a curve of the actuator looks like one of the sensor
@@ -299,7 +324,12 @@ def select(state: Selection, gap: Excess) -> list[Round]:
             break
         judged, grams = state.round(floor)
         best, refitted = _best(judged, state, gap, bool(rounds))
-        rounds.append(Round(judged, best, _rivals(judged, best, refitted, state, grams) if best else [],
+        rivals = _rivals(judged, best, refitted, state, grams) if best else []
+        if refitted and gap.ratio and gap.ratio > EXCESS:
+            # What was there before explains the whole better, and something else what is new.
+            rivals += [one for one in judged if one.rejected is None and one.name not in
+                       (best.name, *(rival.name for rival in rivals))]
+        rounds.append(Round(judged, best, rivals,
                             grams.reproduced(),
                             shrink_of(state.base, state.zero), refitted,
                             float(np.sum(state.zero))))
@@ -334,12 +364,15 @@ def _best(judged: list[Judged], state: Selection, gap: Excess, further: bool) ->
         one.rejected = None
         if one.share <= share or gain <= shrink:
             one.rejected = "explains too little of the gap"
+        elif one.candidate.synchronous > 0.5:
+            one.rejected = "stands at a frequency of the drive itself"
         elif not (gap.ratio and evidence > detected(state)) and min(gain, one.refitted_shrink) < born_in:
             one.rejected = "the gap is no larger than the passport expects"
     open_ = [one for one in judged if one.rejected is None]
     frozen = _simplest(open_, lambda one: one.left) if open_ else None
     # Born in: what the fit took up hides an effect, or half of it, until the model is refitted beside it.
-    hidden = [one for one in judged if not further and one.refitted_shrink - FREE_BESIDE.get(one.name, 0.0) > born_in
+    hidden = [one for one in judged if not further and one.candidate.synchronous <= 0.5
+              and one.refitted_shrink - FREE_BESIDE.get(one.name, 0.0) > born_in
               and one.refitted_left < state.least * (1 - born_in)]
     beside = _simplest(hidden, lambda one: one.refitted_left) if hidden else None
     excused = gap.ratio is not None and gap.ratio < CLEAR_EXCESS

@@ -93,14 +93,16 @@ def test_the_improved_model_is_the_model_with_the_effect(folder: Path, rdpi: Cal
     result, _ = gap_of(rdpi, "model.json", *LATE, "-o", "improved.json")
     before, after = (json.loads(Path(name).read_text()) for name in ("model.json", "improved.json"))
     assert after["effects"] == [{key: one[key] for key in ("name", "stage", "parameters")} for one in result["effects"]]
-    assert {**after, "effects": []} == before
+    added = result["offset_um"]["added"]
+    assert after["offset_um"] == pytest.approx(before["offset_um"] + added)
+    assert {**after, "effects": [], "offset_um": before["offset_um"]} == before
     done = rdpi("simulate", "improved.json", *LATE, "--json", "simulated.json")
     assert done.exit_code == 0, done.output
     # simulate scores with each run's mean error, the gap without
-    offsets = np.array([row["offset_um"] for row in result["runs"]])
     rows = json.loads(Path("simulated.json").read_text())["runs"]
-    for row, told, offset in zip(rows, result["runs"], offsets):
-        assert row["rms_um"] == pytest.approx(np.hypot(told["rms_um"]["after"], offset), rel=0.05)
+    for row, told in zip(rows, result["runs"]):
+        left_over = row["rms_um"] ** 2 - told["rms_um"]["after"] ** 2
+        assert left_over == pytest.approx(row["offset_um"] ** 2, rel=0.05, abs=0.1 * row["rms_um"] ** 2)
     samples = np.array([row["samples"] for row in result["runs"]])
     left = np.sqrt(np.average([row["rms_um"]["after"] ** 2 for row in result["runs"]], weights=samples))
     assert left == pytest.approx(result["gap"]["remaining_um"], rel=1e-9)
@@ -162,7 +164,7 @@ def test_the_next_experiment_runs_as_given(folder: Path, rdpi: Callable) -> None
 @pytest.mark.parametrize(("names", "changes", "remark"), [
     (LATE[:1], {}, "one recording only"),
     (LATE, {"passport": None}, "the model has no passport"),
-    (LATE, {"actuator": "stack 8"}, "was recorded from stack 7, the model is of stack 8"),
+    (LATE, {"actuator": "stack 8"}, "recorded from stack 7, the model is of stack 8"),
 ])
 def test_says_what_it_cannot_claim(names: tuple[str, ...], changes: dict, remark: str, folder: Path, rdpi: Callable
                                    ) -> None:

@@ -295,8 +295,9 @@ def test_drift_is_estimated_in_every_recording() -> None:
     degrees = 20 + np.sin(t)
     runs = [changed(runs[0], displacement_um=z + 0.2 - 0.3 * t),
             changed(runs[1], displacement_um=z - 0.1 + 0.7 * degrees, temperature_degC=degrees)]
-    for run, found in zip(runs, chain.simulate(model, runs)):
-        assert found.predicted_um == pytest.approx(run.displacement_um, abs=1e-9)
+    warm = {**entry("thermal_drift", um_per_degC=77.0), "column": "temperature_degC"}
+    for run, with_drift in zip(runs, (model, replace(bent(), effects=[warm]))):
+        assert chain.simulate(with_drift, [run])[0].predicted_um == pytest.approx(run.displacement_um, abs=1e-9)
     alone = drive(runs[0].command_V)
     assert np.array_equal(shown(model, alone), shown(bent(), alone))
 
@@ -319,6 +320,13 @@ def test_initial_memory_is_sought_whatever_the_recording_says() -> None:
     assert plain.memory == "reset" and with_it.memory == "estimated"
     rms = [np.sqrt(np.mean((one.predicted_um - run.displacement_um) ** 2)) for one in (plain, with_it)]
     assert rms[0] > 0.03 and rms[1] < 0.0125  # noise is 0.01
+
+
+def test_a_drive_alone_starts_as_its_metadata_say() -> None:
+    """Nothing can be sought in it."""
+    run = drive(waves(90, 4, 2, RATE_HZ, 20.0))
+    found = chain.simulate(replace(bent(), effects=[entry("initial_memory")]), [run])[0]
+    assert found.memory == "reset" and np.array_equal(found.predicted_um, shown(bent(), run))
 
 
 # --- all of them -----------------------------------------------------------------------------------------------------

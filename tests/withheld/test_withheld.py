@@ -20,8 +20,9 @@ import cases  # noqa: E402
 import check  # noqa: E402
 import measured  # noqa: E402
 import score  # noqa: E402
+import settle  # noqa: E402
 from actuators import EFFECTS, FORMS, IN_CATALOGUE, Machine, Put, Run, simulate  # noqa: E402
-from rdpi.recording import Recording  # noqa: E402
+from rdpi.recording import Recording, read_recording  # noqa: E402
 
 RATE_HZ = 1000.0
 CLEAN = Machine(noise=0.0, flicker=0.0, creep=0.0, adc_bits=30, monitor=True)
@@ -430,6 +431,36 @@ def test_wilson_interval_against_its_known_values():
     assert score.wilson(0, 20)[1:] == pytest.approx((0.0, 0.1611), abs=1e-4)
 
 
+def test_settle_counts_sets_and_what_became_of_them():
+    def asked(name: str, said: settle.Verdict, then: settle.Verdict | None = None) -> settle.Asked:
+        return settle.Asked("", 0, "duhem", False, "one sine", name, "", 1.0, 4.0, 4.0, said, "", then)
+
+    verdict, told = settle.Verdict, ("delay",)
+    twins = verdict("ambiguous", told, ("lag",))
+    found = settle.figures([
+        asked("delay", verdict("effect", told)), asked("lag", verdict("effect", told)), asked("lag", verdict("none")),
+        asked("lag", twins, verdict("effect", ("lag", "creep"))), asked("lag", twins, verdict("effect", told)),
+        asked("delay", twins, twins), asked("delay", twins, verdict("unknown")),
+        asked("creep", twins, verdict("effect", ("creep",))), asked("creep", verdict("ambiguous", told, ("lag",)))])
+    assert {name.strip(): (row["hits"], row["cases"]) for name, row in found.items()} == {
+        "right name without a set": (1, 9), "wrong name without a set": (1, 9), "ambiguous": (6, 9),
+        "right member in the set": (4, 6), "settled by the next experiment": (2, 6), "of these with one sine": (2, 6),
+        "of these with two sines": (0, 0), "of these nothing named beside it": (1, 2)}
+    assert "NOT MET" in settle.table(found)
+
+
+def test_proposed_drive_is_played_as_it_is_written(tmp_path):
+    bench = cases.Bench.__new__(cases.Bench)  # without the model, which playing needs not
+    bench.machine, bench.form, bench.name, bench.random = CLEAN, FORMS["tune"], "one", np.random.default_rng(1)
+    command = "rdpi excite steps -o next.csv --min-V 20 --max-V 80 --sample-rate 1000 --levels 2 --hold 0.1"
+    played = read_recording(settle.play(bench, tmp_path, command, Put("gain_change", 0.1, "more")))
+    drive = read_recording(str(tmp_path / "next.csv"), required=("time_s", "command_V"))
+    assert played.memory == "unknown" and not played.columns["other_axis_V"].any()
+    assert np.array_equal(played.command_V, np.round(drive.command_V, 5)) and np.ptp(played.command_V) == 60
+    with pytest.raises(SystemExit, match="not a drive at the machine's 1000 Hz"):
+        settle.play(bench, tmp_path, command.replace("1000", "2000"), Put("gain_change", 0.1, "more"))
+
+
 # --- the tool --------------------------------------------------------------------------------------------------------
 
 @pytest.mark.slow
@@ -457,3 +488,16 @@ def test_effect_that_the_tool_is_denied_is_not_misnamed(tmp_path, monkeypatch):
     print("", score.table(rows), score.per_effect(judged), sep="\n")
     assert all(j.case.names[0] not in j.accepted for j in judged)
     assert {row.name: row.value for row in rows}["withheld: misnamed"] <= 0.4
+
+
+@pytest.mark.slow
+def test_next_experiment_settles_what_sines_cannot_tell(tmp_path, monkeypatch):
+    """Two machines of the set to tune on; the limits leave room for what so few cases scatter."""
+    monkeypatch.setattr(check, "each", lambda jobs, what, function, items: map(function, items))
+    asked, _ = settle.run(tmp_path, "tune", 7, 2, names=("delay", "lag", "hysteresis_change", "rate_dependence"))
+    found = settle.figures(asked)
+    print("", settle.table(found), settle.case_rows(asked), sep="\n")
+    assert found["ambiguous"]["hits"] >= 4
+    assert found["  right member in the set"]["share"] >= 0.75
+    assert found["  settled by the next experiment"]["share"] >= 0.6
+    assert found["wrong name without a set"]["share"] <= 0.15

@@ -31,7 +31,7 @@ from .rate_dependence import RateDependence
 from .resonance import Resonance
 from .slew_limit import SlewLimit
 from .static_nonlinearity import StaticNonlinearity
-from .thermal_drift import ThermalDrift
+from .thermal_drift import COLUMN, ThermalDrift
 
 __all__ = ["BEFORE_MONITOR", "CATALOGUE", "STAGES", "Acting", "Effect", "Parameter", "Values", "View", "acting",
            "covariates", "disturbed", "driven", "entries", "moved", "operator"]
@@ -41,6 +41,7 @@ CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
     InitialMemory, RateDependence, HysteresisChange, Creep, GainChange, Backlash, Resonance, CrossCoupling,
     ThermalDrift, PeriodicDisturbance, StaticNonlinearity, SlewLimit, Lag, RailSaturation, Delay, Quantisation)}
 _ORDER = list(CATALOGUE)
+DRIFT_COLUMNS = "time_s", COLUMN
 GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
 LEAST_SLOPE_RATIO = 0.02
 
@@ -126,10 +127,13 @@ def _acting(entry: Any, where: str) -> Acting:
     stage = entry.get("stage", kind.stages[0])
     if stage not in kind.stages:
         raise BadInput(f"{where}: stage is {json.dumps(stage)[:40]}; must be one of {', '.join(kind.stages)}")
-    options = {"column": entry["column"]} if kind is CrossCoupling and "column" in entry else {}
-    if options and not (isinstance(entry["column"], str) and is_axis(entry["column"])):
+    options = {"column": entry["column"]} if kind in (CrossCoupling, ThermalDrift) and "column" in entry else {}
+    if options and kind is CrossCoupling and not (isinstance(entry["column"], str) and is_axis(entry["column"])):
         raise BadInput(f"{where}: column is {json.dumps(entry['column'])[:40]}; must name another axis' drive, such as "
                        "other_axis_V")
+    if options and kind is ThermalDrift and entry["column"] not in DRIFT_COLUMNS:
+        raise BadInput(f"{where}: column is {json.dumps(entry['column'])[:40]}; must be one of "
+                       f"{', '.join(DRIFT_COLUMNS)}")
     given = entry.get("parameters", {})
     if not isinstance(given, dict):
         raise BadInput(f"{where}: parameters must be an object")

@@ -55,7 +55,7 @@ def _peaks(view: View, lowest_hz: float, highest_hz: float) -> list[float]:
         window = np.hanning(len(run))
         missed, asked = (np.abs(np.fft.rfft(window * signal)) ** 2
                          for signal in (residual, np.gradient(predicted - np.mean(predicted))))
-        floor = max(1e-3 * np.mean(asked), np.finfo(float).tiny)
+        floor = max(1e-3 * np.mean(asked), 1e-9 * np.mean(missed), np.finfo(float).tiny)
         ratio += np.interp(grid, frequencies, missed) / (np.interp(grid, frequencies, asked) + floor)
     found = []
     for _ in range(PEAKS):

@@ -12,7 +12,7 @@ COLUMN = "temperature_degC"
 
 
 class ThermalDrift(Effect):
-    """um_per_s times the time, or um_per_degC times the temperature; estimated per recording, never extrapolated.
+    """um_per_s times the time, or um_per_degC times `column`; estimated per recording, never extrapolated.
 
     A parabola beside it would take the slow noise of any sensor for drift.
     """
@@ -26,10 +26,22 @@ class ThermalDrift(Effect):
     parameters = Parameter("um_per_s", "um/s", -np.inf, np.inf), Parameter("um_per_degC", "um/°C", -np.inf, np.inf)
     disturbance = True
 
+    def __init__(self, stage: str | None = None, column: str = "time_s") -> None:
+        super().__init__(stage)
+        self.column = column
+
+    @property
+    def options(self) -> dict[str, str]:
+        return {"column": self.column}
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        return (self.parameters[self.column == COLUMN].name,)
+
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
-        if COLUMN in run.columns and np.ptp(run.columns[COLUMN]) > 0:
-            return run.columns[COLUMN][:, None] - run.columns[COLUMN][0]
-        return (run.time_s - run.time_s[0])[:, None]
+        wandering = run.columns.get(self.column, np.zeros(len(run)))
+        return (wandering - wandering[0])[:, None]
 
     def starts(self, view: View) -> list[dict[str, float]]:
-        return [{}]
+        seen = [self.column in run.columns and np.ptp(run.columns[self.column]) > 0 for run in view.runs]
+        return [{}] if all(seen) else []
