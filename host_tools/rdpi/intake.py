@@ -13,6 +13,7 @@ from .recording import Recording
 
 LARGEST_INPUT = 1e6  # V or um
 MONITOR_SLOPE = 0.3, 2.0  # V of monitor per V of command
+LATEST_S = 0.05  # by which a displacement may follow and still be of this drive
 MIN_CORRELATION = 0.5  # between command and displacement
 GAIN_SPREAD = 5.0  # between the runs' um per volt
 MODEL_SPREAD = 3.0  # between the model's um per volt and a recording's
@@ -36,9 +37,9 @@ def check_run(run: Recording, related: bool = True) -> None:
     if np.ptp(displacement) == 0:
         raise BadInput(f"{run.path}: displacement_um is constant at {displacement[0]:g} um; "
                        "check the sensor and its column")
-    together = correlation(run)
-    if related and abs(together) < MIN_CORRELATION:
-        raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {together:.2f}); "
+    together = late_correlations(run)
+    if related and np.max(np.abs(together)) < MIN_CORRELATION:
+        raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {together[0]:.2f}); "
                        "check that both columns are of the same run, and their order and units")
     if reversals(command, 0.05) == 0:
         raise BadInput(f"{run.path}: command_V never turns round, so that nothing of the hysteresis shows; "
@@ -97,7 +98,8 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     usual = abs(model.gain_um_per_V) * float(model.slopes[-1])
     for run in runs:
         together = correlation(run)
-        if together * np.sign(model.gain_um_per_V) < -MIN_CORRELATION:
+        late = late_correlations(run) * np.sign(model.gain_um_per_V)
+        if np.min(late) < -MIN_CORRELATION and np.max(late) < MIN_CORRELATION:
             raise BadInput(f"{run.path}: moves opposite to the model; check the sign of command and displacement")
         gain = float(np.ptp(run.displacement_um) / np.ptp(run.command_V))
         times = max(gain / usual, usual / gain)
@@ -149,6 +151,19 @@ def _check_covariates(run: Recording) -> None:
 def correlation(run: Recording) -> float:
     """Of command and displacement, -1 to 1."""
     return float(np.corrcoef(run.command_V, run.displacement_um)[0, 1])
+
+
+def late_correlations(run: Recording) -> np.ndarray:
+    """Of the command and the displacement so many samples later, 0 and up to LATEST_S; (lags,), -1 to 1.
+
+    A fast drive and an actuator that is late by half its period go against each other.
+    """
+    samples = len(run)
+    lags = max(1, min(samples // 4, round(LATEST_S / run.sample_time_s)))
+    u, z = (signal - np.mean(signal) for signal in (run.command_V, run.displacement_um))
+    size = 1 << (2 * samples - 1).bit_length()
+    product = np.fft.irfft(np.conj(np.fft.rfft(u, size)) * np.fft.rfft(z, size), size)[:lags]
+    return product / np.sqrt((u @ u) * (z @ z))
 
 
 def stays_at_an_end(run: Recording) -> int:

@@ -33,7 +33,8 @@ FREE_BESIDE = {**FREE, "static_nonlinearity": 0.2}  # ... and what the plays' ow
 LEAST_SHARE = 0.15  # of the excess that an effect must explain
 LEAST_SHRINK = 0.04
 FURTHER_EXCESS, FURTHER_SHARE, FURTHER_SHRINK = 1.4, 0.3, 0.06  # what a second and third effect must find and bring
-TWIN, TWIN_SAME = 0.98, 0.5  # ... for one that reproduces so much of its signature: the rest may be the model's misfit
+ONE_RATE = 3.0  # times the slowest recording's rate: less is all one rate
+TWIN, TWIN_SAME = 0.98, 1.0  # ... for one that reproduces so much of its signature: the rest may be the model's misfit
 ROUNDED_OFF = 0.005  # of the gap's squares: what a monitor shows of any amplifier beside the effect looked for
 SAME = 0.08  # relative excess of the squares left by a rival, below which these recordings cannot tell it
 WITHIN = {"static_nonlinearity": "gain_change"}  # effects that hold a simpler one ...
@@ -142,6 +143,11 @@ class Selection:
         """The bench of a model that is driven by the command, whether there is a monitor or not."""
         own = not self.bench.monitored and model is self.model
         return self.bench if own else Bench(model, self.runs, monitored=False)
+
+    def one_rate(self) -> bool:
+        """Whether all recordings move about equally fast: a loop that changed and one that follows the rate look alike."""
+        fast = [float(np.percentile(rig.rate_um_per_s, 95)) for rig in self.bench.rigs]
+        return max(fast) < ONE_RATE * min(fast)
 
     def accept(self, one: Candidate) -> None:
         """Let it act, and fit all that act together."""
@@ -398,13 +404,14 @@ def _rivals(judged: list[Judged], best: Judged, refitted: bool, state: Selection
     result = []
     alike = grams.reproduced()[judged.index(best)]
     for k, one in enumerate(judged):
-        if one is best or one.name == best.name:
+        if one is best or one.name == best.name or one.candidate.synchronous > 0.5:
             continue
         same = left(one) <= (1 + (TWIN_SAME if alike[k] > TWIN else SAME)) * left(best)
         ahead = one.candidate.effect.before_monitor and best.candidate.effect.before_monitor
         if same and ahead and state.bench.monitored:
             # A monitor's own noise is small: how an amplifier and its sampling round a delay off is not.
             same = one.monitor_left <= best.monitor_left + max(SAME * best.monitor_left, ROUNDED_OFF * state.total)
+        same |= {one.name, best.name} == {"hysteresis_change", "rate_dependence"} and state.one_rate()
         if same and WITHIN.get(one.name) != best.name:
             result.append(one)
     return sorted(result, key=left)
