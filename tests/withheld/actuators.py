@@ -27,6 +27,7 @@ from scipy.signal import cont2discrete, lfilter
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 from bench_laws import BoucWen, Preisach  # noqa: E402
 
+SUPPLY = 0.02  # of the range
 FINER = 4  # steps of the simulation per sample
 RATE_SCALE = 80.0  # half ranges per second: a triangle over the whole range at 20 Hz
 BRANCH, STEP = np.linspace(-1, 1, 400, retstep=True)
@@ -306,6 +307,8 @@ def _amplifier(machine: Machine, run: Run, puts: Mapping[str, Put]) -> np.ndarra
         volts = first_order(volts, put.size, step_s, machine.held)
     volts = second_order(volts, machine.amplifier_hz, machine.amplifier_damping, step_s,
                          "zoh" if machine.held else "foh")
+    # The supply ends a little beyond the range: an overshoot, but no more.
+    volts = np.clip(volts, machine.low_V - SUPPLY * range_V, machine.high_V + SUPPLY * range_V)
     if put := puts.get("rail_saturation"):
         cut = put.size * range_V * (0.5 if put.where == "both" else 1.0)
         volts = np.clip(volts, machine.low_V + cut if put.where != "top" else -np.inf,

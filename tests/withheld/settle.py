@@ -42,8 +42,6 @@ HARD_TO_TELL = ("delay", "lag", "resonance", "gain_change", "static_nonlinearity
                 "rate_dependence", "backlash", "creep", "slew_limit")
 RHO = 4.0
 SETTLED = 0.80  # the share asked for
-# Proposed steps are one sample high: an amplifier overshoots them by what its supply has left, 2 % of the range.
-SUPPLY = Put("rail_saturation", -0.04, "both")
 
 
 @dataclass
@@ -144,7 +142,7 @@ def play(bench: Bench, folder: Path, command: str, put: Put) -> str:
     anywhere = make_run("sine", bench.machine, bench.form, int(bench.random.integers(2**62)), reset=False)
     still = np.zeros_like(drive.command_V)
     run = replace(anywhere, kind="next", command_V=drive.command_V, other_axis_V=still, cache={})
-    return write(folder, "then", bench.recordings([run], [SUPPLY, put]))[0]
+    return write(folder, "then", bench.recordings([run], [put]))[0]
 
 
 def ask(bench: Bench, recordings: str, runs: Sequence[Run], name: str) -> Asked:
