@@ -278,7 +278,7 @@ def test_bad_usage(arguments: list[str], rdpi: Callable, runs: dict[str, Path], 
 def test_unwritable(rdpi: Callable, runs: dict[str, Path], tmp_path: Path) -> None:
     result = rdpi("fit", runs["large"], "-o", tmp_path / "missing" / "model.json")
     assert result.exit_code == 2 and "Traceback" not in result.output
-    assert "missing/model.json: No such file or directory; check the path" in result.output
+    assert "missing/model.json: there is no folder" in result.output and "make it first" in result.output
 
 
 def test_as_a_program(runs: dict[str, Path], tmp_path: Path) -> None:
