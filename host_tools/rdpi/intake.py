@@ -112,7 +112,7 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
         if stays:
             notes.append(f"{run.path}: {stays} samples stand at the very highest or lowest reading while the command "
                          "moves: a clipped sensor looks like saturation of the amplifier or a curved scale")
-        _check_covariates(run)
+        _check_covariates(run, related=run is widest)
         low, high = float(np.min(run.command_V)), float(np.max(run.command_V))
         beyond = max(model.drive.min_V - low, high - model.drive.max_V)
         if beyond > 0.05 * (model.drive.max_V - model.drive.min_V):
@@ -133,13 +133,13 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     return notes
 
 
-def _check_covariates(run: Recording) -> None:
-    """Raise BadInput for a monitor that is not the drive in volts at the actuator, and for absurd covariates."""
+def _check_covariates(run: Recording, related: bool) -> None:
+    """Raise BadInput for absurd covariates, and if `related` for a monitor that is not the drive in V."""
     for name, values in run.columns.items():
         if np.max(np.abs(values)) > LARGEST_INPUT and name != "time_s":
             raise BadInput(f"{run.path}: {name} reaches {np.max(np.abs(values)):g}; check its unit, or take it out")
     monitor = run.columns.get("monitor_V")
-    if monitor is None:
+    if monitor is None or not related:
         return
     slope = float(np.polyfit(run.command_V, monitor, 1)[0])
     moved = abs(float(np.mean(monitor - run.command_V)))

@@ -94,6 +94,7 @@ class Selection:
         self.detection = -np.inf  # the evidence for a gap
         self.rest = self.bench.measured - self.predict()
         self.first = self.rest
+        self._driven: Bench | None = None
         self.before_um = self._missed(self.driven(model))
 
     def _missed(self, bench: Bench) -> list[np.ndarray]:
@@ -118,7 +119,7 @@ class Selection:
                                                 if not one.per_run)])
 
     def predict(self, bench: Bench | None = None) -> np.ndarray:
-        """With all that act, disturbances as every recording shows them; also on another bench of these recordings."""
+        """With all that act, disturbances as every recording shows them; also on another bench of the same."""
         bench = bench or self.bench
         for one in self.chosen:
             for rig, start_um in zip(bench.rigs if bench is not self.bench else [], one.memory_um or []):
@@ -141,11 +142,14 @@ class Selection:
 
     def driven(self, model: Model) -> Bench:
         """The bench of a model that is driven by the command, whether there is a monitor or not."""
-        own = not self.bench.monitored and model is self.model
-        return self.bench if own else Bench(model, self.runs, monitored=False)
+        if not self.bench.monitored and model is self.model:
+            return self.bench
+        if self._driven is None or self._driven.model is not model:
+            self._driven = Bench(model, self.runs, monitored=False)
+        return self._driven
 
     def one_rate(self) -> bool:
-        """Whether all recordings move about equally fast: a loop that changed and one that follows the rate look alike."""
+        """Whether all recordings move about equally fast: a changed loop and one that follows the rate look alike."""
         fast = [float(np.percentile(rig.rate_um_per_s, 95)) for rig in self.bench.rigs]
         return max(fast) < ONE_RATE * min(fast)
 
@@ -255,9 +259,22 @@ class Selection:
                 float(1 - np.sqrt(np.sum(refitted) / lowest)),
                 float(np.sum(refitted) + np.sum(refitted_within)) / 2, share,
                 self.interval(refitted, min(zero, base, key=np.sum)), float(np.sum(within[side]))))
+        if self.bench.monitored:
+            self._held_by_the_model(judged, acting)
         self.zero, self.base, self.total = zero, base, total
         self.least = min(total, float(np.sum(base) + np.sum(base_within)) / 2)
         return judged, grams
+
+    def _held_by_the_model(self, judged: list[Judged], acting: list[Acting]) -> None:
+        """What a monitor shows of the amplifier the model may hold already: only what helps from the command counts."""
+        bench = self.driven(self.model)
+        plain = bench.predict(acting)
+        left = bench.measured - self.predict(bench)
+        for one in judged:
+            if one.candidate.effect.before_monitor:
+                mine = Acting(one.candidate.effect, one.candidate.values)
+                change = bench.predict(effects.in_order([*acting, mine])) - plain
+                one.shrink = min(one.shrink, shrink_of((left - change) ** 2, left**2))
 
     def grid_noise(self, one: Candidate) -> float:
         """Sum of squares that a grid of readings leaves: step^2 / 12 a sample, which no prediction takes away.
@@ -315,10 +332,10 @@ def excess(state: Selection, known: dict[str, Any] | None, coords: Sequence[loca
     noise = float(sum(signals.noise_um(part) ** 2 * len(part) for part in left))
     if known is None:
         return Excess(total, noise, None, 0.0, None)
-    found = passport.ratio(known, left, coords)
+    # From the command, as the passport: what an amplifier always did, the model may hold already.
+    found = passport.ratio(known, state.before_um, coords)
     floor = float(np.sum(found.expected_um**2 * state.bench.lengths))
-    # What a monitor shows ahead of the actuator adds to what the displacement misses behind it.
-    return Excess(total, min(floor, total), float(np.sqrt(total / floor)), found.spread, found.ratio.tolist())
+    return Excess(total, min(floor, total), found.overall, found.spread, found.ratio.tolist())
 
 
 def select(state: Selection, gap: Excess) -> list[Round]:
