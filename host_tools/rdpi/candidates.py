@@ -19,7 +19,7 @@ import numpy as np
 from . import chain, effects, firmware, signals
 from .effects import Acting, Effect, View
 from .errors import BadInput
-from .model import Model, guard_rates
+from .model import Model, guarded
 from .recording import Recording
 
 BLOCKS = 8  # of each recording
@@ -138,9 +138,7 @@ def rigs(model: Model, runs: Sequence[Recording], monitored: bool) -> list[Rig]:
     """Each recording set up, its memory as `rdpi simulate` takes it."""
     inputs = [replace(run, columns={**run.columns, "command_V": run.columns["monitor_V"]}) if monitored else run
               for run in runs]
-    kept = [entry for entry, one in zip(model.effects, (effects.acting(replace(model, effects=[entry]))[0]
-                                                        for entry in model.effects))
-            if not (monitored and one.effect.before_monitor)]
+    kept = effects.entries(one for one in effects.acting(model) if not (monitored and one.effect.before_monitor))
     plain = replace(model, effects=[])
     return [Rig(run, plain, found.start_um, found.rate_um_per_s, found.smoothing_s, monitored)
             for run, found in zip(runs, chain.simulate(replace(model, effects=kept), inputs))]
@@ -207,11 +205,8 @@ def moved(model: Model, move: np.ndarray) -> Model:
         slopes = model.slopes * (1 + step[:n])
         changes = model.slope_rate_s_per_um + (model.slopes * step[n:2 * n] / top if law else 0.0)
         weights = model.deadzone_weights + np.r_[0.0, step[n * (1 + law):]]
-        singular = float(np.min(guard_rates(slopes, changes))) if np.all(slopes > 0) else 0.0
-        guard = min(model.rate.max_um_per_s, effects.GUARD_SLACK * (1 - model.rate.min_slope_ratio) * singular)
-        new = replace(model, slopes=slopes, slope_rate_s_per_um=changes, deadzone_weights=weights,
-                      rate=replace(model.rate, max_um_per_s=guard,
-                                   singular_um_per_s=singular if np.isfinite(singular) else None))
+        new = guarded(replace(model, slopes=slopes, slope_rate_s_per_um=changes, deadzone_weights=weights),
+                      effects.GUARD_SLACK * (1 - model.rate.min_slope_ratio), model.rate.max_um_per_s)
         try:
             new.validate()
             return new
@@ -441,26 +436,30 @@ class Grams:
 
     def fitted_base(self, chosen: int) -> np.ndarray:
         """How far refitting the model beside a candidate moves the parameters of Rig.base_columns."""
-        shared = np.r_[self.adjusted, np.arange(self.base.start, self.base.stop),
-                       [] if self.candidates[chosen].per_run else
-                       np.arange(self.slopes[chosen].start, self.slopes[chosen].stop)].astype(int)
-        target = np.zeros(self.blocks.shape[1])
-        target[[0, self.change[chosen]]] = 1.0, -1.0
+        shared, _, target = self._layout(chosen, True)
         move = self._solve(np.sum(self.blocks, axis=0), shared, target, self._ridge(shared), self.candidates[chosen],
                            chosen)
         return move[len(self.adjusted):len(self.adjusted) + self.base.stop - self.base.start]
 
-    def _leave_out(self, chosen: int | None, base: bool, within: bool) -> tuple[np.ndarray, list[np.ndarray]]:
+    def _layout(self, chosen: int | None, base: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Columns fitted to all recordings together, and to each by itself; and what they are fitted to, as a sum of
+        columns.
+        """
+        columns = np.arange(self.blocks.shape[1])
         one = None if chosen is None else self.candidates[chosen]
-        slopes = np.arange(self.blocks.shape[1])[slice(0, 0) if one is None else self.slopes[chosen]]
+        slopes = columns[slice(0, 0) if one is None else self.slopes[chosen]]
         per_run = one is not None and one.per_run
-        shared = np.r_[self.adjusted, np.arange(self.base.start, self.base.stop) if base else [],
-                       [] if per_run else slopes].astype(int)
+        shared = np.r_[self.adjusted, columns[self.base] if base else [], [] if per_run else slopes].astype(int)
         own = np.r_[self.own, slopes if per_run else []].astype(int)
-        target = np.zeros(self.blocks.shape[1])
+        target = np.zeros(len(columns))
         target[0] = 1.0
         if one is not None:
             target[self.change[chosen]] = -1.0
+        return shared, own, target
+
+    def _leave_out(self, chosen: int | None, base: bool, within: bool) -> tuple[np.ndarray, list[np.ndarray]]:
+        one = None if chosen is None else self.candidates[chosen]
+        shared, own, target = self._layout(chosen, base)
         left, moves = np.empty(len(self.blocks)), []
         ridge = self._ridge(shared) if base else np.zeros(len(shared))
         for held in self.folds(within):
@@ -481,9 +480,7 @@ class Grams:
         for parity in (0, 1):
             judged, fitted = inside[inside % 2 == parity], inside[inside % 2 != parity]
             gram, final = np.sum(self.blocks[fitted], axis=0), rest.copy()
-            scale = np.sqrt(np.maximum(np.diag(gram)[own], 1e-300))
-            final[own] -= np.linalg.lstsq(gram[np.ix_(own, own)] / np.outer(scale, scale), gram[own] @ rest / scale,
-                                          rcond=1e-8)[0] / scale
+            final[own] -= _normal(gram[np.ix_(own, own)], gram[own] @ rest)
             left[judged] = np.einsum("i,kij,j->k", final, self.blocks[judged], final)
 
     def _ridge(self, shared: np.ndarray) -> np.ndarray:
@@ -495,9 +492,7 @@ class Grams:
                one: Candidate | None, chosen: int | None) -> np.ndarray:
         if not len(shared):
             return np.zeros(0)
-        inside = gram[np.ix_(shared, shared)] + np.diag(ridge)
-        scale = np.sqrt(np.maximum(np.diag(inside), 1e-300))
-        move = np.linalg.lstsq(inside / np.outer(scale, scale), gram[shared] @ target / scale, rcond=1e-8)[0] / scale
+        move = _normal(gram[np.ix_(shared, shared)] + np.diag(ridge), gram[shared] @ target)
         if one is not None and not one.per_run and one.free:
             own = slice(len(shared) - len(one.free), len(shared))
             move[own] = self._within_reach(one, chosen, move[own])
@@ -532,7 +527,12 @@ class Grams:
         total = 0.0
         for group in groups:
             gram = np.sum(self.blocks[group], axis=0)
-            scale = np.sqrt(np.maximum(np.diag(gram)[columns], 1e-300))
-            inside, across = gram[np.ix_(columns, columns)] / np.outer(scale, scale), gram[columns, row] / scale
-            total += float(across @ np.linalg.lstsq(inside, across, rcond=1e-8)[0])
+            across = gram[columns, row]
+            total += float(across @ _normal(gram[np.ix_(columns, columns)], across))
         return total
+
+
+def _normal(gram: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Solution of the normal equations, each column scaled to 1; what is not determined stays 0."""
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    return np.linalg.lstsq(gram / np.outer(scale, scale), across / scale, rcond=1e-8)[0] / scale

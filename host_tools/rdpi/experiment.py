@@ -31,7 +31,6 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
     if open_ is None:
         return None
     truth, rivals = open_.best.candidate, open_.rivals
-    floor = float(np.mean(state.rest**2))
     best = None
     for kind, options in CANNED:
         try:
@@ -42,14 +41,13 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
             continue
         seconds = float(columns["time_s"][-1])
         apart = min(_apart(state, truth, rival.candidate, columns) for rival in rivals)
-        worth = apart / seconds / max(floor, 1e-300)
-        if best is None or worth > best[0]:
-            best = worth, apart / len(columns["time_s"]), kind, options, seconds
+        if best is None or apart / seconds > best[0]:
+            best = apart / seconds, apart / len(columns["time_s"]), kind, options, seconds
     if best is None:
         return None
     names = " and ".join([truth.effect.name, *dict.fromkeys(rival.name for rival in rivals)])
     why = f"of the canned recordings it tells {names} apart best per second"
-    if best[1] < floor / 4:
+    if best[1] < float(np.mean(state.rest**2)) / 4:
         why += "; if it does not, monitor_V beside it will tell what lies before the actuator from what lies after"
     return {"command": _command(state, best[2], best[3]), "why": why, "seconds": best[4]}
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from . import experiment, intake, localise, numerics, passport, signals, version
 from .candidates import Candidate, Grams
-from .effects import CATALOGUE, in_order
+from .effects import CATALOGUE
 from .model import Model
 from .recording import Recording
-from .selection import SAME, USUAL_SPREAD, WIDEN, Excess, Judged, Round, Selection, detected, excess, select, shrink_of
+from .selection import SAME, USUAL_SPREAD, WIDEN, Excess, Round, Selection, detected, excess, select, shrink_of
 
 SCHEMA = "rdpi-gap/1"
 # Learnt on the tuning set of tests/withheld, as the thresholds of the selection are.
@@ -71,27 +71,27 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     axes = localise.localise(runs, before, coords, known, noise)
     if verdict == "none" and (there := _elsewhere(axes)):
         notes.append(there)
+    final = Grams(state.bench, state.rest, [], state.chosen) if state.chosen else None
     document = {
         "schema": SCHEMA, "tool": f"rdpi {version()}", "verdict": verdict, "detection": state.detection,
-        "effects": _effects(state, rounds), "candidates": _candidates(state, rounds),
-        "gap": _gap(state, noise, before, after), "where": _where(state, gap, axes, before),
+        "effects": _effects(state, rounds, final), "candidates": _candidates(state, rounds),
+        "gap": _gap(state, noise, before, after), "where": _where(state, axes, before),
         "runs": _runs(state, gap, before, after),
         "passport": None if known is None else {"ratio": gap.ratio, "rms_um": float(np.sqrt(gap.floor / state.samples)),
                                                 "held_out": known["held_out"], "spread": gap.spread},
-        "promised": _promised(state), "refit": {"shrink": rounds[0].refit_alone},
+        "promised": _promised(state, final), "refit": {"shrink": rounds[0].refit_alone},
         "numerics": numerics.compare(model, runs), "not_excited": _not_excited(state, rounds),
         "leftover": _leftover(state, gap), "matrix": _matrix(rounds[0]),
         "next_experiment": experiment.propose(state, rounds, verdict), "notes": notes,
         "offset_um": {"mean": float(np.mean(zeros)), "low": min(zeros), "high": max(zeros), "added": zero},
     }
+    spectrum = localise.along_frequency(runs, after, coords, known, noise) if state.chosen else None
     entries = [{key: entry[key] for key in ("name", "stage", "column", "parameters") if key in entry}
                for entry in document["effects"]]
     improved = replace(state.model, effects=[*model.effects, *entries], offset_um=model.offset_um + zero)
     progress(1.0)
     return Diagnosis(document, improved, list(runs), before, after,
-                     localise.table(before, coords),
-                     next(axis for axis in localise.localise(runs, after, coords, known, noise)
-                          if axis.name == "frequency_hz") if state.chosen else None)
+                     localise.table(before, coords), spectrum)
 
 
 def _elsewhere(axes: Sequence[localise.Axis]) -> str | None:
@@ -146,12 +146,11 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _effects(state: Selection, rounds: list[Round]) -> list[dict[str, Any]]:
+def _effects(state: Selection, rounds: list[Round], final: Grams | None) -> list[dict[str, Any]]:
     """The accepted effects, in the order added, with their final parameters."""
-    if not state.chosen:
+    if final is None:
         return []
-    grams = Grams(state.bench, state.rest, [], state.chosen)
-    moves = grams.moves()
+    moves = final.moves()
     errors = WIDEN * 1.96 * np.sqrt((len(moves) - 1) * np.mean((moves - moves.mean(axis=0))**2, axis=0))
     found, at = [], 0
     for one, done in zip(state.chosen, rounds):
@@ -190,11 +189,9 @@ def _parameters(one: Candidate, widths: dict[str, float]) -> dict[str, dict[str,
 
 def _confidence(done: Round) -> float:
     """Weight of the best among those tried, by the squares they leave; SAME apart is worth e^-1."""
-    def left(one: Judged) -> float:
-        return one.refitted_left if done.refitted else one.left
-
-    best = max(left(done.best), 1e-12 * done.before)
-    weights = [np.exp(-(left(one) / best - 1) / SAME) for one in done.judged if one.name != done.best.name]
+    best = max(done.best.rest(done.refitted), 1e-12 * done.before)
+    weights = [np.exp(-(one.rest(done.refitted) / best - 1) / SAME)
+               for one in done.judged if one.name != done.best.name]
     return float(1 / (1 + sum(weights)))
 
 
@@ -243,8 +240,7 @@ def _gap(state: Selection, noise_um: float, before_um: Sequence[np.ndarray], aft
             "explained_um": float(np.sqrt(max(before**2 - after**2, 0.0))), "remaining_um": after}
 
 
-def _where(state: Selection, gap: Excess, axes: Sequence[localise.Axis], before: Sequence[np.ndarray]
-           ) -> dict[str, Any]:
+def _where(state: Selection, axes: Sequence[localise.Axis], before: Sequence[np.ndarray]) -> dict[str, Any]:
     energy = [float(np.sum(part**2)) for part in before]
     ranked = sorted(range(len(energy)), key=lambda k: -energy[k])
     stages = None
@@ -254,9 +250,8 @@ def _where(state: Selection, gap: Excess, axes: Sequence[localise.Axis], before:
         whole = ahead + float(np.sum(state.first[~side] ** 2))
         stages = {"before_monitor": ahead / whole, "after_monitor": 1 - ahead / whole}
     if state.chosen:
-        stage = " or ".join(dict.fromkeys(
-            stage for stage in ([state.chosen[0].effect.stage] if state.bench.monitored
-                                else state.chosen[0].effect.stages)))
+        effect = state.chosen[0].effect
+        stage = effect.stage if state.bench.monitored else " or ".join(effect.stages)
     elif stages:
         stage = "before the monitor" if stages["before_monitor"] > 0.5 else "after the monitor"
     else:
@@ -270,18 +265,18 @@ def _runs(state: Selection, gap: Excess, before: Sequence[np.ndarray], after: Se
     whole = max(float(sum(np.sum(part**2) for part in before)), 1e-300)
     return [{"file": run.path, "digest": run.digest, "samples": len(run),
              "rms_um": {"before": _rms([one]), "after": _rms([other])},
-             "offset_um": float(np.mean(run.displacement_um - rig.respond(in_order(state.known)))),
+             "offset_um": float(np.mean(run.displacement_um - rig.respond(state.known))),
              "noise_floor_um": signals.noise_um(run.displacement_um),
              "percent_of_stroke": 100 * _rms([one]) / float(np.ptp(run.displacement_um)),
              "ratio": None if gap.ratios is None else gap.ratios[k], "share": float(np.sum(one**2)) / whole}
             for k, (run, rig, one, other) in enumerate(zip(state.runs, state.bench.rigs, before, after))]
 
 
-def _promised(state: Selection) -> dict[str, Any]:
+def _promised(state: Selection, final: Grams | None) -> dict[str, Any]:
     """Shrink of the gap's rms by all effects together, in recordings left out in turn."""
-    if not state.chosen:
+    if final is None:
         return {"shrink": None, "ci90": None, "why_no_interval": "no effect was accepted"}
-    after = Grams(state.bench, state.rest, [], state.chosen).held_out()
+    after = final.held_out()
     before = np.bincount(state.bench.block, state.first**2, len(after))
     return {"shrink": shrink_of(after, before), "ci90": state.interval(after, before, 90),
             "why_no_interval": None if len(state.runs) > 1 else "one recording shows no spread between recordings"}

@@ -24,7 +24,7 @@ from . import chain, firmware, localise, operators, passport, signals
 from .errors import BadInput
 from .intake import LARGEST_INPUT, check_run, check_together, correlation, reversals, stays_at_an_end
 from .model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate,
-                    guard_rates)
+                    guarded)
 from .recording import Recording
 
 SLOPE_FLOOR = 0.05  # no slope of a loading curve falls below this within the identified rates
@@ -452,11 +452,9 @@ def _of_plant(model: Model, plant: _Plant, columns: _Columns, runs: Sequence[_Ru
     deadzones, deadzone_weights = _saturation(columns.grid_um[list(plant.picks)] - offset_um, plant.pieces)
     top = model.rate.identified_um_per_s
     change = (plant.fast - plant.rest) / top
-    singular = float(np.min(guard_rates(plant.rest, change)))
-    guard = min((1 - model.rate.min_slope_ratio) * singular, RATE_HEADROOM * top)
-    rate = replace(model.rate, max_um_per_s=guard, singular_um_per_s=singular if np.isfinite(singular) else None)
-    return replace(model, offset_um=offset_um, slopes=plant.rest, slope_rate_s_per_um=change, deadzones_um=deadzones,
-                   deadzone_weights=deadzone_weights, rate=rate)
+    found = replace(model, offset_um=offset_um, slopes=plant.rest, slope_rate_s_per_um=change, deadzones_um=deadzones,
+                    deadzone_weights=deadzone_weights)
+    return guarded(found, 1 - model.rate.min_slope_ratio, RATE_HEADROOM * top)
 
 
 def _leave_out(model: Model, runs: Sequence[_Run], predictions: Sequence[chain.Prediction],

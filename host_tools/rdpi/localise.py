@@ -37,7 +37,7 @@ class Axis(NamedTuple):
     labels: tuple[str, ...]  # one per bin
     rms_um: np.ndarray
     share: np.ndarray  # of the energy beyond noise
-    occupancy: np.ndarray  # share of the samples; along frequency see _spectrum
+    occupancy: np.ndarray  # share of the samples; along frequency see there
     expected_um: np.ndarray | None  # rms by the passport; None without one
     ratio: np.ndarray | None  # rms / expected
 
@@ -113,7 +113,7 @@ def localise(runs: Sequence[Recording], residuals_um: Sequence[np.ndarray], coor
     axes = []
     for name in UNITS:
         if name == "frequency_hz":
-            axes.append(_spectrum(runs, residuals, coords, known, noise_um))
+            axes.append(along_frequency(runs, residuals, coords, known, noise_um))
             continue
         if name == "recording":
             labels = tuple(run.path for run in runs)
@@ -161,10 +161,12 @@ def _axis(name: str, edges: np.ndarray | None, labels: tuple[str, ...], bins: np
     return _finish(name, edges, labels, mean, count * np.maximum(mean - noise_um**2, 0), count / len(bins), expected_um)
 
 
-def _spectrum(runs: Sequence[Recording], residuals: Sequence[np.ndarray], coords: Sequence[Coordinates],
-              known: Mapping[str, Any] | None, noise_um: float) -> Axis:
-    """Along frequency, in octaves. Occupancy is what a residual that lies nowhere in particular looks like: white, even
-    over the octaves or as the movement, as a wrong gain leaves it; the one of the three that is nearest.
+def along_frequency(runs: Sequence[Recording], residuals: Sequence[np.ndarray], coords: Sequence[Coordinates],
+                    known: Mapping[str, Any] | None, noise_um: float) -> Axis:
+    """Residuals, their means removed, along frequency in octaves.
+
+    Occupancy is what a residual that lies nowhere in particular looks like: white, even over the octaves or as the
+    movement, as a wrong gain leaves it; the one of the three that is nearest.
     """
     spectra = [passport.octaves(residual, run.sample_rate_hz) for run, residual in zip(runs, residuals)]
     first = min(spectrum.first for spectrum in spectra)

@@ -308,6 +308,13 @@ def guard_rates(slopes: np.ndarray, slope_rate_s_per_um: np.ndarray) -> np.ndarr
     return np.where(falling, slopes / np.where(falling, -slope_rate_s_per_um, 1), np.inf)
 
 
+def guarded(model: Model, share: float, highest_um_per_s: float) -> Model:
+    """The model with its guard at this share of the rate at which its first slope reaches zero, at most at a rate."""
+    singular = float(np.min(guard_rates(model.slopes, model.slope_rate_s_per_um)))
+    return replace(model, rate=replace(model.rate, max_um_per_s=min(share * singular, highest_um_per_s),
+                                       singular_um_per_s=singular if np.isfinite(singular) else None))
+
+
 def intercepts(thresholds_um: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """P_i of the loading curve W_i x - P_i: P_0 = 0, P_i = P_(i-1) + (W_i - W_(i-1)) r_i; or its change with c_i."""
     return np.cumsum(np.diff(slopes, prepend=slopes[0]) * thresholds_um)

@@ -64,6 +64,10 @@ class Judged:
     def name(self) -> str:
         return self.candidate.effect.name
 
+    def rest(self, refitted: bool) -> float:
+        """Sum of squares left, the model refitted or frozen."""
+        return self.refitted_left if refitted else self.left
+
     @property
     def size(self) -> int:
         """Parameters, as far as a comparison must pay for them."""
@@ -219,17 +223,8 @@ class Selection:
         taken = {one.effect.name for one in self.chosen} | self.without
         result = []
         for name, kind in CATALOGUE.items():
-            if name in taken:
-                continue
-            if name == "cross_coupling":
-                columns = dict.fromkeys(column for run in self.runs for column in effects.covariates(run))
-                result += [kind(column=column) for column in columns]
-            elif name == "thermal_drift":
-                result += [kind(column=column) for column in effects.DRIFT_COLUMNS]
-            elif name != "static_nonlinearity":
-                result += [kind(stage) for stage in kind.stages]
-            else:  # a curve of the actuator looks like one of the sensor
-                result.append(kind())
+            if name not in taken:
+                result += kind.variants(self.runs)
         return result
 
     def round(self, floor: float) -> tuple[list[Judged], Grams]:
@@ -327,10 +322,9 @@ class Excess:
 
 def excess(state: Selection, known: dict[str, Any] | None, coords: Sequence[localise.Coordinates]) -> Excess:
     """How far the gap exceeds what the passport expects of these recordings."""
-    left = state.bench.split(state.first)
     total = float(np.sum(state.first**2))
-    noise = float(sum(signals.noise_um(part) ** 2 * len(part) for part in left))
     if known is None:
+        noise = float(sum(signals.noise_um(part) ** 2 * len(part) for part in state.bench.split(state.first)))
         return Excess(total, noise, None, 0.0, None)
     # From the command, as the passport: what an amplifier always did, the model may hold already.
     found = passport.ratio(known, state.before_um, coords)
@@ -347,14 +341,13 @@ def select(state: Selection, gap: Excess) -> list[Round]:
             break
         judged, grams = state.round(floor)
         best, refitted = _best(judged, state, gap, bool(rounds))
-        rivals = _rivals(judged, best, refitted, state, grams) if best else []
+        reproduced = grams.reproduced()
+        rivals = _rivals(judged, best, refitted, state, reproduced) if best else []
         if refitted and gap.ratio and gap.ratio > EXCESS:
             # What was there before explains the whole better, and something else what is new.
             rivals += [one for one in judged if one.rejected is None and one.name not in
                        (best.name, *(rival.name for rival in rivals))]
-        rounds.append(Round(judged, best, rivals,
-                            grams.reproduced(),
-                            shrink_of(state.base, state.zero), refitted,
+        rounds.append(Round(judged, best, rivals, reproduced, shrink_of(state.base, state.zero), refitted,
                             float(np.sum(state.zero))))
         if best is None:
             break
@@ -413,17 +406,15 @@ def _simplest(near: list[Judged], left: Callable[[Judged], float]) -> Judged:
     return next((one for one in near if one.name == WITHIN.get(best.name) and one.share >= HOLDS * best.share), best)
 
 
-def _rivals(judged: list[Judged], best: Judged, refitted: bool, state: Selection, grams: Grams) -> list[Judged]:
+def _rivals(judged: list[Judged], best: Judged, refitted: bool, state: Selection, reproduced: np.ndarray
+            ) -> list[Judged]:
     """Those that leave as little as the best: what these recordings cannot tell from it."""
-    def left(one: Judged) -> float:
-        return one.refitted_left if refitted else one.left
-
     result = []
-    alike = grams.reproduced()[judged.index(best)]
+    alike = reproduced[judged.index(best)]
     for k, one in enumerate(judged):
         if one is best or one.name == best.name or one.candidate.synchronous > 0.5:
             continue
-        same = left(one) <= (1 + (TWIN_SAME if alike[k] > TWIN else SAME)) * left(best)
+        same = one.rest(refitted) <= (1 + (TWIN_SAME if alike[k] > TWIN else SAME)) * best.rest(refitted)
         ahead = one.candidate.effect.before_monitor and best.candidate.effect.before_monitor
         if same and ahead and state.bench.monitored:
             # A monitor's own noise is small: how an amplifier and its sampling round a delay off is not.
@@ -431,7 +422,7 @@ def _rivals(judged: list[Judged], best: Judged, refitted: bool, state: Selection
         same |= {one.name, best.name} == {"hysteresis_change", "rate_dependence"} and state.one_rate()
         if same and WITHIN.get(one.name) != best.name:
             result.append(one)
-    return sorted(result, key=left)
+    return sorted(result, key=lambda one: one.rest(refitted))
 
 
 def shrink_of(after: np.ndarray, before: np.ndarray) -> float:

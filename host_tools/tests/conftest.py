@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,6 +27,14 @@ ROOT = Path(__file__).resolve().parents[2]
 def rdpi() -> Callable[..., click.testing.Result]:
     """Run the command line in this process."""
     return lambda *arguments: click.testing.CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def folder(files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work here, beside a copy of the module's `files`."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(files, tmp_path, dirs_exist_ok=True)
+    return tmp_path
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -36,14 +35,6 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_recording(folder / name, run.columns, run.metadata)
     write_reference(folder / "reference.csv", reference(), note="a wish")
     return folder
-
-
-@pytest.fixture
-def folder(files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work here, beside a copy of `files`."""
-    monkeypatch.chdir(tmp_path)
-    shutil.copytree(files, tmp_path, dirs_exist_ok=True)
-    return tmp_path
 
 
 def write_reference(name: str | Path, reference_um: np.ndarray, **metadata: str) -> None:

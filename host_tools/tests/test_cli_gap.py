@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -51,14 +50,6 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for k, run in enumerate(slow_sines(DELAYED)):
         write(folder / f"sine{k}.csv", run)
     return folder
-
-
-@pytest.fixture
-def folder(files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work here, beside a copy of `files`."""
-    monkeypatch.chdir(tmp_path)
-    shutil.copytree(files, tmp_path, dirs_exist_ok=True)
-    return tmp_path
 
 
 def gap_of(rdpi: Callable, *arguments: object) -> tuple[dict, str]:

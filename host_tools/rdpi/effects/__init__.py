@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import BadInput
-from ..model import LARGEST, Model, guard_rates
+from ..model import LARGEST, Model, guarded
 from ..recording import Recording
 from .backlash import Backlash
 from .base import BEFORE_MONITOR, STAGES, Effect, Parameter, Values, View
 from .creep import Creep
-from .cross_coupling import CrossCoupling, covariates, is_axis
+from .cross_coupling import CrossCoupling
 from .delay import Delay
 from .gain_change import GainChange
 from .hysteresis_change import HysteresisChange
@@ -31,17 +31,16 @@ from .rate_dependence import RateDependence
 from .resonance import Resonance
 from .slew_limit import SlewLimit
 from .static_nonlinearity import StaticNonlinearity
-from .thermal_drift import COLUMN, ThermalDrift
+from .thermal_drift import ThermalDrift
 
 __all__ = ["BEFORE_MONITOR", "CATALOGUE", "STAGES", "Acting", "Effect", "Parameter", "Values", "View", "acting",
-           "covariates", "disturbed", "driven", "entries", "moved", "operator"]
+           "disturbed", "driven", "entries", "moved", "operator"]
 
 CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
     # where two act at one stage, the first comes first
     InitialMemory, RateDependence, HysteresisChange, Creep, GainChange, Backlash, Resonance, CrossCoupling,
     ThermalDrift, PeriodicDisturbance, StaticNonlinearity, SlewLimit, Lag, RailSaturation, Delay, Quantisation)}
 _ORDER = list(CATALOGUE)
-DRIFT_COLUMNS = "time_s", COLUMN
 GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
 LEAST_SLOPE_RATIO = 0.02
 
@@ -87,11 +86,8 @@ def operator(effects: Sequence[Acting], model: Model) -> Model:
         changed = effect.operator(changed, values)
     if changed is model:
         return model
-    singular = float(np.min(guard_rates(changed.slopes, changed.slope_rate_s_per_um)))
-    highest = GUARD_SLACK * (1 - LEAST_SLOPE_RATIO) * singular
-    return replace(changed, rate=replace(changed.rate, max_um_per_s=min(model.rate.max_um_per_s, highest),
-                                         min_slope_ratio=LEAST_SLOPE_RATIO,
-                                         singular_um_per_s=singular if np.isfinite(singular) else None))
+    return guarded(replace(changed, rate=replace(changed.rate, min_slope_ratio=LEAST_SLOPE_RATIO)),
+                   GUARD_SLACK * (1 - LEAST_SLOPE_RATIO), model.rate.max_um_per_s)
 
 
 def moved(effects: Sequence[Acting], z_um: np.ndarray, run: Recording, model: Model) -> np.ndarray:
@@ -127,13 +123,9 @@ def _acting(entry: Any, where: str) -> Acting:
     stage = entry.get("stage", kind.stages[0])
     if stage not in kind.stages:
         raise BadInput(f"{where}: stage is {json.dumps(stage)[:40]}; must be one of {', '.join(kind.stages)}")
-    options = {"column": entry["column"]} if kind in (CrossCoupling, ThermalDrift) and "column" in entry else {}
-    if options and kind is CrossCoupling and not (isinstance(entry["column"], str) and is_axis(entry["column"])):
-        raise BadInput(f"{where}: column is {json.dumps(entry['column'])[:40]}; must name another axis' drive, such as "
-                       "other_axis_V")
-    if options and kind is ThermalDrift and entry["column"] not in DRIFT_COLUMNS:
-        raise BadInput(f"{where}: column is {json.dumps(entry['column'])[:40]}; must be one of "
-                       f"{', '.join(DRIFT_COLUMNS)}")
+    options = {"column": entry["column"]} if kind.of_column and "column" in entry else {}
+    if options and (complaint := kind.wrong_column(entry["column"])) is not None:
+        raise BadInput(f"{where}: column is {json.dumps(entry['column'])[:40]}; {complaint}")
     given = entry.get("parameters", {})
     if not isinstance(given, dict):
         raise BadInput(f"{where}: parameters must be an object")

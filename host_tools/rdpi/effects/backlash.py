@@ -23,7 +23,7 @@ class Backlash(Effect):
     stages = ("mechanics",)
     parameters = (Parameter("width_um", "um", 0.0, np.inf),)
 
-    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         return firmware.plays(z_um, np.array([0.0, values["width_um"] / 2]), np.full(2, z_um[0]))[0][:, 1]
 
     def starts(self, view: View) -> list[dict[str, float]]:

@@ -53,10 +53,12 @@ class Effect:
     stages: ClassVar[tuple[str, ...]]  # where it may act; the first unless a monitor tells more
     parameters: ClassVar[tuple[Parameter, ...]]
     linear: ClassVar[bool] = False  # the displacement is linear in the parameters, at least while they are small
+    of_column: ClassVar[str | None] = None  # the covariate that it follows unless told another; None: it follows none
     disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
 
-    def __init__(self, stage: str | None = None) -> None:
+    def __init__(self, stage: str | None = None, column: str | None = None) -> None:
         self.stage = self.stages[0] if stage is None else stage
+        self.column = self.of_column if column is None else column
         if self.stage not in self.stages:
             raise ValueError(f"{self.name} does not act at {self.stage}")
 
@@ -81,28 +83,44 @@ class Effect:
     @property
     def options(self) -> dict[str, str]:
         """What else an entry of the model file's list `effects` must hold to make this effect again."""
-        return {}
+        return {} if self.column is None else {"column": self.column}
 
     def absent(self) -> dict[str, float]:
         """Parameters at which it does nothing."""
         return {parameter.name: parameter.absent for parameter in self.parameters}
+
+    @classmethod
+    def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
+        """The effect everywhere that these recordings may show it."""
+        return [cls(stage) for stage in cls.stages]
+
+    @staticmethod
+    def wrong_column(column: object) -> str | None:
+        """What is wrong with a column to follow; None: nothing."""
+        return None
 
     @staticmethod
     def refusal(values: Values) -> str | None:
         """What is wrong with parameters that are each within bounds; None: nothing."""
         return None
 
+    def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        """The signal (samples,) that leaves this stage: the drive in V ahead of the actuator, else the displacement in
+        um, and run.command_V then is what drove the actuator.
+        """
+        return signal
+
     def drive(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         """The drive in V (samples,) that leaves this stage."""
-        return drive_V
+        return self.act(drive_V, run, values, model) if self.before_monitor else drive_V
 
     def operator(self, model: Model, values: Values) -> Model:
         """The model with the changed operator."""
         return model
 
     def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        """The displacement in um (samples,) that leaves this stage; run.command_V is what drove the actuator."""
-        return z_um
+        """The displacement in um (samples,) that leaves this stage."""
+        return z_um if self.before_monitor else self.act(z_um, run, values, model)
 
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
         """Disturbances: what is fitted to each recording by itself, um, (samples, columns)."""

@@ -27,7 +27,7 @@ class Creep(Effect):
     parameters = (Parameter("percent_per_decade", "%", -2.0, 20.0),)
     linear = True
 
-    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         share = values["percent_per_decade"] / 100
         if share == 0:
             return z_um

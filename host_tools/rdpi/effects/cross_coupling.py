@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..model import Model
@@ -33,15 +35,18 @@ class CrossCoupling(Effect):
     parameters = (Parameter("um_per_V", "um/V", -np.inf, np.inf),)
     linear = True
 
-    def __init__(self, stage: str | None = None, column: str = "other_axis_V") -> None:
-        super().__init__(stage)
-        self.column = column
+    of_column = "other_axis_V"
 
-    @property
-    def options(self) -> dict[str, str]:
-        return {"column": self.column}
+    @classmethod
+    def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
+        return [cls(column=column) for column in dict.fromkeys(name for run in runs for name in covariates(run))]
 
-    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+    @staticmethod
+    def wrong_column(column: object) -> str | None:
+        named = isinstance(column, str) and is_axis(column)
+        return None if named else "must name another axis' drive, such as other_axis_V"
+
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         other = run.columns.get(self.column)
         return z_um if other is None else z_um + values["um_per_V"] * other
 

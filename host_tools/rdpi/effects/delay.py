@@ -20,16 +20,9 @@ class Delay(Effect):
     stages = "timing", "sensor"
     parameters = (Parameter("delay_s", "s", 0.0, 1.0),)
 
-    def drive(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        return drive_V if self.stage == "sensor" else _later(drive_V, values["delay_s"] / run.sample_time_s)
-
-    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        return _later(z_um, values["delay_s"] / run.sample_time_s) if self.stage == "sensor" else z_um
+    def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        whole = np.arange(len(signal))
+        return np.interp(whole - values["delay_s"] / run.sample_time_s, whole, signal)
 
     def starts(self, view: View) -> list[dict[str, float]]:
         return [{"delay_s": 0.5 * min(run.sample_time_s for run in view.runs)}]
-
-
-def _later(signal: np.ndarray, samples: float) -> np.ndarray:
-    whole = np.arange(len(signal))
-    return np.interp(whole - samples, whole, signal)

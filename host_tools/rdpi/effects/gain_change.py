@@ -21,7 +21,7 @@ class GainChange(Effect):
     parameters = (Parameter("factor", "1", 0.05, 20.0, 1.0),)
     linear = True
 
-    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         return model.offset_um + values["factor"] * (z_um - model.offset_um)
 
     def starts(self, view: View) -> list[dict[str, float]]:

@@ -20,16 +20,9 @@ class Lag(Effect):
     stages = "amplifier", "sensor"
     parameters = (Parameter("time_constant_s", "s", 0.0, 1.0),)
 
-    def drive(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        return drive_V if self.stage == "sensor" else _lagged(drive_V, run, values)
-
-    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        return _lagged(z_um, run, values) if self.stage == "sensor" else z_um
+    def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        time_constant_s = values["time_constant_s"]
+        return low_pass(signal, run.sample_time_s, time_constant_s) if time_constant_s > 0 else signal
 
     def starts(self, view: View) -> list[dict[str, float]]:
         return [{"time_constant_s": 0.5 * min(run.sample_time_s for run in view.runs)}]
-
-
-def _lagged(signal: np.ndarray, run: Recording, values: Values) -> np.ndarray:
-    time_constant_s = values["time_constant_s"]
-    return low_pass(signal, run.sample_time_s, time_constant_s) if time_constant_s > 0 else signal

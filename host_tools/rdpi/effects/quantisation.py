@@ -38,13 +38,13 @@ class Quantisation(Effect):
     def free(self) -> tuple[str, ...]:
         return () if self.stage == "sensor" else ("step", "origin")  # a sensor's grid is read off its values
 
-    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        return z_um if self.stage == "DAC" else _staircase(z_um, values["step"], values["dither"])
-
-    def drive(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        if self.stage != "DAC" or values["step"] < LEAST_STEP:
-            return drive_V
-        return values["origin"] + values["step"] * np.round((drive_V - values["origin"]) / values["step"])
+    def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        step = values["step"]
+        if step < LEAST_STEP:
+            return signal
+        if self.stage == "sensor":
+            return _staircase(signal, step, values["dither"])
+        return values["origin"] + step * np.round((signal - values["origin"]) / step)
 
     def starts(self, view: View) -> list[dict[str, float]]:
         if self.stage == "sensor":
@@ -77,8 +77,6 @@ def _steps(view: View) -> list[dict[str, float]]:
 
 
 def _staircase(x: np.ndarray, step: float, dither: float) -> np.ndarray:
-    if step < LEAST_STEP:
-        return x
     if dither < 0.05 * step:
         return step * np.round(x / step)
     k = np.arange(1, HARMONICS + 1)

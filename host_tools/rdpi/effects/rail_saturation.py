@@ -26,7 +26,7 @@ class RailSaturation(Effect):
     def refusal(values: Values) -> str | None:
         return None if values["V_min"] < values["V_max"] else "V_min must lie below V_max"
 
-    def drive(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+    def act(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         return np.clip(drive_V, values["V_min"], values["V_max"])
 
     def starts(self, view: View) -> list[dict[str, float]]:

@@ -30,7 +30,7 @@ class RateDependence(Effect):
     parameters = (Parameter("widening", "1", -1.0, 10.0), Parameter("change", "1", -0.9, 2.0),
                   Parameter("exponent", "1", 0.2, 1.5, 1.0))
 
-    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         if values["widening"] == 0 and values["change"] == 0:
             return z_um
         law = model.rate

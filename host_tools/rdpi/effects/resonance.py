@@ -30,7 +30,7 @@ class Resonance(Effect):
     stages = ("mechanics",)
     parameters = Parameter("f0_hz", "Hz", 1e-3, np.inf, np.inf), Parameter("damping", "1", 1e-3, 0.95, 0.05)
 
-    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         turn = values["f0_hz"] * run.sample_time_s  # per sample
         return _ring(z_um, 2 * np.pi * turn, values["damping"]) if turn < 0.5 else z_um
 

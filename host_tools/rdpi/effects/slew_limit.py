@@ -22,7 +22,7 @@ class SlewLimit(Effect):
     stages = ("amplifier",)
     parameters = (Parameter("V_per_s", "V/s", 1e-9, np.inf, np.inf),)
 
-    def drive(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+    def act(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         limit = values["V_per_s"] * run.sample_time_s
         return limited(drive_V, limit) if np.isfinite(limit) else drive_V
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..model import Model
@@ -25,7 +27,11 @@ class StaticNonlinearity(Effect):
                   Parameter("cubic", "1", -2.0, 2.0))
     linear = True
 
-    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+    @classmethod
+    def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
+        return [cls()]  # a curve of the actuator looks like one of the sensor
+
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         half = model.stroke_um / 2
         p = (z_um - model.offset_um) / half - 1
         return z_um + half * p * (values["linear"] + p * (values["quadratic"] + p * values["cubic"]))

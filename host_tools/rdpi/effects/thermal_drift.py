@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..model import Model
 from ..recording import Recording
 from .base import Effect, Parameter, Values, View
 
-COLUMN = "temperature_degC"
+COLUMNS = "time_s", "temperature_degC"  # whose parameters stand in this order
 
 
 class ThermalDrift(Effect):
@@ -26,17 +28,19 @@ class ThermalDrift(Effect):
     parameters = Parameter("um_per_s", "um/s", -np.inf, np.inf), Parameter("um_per_degC", "um/°C", -np.inf, np.inf)
     disturbance = True
 
-    def __init__(self, stage: str | None = None, column: str = "time_s") -> None:
-        super().__init__(stage)
-        self.column = column
+    of_column = COLUMNS[0]
 
-    @property
-    def options(self) -> dict[str, str]:
-        return {"column": self.column}
+    @classmethod
+    def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
+        return [cls(column=column) for column in COLUMNS]
+
+    @staticmethod
+    def wrong_column(column: object) -> str | None:
+        return None if column in COLUMNS else f"must be one of {', '.join(COLUMNS)}"
 
     @property
     def free(self) -> tuple[str, ...]:
-        return (self.parameters[self.column == COLUMN].name,)
+        return (self.parameters[COLUMNS.index(self.column)].name,)
 
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
         wandering = run.columns.get(self.column, np.zeros(len(run)))
