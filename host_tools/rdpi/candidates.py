@@ -147,9 +147,14 @@ def rigs(model: Model, runs: Sequence[Recording], monitored: bool) -> list[Rig]:
 class Bench:
     """All recordings of one diagnosis as one long vector, and the block of each sample."""
 
-    def __init__(self, model: Model, runs: Sequence[Recording], monitored: bool = True) -> None:
-        """With `monitored` the actuator is driven by monitor_V, where every recording has it."""
-        self.monitored = monitored and all("monitor_V" in run.columns for run in runs)
+    def __init__(self, model: Model, runs: Sequence[Recording], earlier: Sequence[Recording] = (),
+                 monitored: bool = True) -> None:
+        """With `monitored` the actuator is driven by monitor_V, where every recording has it.
+
+        With `earlier` recordings, one of each run's drive and length, what the model misses of them is taken off what
+        is measured: what is left is new.
+        """
+        self.monitored = monitored and all("monitor_V" in run.columns for run in (*runs, *earlier))
         self.model, self.rigs = model, rigs(model, runs, self.monitored)
         self.lengths = [len(run) for run in runs]
         self.measured = self.join([run.displacement_um for run in runs],
@@ -160,6 +165,9 @@ class Bench:
                                      for k, length in enumerate(self.lengths) for side in range(sides)])
         self.run_of_block = np.repeat(np.arange(len(runs)), BLOCKS * sides)
         self.of_monitor = np.tile(np.repeat(np.arange(sides), BLOCKS), len(runs)).astype(bool)
+        self.earlier = Bench(model, earlier, monitored=self.monitored) if earlier else None
+        if self.earlier:
+            self.measured -= self.earlier.measured - self.earlier.predict(effects.acting(model))
 
     def join(self, shown: Sequence[np.ndarray], amplified: Sequence[np.ndarray] | None = None) -> np.ndarray:
         """One long vector, or matrix, of what each recording's displacement and monitor show; the latter 0 if None."""
@@ -175,6 +183,13 @@ class Bench:
         starts = np.cumsum([0, *self.lengths]) * (1 + self.monitored)
         return [vector[start:start + length]
                 for start, length in zip(starts[:-1] + monitor * np.array(self.lengths), self.lengths)]
+
+    def base_columns(self) -> np.ndarray:
+        """Slopes of the prediction in the model's own parameters, as Rig.base_columns, less those of what it missed
+        earlier: (samples, parameters).
+        """
+        own = self.join([rig.base_columns for rig in self.rigs])
+        return own - self.earlier.base_columns() if self.earlier else own
 
     def predict(self, acting: Sequence[Acting]) -> np.ndarray:
         """The prediction with these effects, disturbances apart."""
@@ -402,7 +417,7 @@ class Grams:
             self.change.append(at)
             self.slopes.append(slice(at + 1, at + 1 + one.slopes.shape[1]))
             at += 1 + one.slopes.shape[1]
-        parts.append(bench.join([rig.base_columns for rig in bench.rigs]))
+        parts.append(bench.base_columns())
         self.base = slice(at, at + parts[-1].shape[1])
         self.blocks = self._reduce(parts)
 

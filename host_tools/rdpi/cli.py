@@ -1007,14 +1007,18 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
               help="The model with the effects that were found.")
 @click.option("--report", metavar="DIR", type=click.Path(file_okay=False),
               help="Write index.html, one page with pictures, and gap.json there.")
+@click.option("--earlier", multiple=True, metavar="RUN", type=click.Path(dir_okay=False),
+              help="A recording of the same drive as one of the RUNs, made at commissioning, say; one for each of them. "
+                   "Then what has changed since is diagnosed, and the model's own error does not count.")
 @click.option("--without", multiple=True, metavar="EFFECT",
               help="Leave this effect out of those that are tried; may be given several times.")
-def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | None,
+def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | None, earlier: tuple[str, ...],
         without: tuple[str, ...]) -> dict[str, Any]:
     """Diagnose the sim-to-real gap: where it lies, which effect causes it, how far it shrinks once that is added.
 
     RUNs are recordings that the model was not fitted to, several with different waveforms if possible; a column
-    monitor_V (the amplifier's output) tells what lies before the actuator from what lies after.
+    monitor_V (the amplifier's output) tells what lies before the actuator from what lies after. With --earlier, drives
+    that were recorded before tell smaller changes.
     """
     from . import gap_report
     from .effects import CATALOGUE
@@ -1027,7 +1031,8 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
             raise BadInput(f"--without {name}: no effect; there are {', '.join(CATALOGUE)}")
     with progress("diagnosing") as report_progress:
         parameters = read_model(model)
-        found = diagnose(parameters, [read_recording(path) for path in runs], without, report_progress)
+        found = diagnose(parameters, [read_recording(path) for path in runs], without, report_progress,
+                         [read_recording(path) for path in earlier])
     document = {**found.document, "model": model, "model_digest": parameters.digest()}
     if output is not None:
         write_model(output, found.improved)

@@ -1,6 +1,7 @@
 """`rdpi gap`: where a fitted model and its actuator part ways, which effect is behind it, and how far adding it helps.
 
-The model is driven by the recorded command; the gap is what is left of the displacement, each recording's mean removed.
+The model is driven by the recorded command; the gap is what is left of the displacement, each recording's mean removed,
+or with earlier recordings of the same drives what is left beyond what was left of them.
 """
 
 from __future__ import annotations
@@ -43,14 +44,20 @@ class Diagnosis:
 
 
 def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (),
-             progress: Callable[[float], None] = lambda fraction: None) -> Diagnosis:
+             progress: Callable[[float], None] = lambda fraction: None, earlier: Sequence[Recording] = ()) -> Diagnosis:
     """Diagnose the gap between a model and recordings of its actuator; effects named in `without` are not known.
 
-    Raises BadInput for recordings that cannot be this model's.
+    With `earlier` recordings, one of the same drive for each run, the gap is what has changed since: what the model
+    missed then is taken off, and with it its own error.
+
+    Raises BadInput for recordings that cannot be this model's, and for a run whose drive no earlier recording has.
     """
-    notes = intake.check_against(model, runs)
-    known = passport.read(model)
-    state = Selection(model, runs, without, progress)
+    notes, known = intake.check_against(model, runs), passport.read(model)
+    if earlier:
+        intake.check_against(model, earlier)
+        earlier = intake.same_drives(runs, earlier)
+        known = None if known is None else passport.repeated(known)
+    state = Selection(model, runs, earlier, without, progress)
     before = state.before_um
     coords = [localise.coordinates(rig.recording, rig.respond(state.acting()), rig.rate_um_per_s)
               for rig in state.bench.rigs]
@@ -74,6 +81,7 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     final = Grams(state.bench, state.rest, [], state.chosen) if state.chosen else None
     document = {
         "schema": SCHEMA, "tool": f"rdpi {version()}", "verdict": verdict, "detection": state.detection,
+        "paired": bool(earlier),
         "effects": _effects(state, rounds, final), "candidates": _candidates(state, rounds),
         "gap": _gap(state, noise, before, after), "where": _where(state, axes, before),
         "runs": _runs(state, gap, before, after),
@@ -263,7 +271,8 @@ def _where(state: Selection, axes: Sequence[localise.Axis], before: Sequence[np.
 def _runs(state: Selection, gap: Excess, before: Sequence[np.ndarray], after: Sequence[np.ndarray]
           ) -> list[dict[str, Any]]:
     whole = max(float(sum(np.sum(part**2) for part in before)), 1e-300)
-    return [{"file": run.path, "digest": run.digest, "samples": len(run),
+    earlier = [run.path for run in state.earlier] or [None] * len(state.runs)
+    return [{"file": run.path, "digest": run.digest, "samples": len(run), "earlier": earlier[k],
              "rms_um": {"before": _rms([one]), "after": _rms([other])},
              "offset_um": float(np.mean(run.displacement_um - rig.respond(state.known))),
              "noise_floor_um": signals.noise_um(run.displacement_um),

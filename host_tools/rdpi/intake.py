@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from . import firmware
 from .errors import BadInput
 from .model import MAX_OFFSET, Model
-from .recording import Recording
+from .recording import RATE_TOLERANCE, Recording
 
 LARGEST_INPUT = 1e6  # V or um
 MONITOR_SLOPE = 0.3, 2.0  # V of monitor per V of command
@@ -18,6 +19,7 @@ MIN_CORRELATION = 0.5  # between command and displacement
 GAIN_SPREAD = 5.0  # between the runs' um per volt
 MODEL_SPREAD = 3.0  # between the model's um per volt and a recording's
 UNITS = 200.0  # ... from which it is a matter of units
+SAME_DRIVE = 0.005  # of its range: how far two commands of the same drive differ at most; a converter's step, jitter
 CLIPPED_SHARE = 0.01  # of the samples at the very highest or lowest reading while the command moves
 
 
@@ -131,6 +133,33 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
         notes.append("one recording only: effects were judged on parts of it that were left out, which promises more "
                      "than other recordings keep; give several with different waveforms")
     return notes
+
+
+def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list[Recording]:
+    """For each run the earlier recording whose command is the same from the first sample on, as long as the run.
+
+    Raises BadInput for a run that has none.
+    """
+    _check_once([hash(run.command_V.tobytes() + run.displacement_um.tobytes()) for run in (*runs, *earlier)],
+                [*runs, *earlier])
+    found = []
+    for run in runs:
+        alike = [one for one in earlier if abs(one.sample_time_s / run.sample_time_s - 1) < RATE_TOLERANCE]
+        if not alike:
+            raise BadInput(f"{run.path}: no earlier recording has its {run.sample_rate_hz:g} samples per second")
+        apart, nearest = min(((_apart(run, one), one) for one in alike), key=lambda pair: pair[0])
+        if apart > SAME_DRIVE:
+            raise BadInput(f"{run.path}: no earlier recording has the same drive all along (nearest is {nearest.path}, "
+                           f"{100 * apart:.2g} % of the range away); leave this run out, or --earlier")
+        found.append(replace(nearest, columns={name: values[:len(run)] for name, values in nearest.columns.items()}))
+    return found
+
+
+def _apart(run: Recording, other: Recording) -> float:
+    """Largest distance of two commands, as a share of the range; 1 if the other is too short."""
+    if len(other) < len(run):
+        return 1.0
+    return float(np.max(np.abs(other.command_V[:len(run)] - run.command_V)) / np.ptp(run.command_V))
 
 
 def _check_covariates(run: Recording, related: bool) -> None:

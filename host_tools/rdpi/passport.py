@@ -32,6 +32,9 @@ KERNEL, HALF = 0.3, 0.2
 # Of that logarithm, where every residual is of runs that were fitted and where not, before any run was left out of the
 # passport itself; and how many such runs that is worth.
 SPREAD_FITTED, SPREAD, SPREAD_RUNS = 0.8, 0.4, 3.0
+# Share of a model's own error by which the actuator differs from itself, recorded twice with the same drive: 0.5 to 0.6
+# of the cycles of ../shared/data/picma_p885, from one to nine cycles apart, noise taken off.
+REPEATS = 0.6
 LOW, LEAST = 1e-2, 1e-6  # of a feature's usual size, of the stroke: logarithms of smaller ones say nothing
 AXES = "rate_um_per_s", "position_um", "amplitude_um", "since_reversal_s", "direction"
 SHAPE_AXES = AXES[:2]  # those that, multiplied, foretold best where a residual lies
@@ -169,6 +172,22 @@ class _Checked:
         if not all(max(low, -LARGEST) <= value <= LARGEST for value in values):  # refuses NaN too
             self.refuse(name, f"must lie within {max(low, -LARGEST):g} to {LARGEST:g}")
         return np.array(values, float)
+
+
+def repeated(known: Mapping[str, Any]) -> dict[str, Any]:
+    """The passport of differences between two recordings of the same drive: a share of what a model misses, for no
+    actuator repeats exactly, and the sensor's noise twice.
+    """
+    noise = known["noise_um"] ** 2
+    level, beside = known["level"], (2 - REPEATS**2) * noise
+
+    def differs(rms_um: float) -> float:
+        return float(np.sqrt(REPEATS**2 * rms_um**2 + beside))
+
+    first, *others = (REPEATS**2 * value for value in level["coefficients"])
+    return {**known, "noise_um": float(np.sqrt(2 * noise)), "rms_um": differs(known["rms_um"]),
+            "expected_um": differs(known["expected_um"]),
+            "level": {**level, "rms_um": [*map(differs, level["rms_um"])], "coefficients": [first + beside, *others]}}
 
 
 def expected_um(known: Mapping[str, Any], coords: Coordinates) -> np.ndarray:

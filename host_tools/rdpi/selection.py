@@ -90,10 +90,12 @@ class Round:
 class Selection:
     """Which effects act beside a model, and what they leave."""
 
-    def __init__(self, model: Model, runs: Sequence[Recording], without: Sequence[str],
+    def __init__(self, model: Model, runs: Sequence[Recording], earlier: Sequence[Recording], without: Sequence[str],
                  progress: Callable[[float], None]) -> None:
+        """`earlier` holds a recording of the same drive for each run, or nothing."""
         self.model, self.runs, self.without, self.progress = model, list(runs), set(without), progress
-        self.bench, self.known = Bench(model, runs), effects.acting(model)
+        self.earlier, self.known = list(earlier), effects.acting(model)
+        self.bench = Bench(model, runs, earlier)
         self.chosen: list[Candidate] = []
         self.detection = -np.inf  # the evidence for a gap
         self.rest = self.bench.measured - self.predict()
@@ -149,7 +151,7 @@ class Selection:
         if not self.bench.monitored and model is self.model:
             return self.bench
         if self._driven is None or self._driven.model is not model:
-            self._driven = Bench(model, self.runs, monitored=False)
+            self._driven = Bench(model, self.runs, self.earlier, monitored=False)
         return self._driven
 
     def one_rate(self) -> bool:
@@ -211,7 +213,7 @@ class Selection:
     def refit(self, one: Candidate, move: np.ndarray) -> None:
         """Move the model's parameters, as Grams.fitted_base has them, and let the effect act beside that model."""
         self.model = candidates.moved(self.model, move)
-        self.bench = Bench(self.model, self.runs)
+        self.bench = Bench(self.model, self.runs, self.earlier)
         self.rest = self.bench.measured - self.predict()
         again = candidates.search(self.bench, one.effect, self.acting(), self.bench.measured - self.rest)
         self.accept(again or one)

@@ -52,9 +52,9 @@ def drives(canned: Drives = LATER[:3], limits: excite.Limits = LIMITS) -> list[R
     return found
 
 
-def recorded(model: Model, runs: Sequence[Recording], *entries: dict) -> list[Recording]:
+def recorded(model: Model, runs: Sequence[Recording], *entries: dict, seed: int = 1) -> list[Recording]:
     """Recordings of the actuator that is the model with these effects."""
-    random = np.random.default_rng(1)
+    random = np.random.default_rng(seed)
     return [changed(run, displacement_um=found.predicted_um + NOISE_UM * random.standard_normal(len(run)))
             for run, found in zip(runs, chain.simulate(replace(model, effects=list(entries)), runs))]
 

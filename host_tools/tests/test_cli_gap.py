@@ -123,6 +123,24 @@ def test_without(folder: Path, rdpi: Callable) -> None:
     assert not {"delay", "lag"} & {one["name"] for one in result["candidates"] if one["rejected_because"] is None}
 
 
+def test_earlier_recordings_of_the_same_drives(folder: Path, rdpi: Callable) -> None:
+    """Given in any order, and one too many."""
+    given = [word for name in FRESH[::-1] for word in ("--earlier", name)]
+    result, _ = gap_of(rdpi, "model.json", *LATE[1:], *given)
+    assert result["paired"] and result["effects"][0]["name"] == "delay"
+    assert [row["earlier"] for row in result["runs"]] == list(FRESH[1:])
+    result, _ = gap_of(rdpi, "model.json", *LATE[1:])
+    assert not result["paired"] and all(row["earlier"] is None for row in result["runs"])
+
+
+def test_earlier_recordings_of_other_drives(folder: Path, rdpi: Callable, refused: Callable) -> None:
+    assert re.match(r"late2\.csv: no earlier recording has the same drive all along \(nearest is \S+\.csv, \S+ % of",
+                    refused("gap", "model.json", *LATE[1:3], "--earlier", "fresh1.csv", "--earlier", "fresh3.csv",
+                            "-o", refused.output))
+    done = rdpi("gap", "model.json", "late0.csv", "--earlier", "fresh0.csv", "-o", "fresh0.csv")
+    assert done.exit_code == 2 and "fresh0.csv: would be written over an input" in done.output
+
+
 def test_no_progress_when_piped(folder: Path) -> None:
     done = subprocess.run([sys.executable, "-m", "rdpi", "gap", "model.json", "sine0.csv"], capture_output=True,
                           text=True, env=os.environ | {"PYTHONPATH": str(HOST_TOOLS)})

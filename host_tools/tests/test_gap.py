@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
-from injected import (FURTHER, LATER, NOISE_UM, RATE_HZ, commissioned, drives, entry, left_um, plain_model, recorded,
-                      rms)
+from injected import (COMMISSIONING, FURTHER, LATER, NOISE_UM, RATE_HZ, commissioned, drives, entry, left_um,
+                      plain_model, recorded, rms)
 from plants import changed, marked, recording
 
 from rdpi import chain, effects, excite
@@ -62,6 +62,10 @@ def named(found: Diagnosis) -> set[str]:
     """The first effect and what it may be confused with."""
     first = found.document["effects"][0]
     return {first["name"], *first["confusable_with"]}
+
+
+def scaled(run: Recording, command: float = 1.0, displacement: float = 1.0) -> Recording:
+    return changed(run, command_V=command * run.command_V, displacement_um=displacement * run.displacement_um)
 
 
 def numbers(value: Any) -> Iterator[float]:
@@ -462,11 +466,84 @@ def test_same_recordings_same_document() -> None:
     assert diagnose(commissioned(), runs).document == diagnose(commissioned(), runs).document
 
 
+# --- against earlier recordings of the same drives -------------------------------------------------------------------
+
+CREEP = entry("creep", percent_per_decade=3.0)  # that the actuator always had
+
+
+@lru_cache(maxsize=None)
+def with_creep() -> Model:
+    return fit(recorded(plain_model(), drives(COMMISSIONING), CREEP), Options(rate_independent=True)).model
+
+
+def twice(*entries: dict, always: Sequence[dict] = (CREEP,)) -> tuple[list[Recording], list[Recording]]:
+    """An actuator before and after."""
+    return (recorded(plain_model(), drives(LATER), *always, seed=2),
+            recorded(plain_model(), drives(LATER), *always, *entries))
+
+
+@pytest.mark.parametrize(("name", "values"), [("gain_change", {"factor": 1.005}), ("backlash", {"width_um": 0.02})])
+def test_earlier_recordings_show_what_hides_in_the_models_own_error(name: str, values: dict[str, float]) -> None:
+    before, now = twice(entry(name, **values))
+    alone, found = diagnose(with_creep(), now), diagnose(with_creep(), now, earlier=before)
+    assert alone.document["verdict"] == "none" or name_of(alone) != name
+    assert found.document["verdict"] == "effect" and name_of(found) == name
+    (parameter,) = values
+    assert found.document["effects"][0]["parameters"][parameter]["value"] == pytest.approx(values[parameter], rel=0.1)
+    assert found.document["paired"] and not alone.document["paired"]
+    assert found.document["gap"]["rms_um"] < alone.document["gap"]["rms_um"]
+    assert [row["earlier"] for row in found.document["runs"]] == [run.path for run in before]
+
+
+def test_nothing_new_is_nothing_however_wrong_the_model() -> None:
+    before, now = twice(always=[CREEP, entry("backlash", width_um=0.3)])
+    found = diagnose(with_creep(), now, earlier=before[::-1])
+    assert found.document["verdict"] == "none" and found.document["passport"]["ratio"] < 1.2
+    assert found.document["gap"]["rms_um"] == pytest.approx(np.sqrt(2) * NOISE_UM, rel=0.1)
+    assert diagnose(with_creep(), now).document["verdict"] != "none"
+
+
+def test_a_monitor_before_and_after() -> None:
+    """Of an amplifier that always lagged, and now is late as well."""
+    lag, late = entry("lag", time_constant_s=0.0003), entry("delay", delay_s=0.002)
+
+    def monitored(runs: list[Recording], *ahead: dict) -> list[Recording]:
+        acting = effects.acting(replace(plain_model(), effects=list(ahead)))
+        return [changed(run, monitor_V=effects.driven(acting, run.command_V, run, plain_model())) for run in runs]
+
+    before, now = twice(late, always=[CREEP, lag])
+    found = diagnose(with_creep(), monitored(now, lag, late), earlier=monitored(before, lag))
+    assert found.document["verdict"] == "effect" and name_of(found) == "delay"
+    assert found.document["effects"][0]["parameters"]["delay_s"]["value"] == pytest.approx(0.002, rel=0.1)
+    assert found.document["where"]["stage"] == "timing"
+    assert name_of(diagnose(with_creep(), monitored(now, lag, late), earlier=before)) in ("delay", "lag")
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    (lambda run: scaled(run, command=1.01), r"no earlier recording has the same drive all along \(nearest is \S+ "),
+    (lambda run: changed(run, **{name: values[:-1] for name, values in run.columns.items()}), "the same drive"),
+    (lambda run: marked(changed(run, time_s=run.time_s / 2), sample_rate_hz="2000"), "1000 samples per second"),
+    (lambda run: scaled(run, displacement=-1.0), "moves opposite to the model"),
+])
+def test_earlier_recordings_that_are_of_other_drives(change: Any, message: str) -> None:
+    before, now = twice()
+    with pytest.raises(BadInput, match=message):
+        diagnose(with_creep(), now, earlier=[*map(change, before)])
+
+
+def test_earlier_recordings_may_be_longer_and_more() -> None:
+    before, now = twice(entry("delay", delay_s=0.002))
+    shorter = [changed(run, **{name: values[:-50] for name, values in run.columns.items()}) for run in now[1:]]
+    assert name_of(diagnose(with_creep(), shorter, earlier=before)) == "delay"
+
+
+def test_an_earlier_recording_is_not_the_same_one() -> None:
+    now = twice()[1]
+    with pytest.raises(BadInput, match=r"given twice \(the same bytes\); a run counts once"):
+        diagnose(with_creep(), now, earlier=now)
+
+
 # --- what it refuses, what it remarks --------------------------------------------------------------------------------
-
-def scaled(run: Recording, command: float = 1.0, displacement: float = 1.0) -> Recording:
-    return changed(run, command_V=command * run.command_V, displacement_um=displacement * run.displacement_um)
-
 
 @pytest.mark.parametrize(("change", "message"), [
     (lambda run: scaled(run, displacement=1000.0), "other units"),

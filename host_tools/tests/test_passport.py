@@ -172,6 +172,20 @@ def test_ratio_of_a_residual_that_grew() -> None:
     assert both.spread == plain()["spread"]
 
 
+def test_two_recordings_of_the_same_drive_differ_by_less_than_a_model_misses() -> None:
+    """... where noise is little; where it is all, by twice its energy."""
+    known, run = plain(), recording(waves(40, 2, 4, RATE_HZ), None, RATE_HZ)
+    z = 0.1 * run.command_V
+    coords = localise.coordinates(run, z, rate_of(z, RATE_HZ))
+    quiet, loud = {**known, "noise_um": 0.0}, passport.expected_um(known, coords)
+    assert passport.expected_um(passport.repeated(quiet), coords) == pytest.approx(passport.REPEATS * loud)
+    noisy = {**known, "noise_um": 1.0, "level": {**known["level"], "coefficients": [1.0, 0.0, 0.0, 0.0],
+                                                 "rms_um": [1.0] * len(known["level"]["rms_um"])}}
+    differ = passport.repeated(noisy)
+    assert passport.level_um(differ, coords) == pytest.approx(np.sqrt(2)) and differ["noise_um"] == np.sqrt(2)
+    assert passport.read(replace(model_of(stack()), passport=json.loads(json.dumps(differ)))) == differ
+
+
 def test_expected_spectrum_adds_up_and_follows_the_movement() -> None:
     command = np.concatenate([waves(90, 2, 20, RATE_HZ), waves(40, 2, 10, RATE_HZ)])
     time_s = np.arange(len(command)) / RATE_HZ

@@ -11,7 +11,7 @@ import json
 import zlib
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from io import StringIO
 from itertools import cycle, islice
 from pathlib import Path
@@ -24,6 +24,7 @@ from rdpi.model import Model, read_model
 from rdpi.recording import Recording, write_recording
 
 RHOS = (4.0, 1.0, 10.0, 2.0, 0.3)  # small sets get the first of them
+PAIRED_RHOS = (1.0, 0.3, 4.0, 0.5, 0.2)  # with earlier recordings smaller changes show
 CASES_PER_MACHINE, LEAST_MACHINES = 20, 8
 SHARES = {"single": 0.40, "born in": 0.06, "foreign": 0.09, "pair": 0.06, "poor": 0.055}  # the rest is "none"
 # The fit takes up the others, entirely or so far that nothing is left to be found.
@@ -63,7 +64,7 @@ class Case:
     samples: int = 0
 
 
-def plan(count: int, seed: int, withhold: str | None) -> list[Case]:
+def plan(count: int, seed: int, withhold: str | None, paired: bool = False) -> list[Case]:
     """The cases, spread evenly over effects, severities and machines. With `withhold`, that effect alone, or "all"."""
     random = np.random.default_rng([seed, 1])
     machines = min(count, max(LEAST_MACHINES, -(-count // CASES_PER_MACHINE)))
@@ -72,7 +73,7 @@ def plan(count: int, seed: int, withhold: str | None) -> list[Case]:
         shuffled = random.permutation(names).tolist()
         return list(islice(cycle((name, rho) for rho in rhos for name in shuffled), amount))
 
-    catalogue, strong = list(IN_CATALOGUE), RHOS[:-1]
+    catalogue, rhos, strong = list(IN_CATALOGUE), PAIRED_RHOS if paired else RHOS, RHOS[:-1]
     cases: list[Case] = []
     if withhold:
         names = catalogue if withhold == "all" else [withhold]
@@ -81,7 +82,7 @@ def plan(count: int, seed: int, withhold: str | None) -> list[Case]:
         amounts = {group: int(share * count) for group, share in SHARES.items()}
         cases += [Case("none", (), 0.0, 0, "poor" if k % 5 == 4 else "rich")
                   for k in range(count - sum(amounts.values()))]
-        cases += [Case("single", (name,), rho, 0) for name, rho in spread(catalogue, RHOS, amounts["single"])]
+        cases += [Case("single", (name,), rho, 0) for name, rho in spread(catalogue, rhos, amounts["single"])]
         cases += [Case("born in", (name,), rho, 0) for name, rho in spread(BORN_IN, strong, amounts["born in"])]
         cases += [Case("foreign", (name,), rho, 0)
                   for name, rho in spread(list(OUT_OF_CATALOGUE), strong, amounts["foreign"])]
@@ -99,8 +100,9 @@ def plan(count: int, seed: int, withhold: str | None) -> list[Case]:
 class Bench:
     """One machine, its model, and runs that its cases share."""
 
-    def __init__(self, folder: Path, form: Form, seed: int, index: int) -> None:
-        self.folder, self.form = folder, form
+    def __init__(self, folder: Path, form: Form, seed: int, index: int, paired: bool = False) -> None:
+        """With `paired`, every drive is recorded twice: before, and with what is put in."""
+        self.folder, self.form, self.paired = folder, form, paired
         self.random = np.random.default_rng([seed, 2, index])
         self.machine = make_machine(form, index, self.random)
         self.name = self.random.bytes(6).hex()
@@ -168,10 +170,18 @@ class Bench:
             case.absorbed = float(1 - min(1.0, left))
         folder = self.folder / "cases" / case.ident
         write(folder, "run", recordings)
-        write(folder, "later", self.recordings(self.runs(kinds), puts))
+        if self.paired:
+            write(folder, "earlier", self.recordings([self.once_more(run) for run in runs],
+                                                     puts if case.group == "born in" else ()))
+        else:
+            write(folder, "later", self.recordings(self.runs(kinds), puts))
         task = {"model": f"../../models/{model_name}/model.json",
                 "without": list(case.names) if case.group == "withheld" else []}
         (folder / "task.json").write_text(json.dumps(task))
+
+    def once_more(self, run: Run) -> Run:
+        """The same drive, from another past unless it was swept."""
+        return run if run.reset else replace(run, past_V=self.random.permutation(run.past_V), cache={})
 
     def sized(self, name: str, runs: Sequence[Run], target_um: float) -> tuple[Put, float]:
         """The effect at the size whose rms in um is the target's, or at its largest; and that rms."""
@@ -232,9 +242,9 @@ def write(folder: Path, stem: str, recordings: Sequence[Recording]) -> list[str]
     return paths
 
 
-def generate(folder: Path, form: str, seed: int, cases: list[Case]) -> list[Case]:
+def generate(folder: Path, form: str, seed: int, paired: bool, cases: list[Case]) -> list[Case]:
     """All cases of one machine; returns them with their labels complete."""
-    bench = Bench(folder, FORMS[form], seed, cases[0].machine)
+    bench = Bench(folder, FORMS[form], seed, cases[0].machine, paired)
     for case in cases:
         bench.make(case)
     return cases

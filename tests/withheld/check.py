@@ -16,6 +16,9 @@
    intervals (Wilson's for shares, bootstrap else), rows per effect and severity, the confusion matrix; all of it in
    results.json and confusion.png.
 
+With `--paired`, every drive is recorded before the effect is put in as well, for `rdpi gap --earlier`, and effects are
+smaller; what is promised is not tried.
+
 `--set tune` and `--set report` differ in seeds, kinds of loops, ranges of parameters, sampling rates and waveforms:
 thresholds may be tuned on the one, figures are told from the other. `--set measured` puts effects into the measured
 record instead, see measured.py. With `--withhold NAME`, or each in turn with `all`, the data hold exactly the effect
@@ -61,6 +64,7 @@ def diagnose(case: Path) -> None:
     task = json.loads((case / "task.json").read_text())
     model, improved, gap = (case / task["model"]).resolve(), case / "improved.json", case / "gap.json"
     without = [word for name in task["without"] for word in ("--without", name)]
+    earlier = [word for path in sorted(case.glob("earlier-*.csv")) for word in ("--earlier", str(path))]
     later = [str(path) for path in sorted(case.glob("later-*.csv"))]
     for old in (improved, gap):
         old.unlink(missing_ok=True)
@@ -68,7 +72,7 @@ def diagnose(case: Path) -> None:
     verdict: dict[str, Any] = {}
     try:
         verdict["failed"] = rdpi("gap", str(model), *map(str, sorted(case.glob("run-*.csv"))), "-o", str(improved),
-                                 "--json", str(gap), *without)
+                                 "--json", str(gap), *without, *earlier)
     except Exception:  # a crash is a result too
         verdict["failed"] = traceback.format_exc(limit=-3)
     verdict["seconds"] = time.perf_counter() - begin
@@ -77,7 +81,7 @@ def diagnose(case: Path) -> None:
         # the bins of every axis are most of the file, and no one scores them
         verdict["gap"] = {**found, "where": {key: found["where"].get(key) for key in ("stage", "dominant")}}
         for key, path in (("before_um", model), ("after_um", improved)):
-            if path.exists():
+            if later and path.exists():
                 verdict[key] = error_um(path, later)
     partial_path = case / "verdict.part"
     partial_path.write_text(json.dumps(verdict))
@@ -127,10 +131,11 @@ def prepare(folder: Path, settings: dict[str, Any], jobs: int) -> str:
     else:
         seed = settings["seed"] + SEEDS[settings["set"]]
         by_machine: dict[int, list[Case]] = {}
-        for case in plan(settings["cases"], seed, settings["withhold"]):
+        for case in plan(settings["cases"], seed, settings["withhold"], settings["paired"]):
             by_machine.setdefault(case.machine, []).append(case)
-        labels = [case for cases in each(jobs, "generating, machines", partial(generate, folder, settings["set"], seed),
-                                         list(by_machine.values())) for case in cases]
+        make = partial(generate, folder, settings["set"], seed, settings["paired"])
+        labels = [case for cases in each(jobs, "generating, machines", make, list(by_machine.values()))
+                  for case in cases]
     digest = write_labels(folder / "labels.sealed", labels)
     note.write_text(json.dumps({**settings, "labels": digest}))
     return digest
@@ -160,13 +165,16 @@ def main() -> None:
                         help="default: %(default)s")
     parser.add_argument("--withhold", choices=[*IN_CATALOGUE, "all"], metavar="NAME",
                         help="deny the tool this effect and present exactly that; all: each in turn")
+    parser.add_argument("--paired", action="store_true",
+                        help="record every drive before the effect as well, for `rdpi gap --earlier`")
     parser.add_argument("--jobs", type=int, default=2, help="processes; default: %(default)s")
     parser.add_argument("--again", action="store_true", help="diagnose anew what has a verdict; recordings stay")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     given = parser.parse_args()
-    if given.withhold and given.set == "measured":
-        parser.error("--withhold: takes the sets of virtual actuators")
-    settings = {"cases": given.cases, "seed": given.seed, "set": given.set, "withhold": given.withhold}
+    if (given.withhold or given.paired) and given.set == "measured":
+        parser.error("--withhold, --paired: take the sets of virtual actuators")
+    settings = {"cases": given.cases, "seed": given.seed, "set": given.set, "withhold": given.withhold,
+                "paired": given.paired}
     judged = run(given.output, settings, given.jobs, given.again)
     rows = score.figures(judged)
     matrix = score.confusion(judged)

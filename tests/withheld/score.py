@@ -15,6 +15,7 @@ from cases import GROUP_OF, Case
 Z = 1.959964  # of a 95 % interval
 RESAMPLES = 1000
 DETECTABLE, NAMEABLE, GREW = 1.0, 2.0, 1.1  # rho from which effects are to be detected, named; growth of a residual
+SMALL = 0.2  # rho from which it is told what is found of smaller ones
 # Which effect, where it is itself not in the catalogue, others reproduce to three quarters or more: named instead, that
 # is no slip of the diagnosis. From the table "What can be told apart" of the design, both ways, and by construction.
 TWINS: dict[str, set[str]] = {
@@ -181,6 +182,11 @@ def figures(judged: Sequence[Judged]) -> list[Figure]:
                    lambda j: j.verdict not in ("none", "failed") and j.case.names[0] in j.ranked[:2], least=0.92),
             _share("wrong name, rho >= 1", of("single", DETECTABLE), lambda j: j.wrong, most=0.08),
         ]
+    small = [j for j in of("single") if SMALL <= j.case.reached < DETECTABLE]
+    if small:
+        rows += [_share("rho 0.2 to 1: detected", small, lambda j: j.verdict not in ("none", "failed")),
+                 _share("rho 0.2 to 1: right first name", small, lambda j: j.right),
+                 _share("rho 0.2 to 1: wrong name", small, lambda j: j.wrong)]
     foreign = of("foreign", NAMEABLE)
     if foreign:
         # a twin's name is as right as the catalogue allows, and counts on neither side

@@ -334,7 +334,26 @@ def small_set(tmp_path_factory) -> tuple[Path, list[cases.Case]]:
     folder = tmp_path_factory.mktemp("withheld")
     made = [cases.Case("none", (), 0.0, 1, ident="a"), cases.Case("single", ("backlash",), 2.0, 1, ident="b"),
             cases.Case("born in", ("delay",), 4.0, 1, ident="c")]
-    return folder, cases.generate(folder, "tune", 1, made)
+    return folder, cases.generate(folder, "tune", 1, False, made)
+
+
+def test_paired_sets_hold_every_drive_twice(tmp_path):
+    made = [cases.Case("single", ("gain_change",), 3.0, 1, ident="a"),
+            cases.Case("born in", ("delay",), 4.0, 1, ident="b")]
+    cases.generate(tmp_path, "tune", 1, True, made)
+    for case in made:
+        folder = tmp_path / "cases" / case.ident
+        now, earlier = (sorted(folder.glob(f"{name}-*.csv")) for name in ("run", "earlier"))
+        assert len(now) == len(earlier) > 2 and not list(folder.glob("later-*.csv"))
+        apart = []
+        for one, other in zip(map(read_recording, now), map(read_recording, earlier)):
+            assert np.array_equal(one.command_V, other.command_V) and one.metadata == other.metadata
+            if one.memory == "reset":
+                apart.append(one.displacement_um - other.displacement_um)
+        # the actuator is another today, unless it was born so
+        assert 0 < cases.pooled(apart) and (cases.pooled(apart) < case.floor_um) == (case.group == "born in")
+    planned = cases.plan(250, 1, None, paired=True)
+    assert {case.rho for case in planned if case.group == "single"} == set(cases.PAIRED_RHOS)
 
 
 def test_generated_files_hold_what_was_asked_and_no_label(small_set):
@@ -467,7 +486,7 @@ def test_proposed_drive_is_played_as_it_is_written(tmp_path):
 def test_reduced_set(tmp_path, monkeypatch):
     """`rdpi gap` on 40 cases of the set to tune on; the limits leave room for what so few cases scatter."""
     monkeypatch.setattr(check, "each", lambda jobs, what, function, items: map(function, items))
-    judged = check.run(tmp_path, {"cases": 40, "seed": 7, "set": "tune", "withhold": None}, jobs=1)
+    judged = check.run(tmp_path, {"cases": 40, "seed": 7, "set": "tune", "withhold": None, "paired": False}, jobs=1)
     rows = score.figures(judged)
     print("", score.table(rows), score.per_effect(judged), sep="\n")
     found = {row.name.strip(): row.value for row in rows}
@@ -483,7 +502,7 @@ def test_reduced_set(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_effect_that_the_tool_is_denied_is_not_misnamed(tmp_path, monkeypatch):
     monkeypatch.setattr(check, "each", lambda jobs, what, function, items: map(function, items))
-    judged = check.run(tmp_path, {"cases": 16, "seed": 7, "set": "tune", "withhold": "all"}, jobs=1)
+    judged = check.run(tmp_path, {"cases": 16, "seed": 7, "set": "tune", "withhold": "all", "paired": False}, jobs=1)
     rows = score.figures(judged)
     print("", score.table(rows), score.per_effect(judged), sep="\n")
     assert all(j.case.names[0] not in j.accepted for j in judged)
