@@ -15,6 +15,7 @@ import numpy as np
 from . import experiment, intake, localise, numerics, passport, signals, version
 from .candidates import Candidate, Grams
 from .effects import CATALOGUE
+from .gap_words import CHANGE, GAP, Terms
 from .model import Model
 from .recording import Recording
 from .selection import SAME, USUAL_SPREAD, WIDEN, Excess, Round, Selection, detected, excess, select, shrink_of
@@ -76,7 +77,7 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
                      + ("; the improved model has their mean" if state.chosen else ""))
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
     axes = localise.localise(runs, before, coords, known, noise)
-    if verdict == "none" and (there := _elsewhere(axes)):
+    if verdict == "none" and (there := _elsewhere(axes, _terms(state))):
         notes.append(there)
     final = Grams(state.bench, state.rest, [], state.chosen) if state.chosen else None
     document = {
@@ -102,7 +103,11 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
                      localise.table(before, coords), spectrum)
 
 
-def _elsewhere(axes: Sequence[localise.Axis]) -> str | None:
+def _terms(state: Selection) -> Terms:
+    return CHANGE if state.earlier else GAP
+
+
+def _elsewhere(axes: Sequence[localise.Axis], words: Terms) -> str | None:
     """The bin that exceeds the passport most, where the whole does not."""
     worst = max(((float(axis.ratio[k]), float(axis.share[k]), axis, k) for axis in axes if axis.ratio is not None
                  for k in range(len(axis.share)) if axis.share[k] > BIN_SHARE), key=lambda one: one[0], default=None)
@@ -110,7 +115,7 @@ def _elsewhere(axes: Sequence[localise.Axis]) -> str | None:
         return None
     ratio, share, axis, k = worst
     return (f"the whole is as expected, but {100 * share:.0f} % of it lies at {axis.name} {axis.labels[k]}, "
-            f"{ratio:.2g} times what the model missed there at commissioning: too little to be named")
+            f"{ratio:.2g} times what {words.usual_there}: too little to be named")
 
 
 def _zeros(state: Selection) -> list[float]:
@@ -140,7 +145,7 @@ def _remarks(state: Selection, gap: Excess, rounds: list[Round], verdict: str) -
         notes.append(f"{best.name} takes up a part of the gap, but leaves too much to be its cause")
     elif state.chosen and gap.ratio and left > MUCH_LEFT:
         notes.append(f"with {' and '.join(one.effect.name for one in state.chosen)} the gap is still {left:.2g} times "
-                     "what the model missed at commissioning: the cause may be something like it, not known here")
+                     f"what {_terms(state).usual}: the cause may be something like it, not known here")
     top, fastest = state.model.rate.identified_um_per_s, max(float(np.percentile(rig.rate_um_per_s, 99.9))
                                                              for rig in state.bench.rigs)
     alone = not np.any(state.model.slope_rate_s_per_um) and top and not 1 / RATES < fastest / top < RATES
@@ -259,7 +264,7 @@ def _where(state: Selection, axes: Sequence[localise.Axis], before: Sequence[np.
         stages = {"before_monitor": ahead / whole, "after_monitor": 1 - ahead / whole}
     if state.chosen:
         effect = state.chosen[0].effect
-        stage = effect.stage if state.bench.monitored else " or ".join(effect.stages)
+        stage = effect.stage if state.bench.monitored or effect.shows_stage else " or ".join(effect.stages)
     elif stages:
         stage = "before the monitor" if stages["before_monitor"] > 0.5 else "after the monitor"
     else:

@@ -124,7 +124,8 @@ def test_a_coarse_sensor() -> None:
                                       for run in later()])
     assert found.document["verdict"] == "effect" and name_of(found) == "quantisation"
     first = found.document["effects"][0]
-    assert first["stage"] == "sensor" and first["parameters"]["step"]["unit"] == "um"
+    assert first["stage"] == "sensor" == found.document["where"]["stage"]
+    assert first["parameters"]["step"]["unit"] == "um"
     assert first["parameters"]["step"]["value"] == pytest.approx(0.1, rel=1e-6)
 
 

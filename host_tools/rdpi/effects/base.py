@@ -51,6 +51,7 @@ class Effect:
     remedy: ClassVar[str]  # what to do about it on the bench
     needs: ClassVar[str]  # what recordings must hold for it to be seen
     stages: ClassVar[tuple[str, ...]]  # where it may act; the first unless a monitor tells more
+    shows_stage: ClassVar[bool] = False  # ... or the recorded values themselves
     parameters: ClassVar[tuple[Parameter, ...]]
     linear: ClassVar[bool] = False  # the displacement is linear in the parameters, at least while they are small
     of_column: ClassVar[str | None] = None  # the covariate that it follows unless told another; None: it follows none

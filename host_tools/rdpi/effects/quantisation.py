@@ -31,6 +31,7 @@ class Quantisation(Effect):
     remedy = "use a converter of more bits, or a smaller range of it"
     needs = "repeated values in the record"
     stages = "sensor", "DAC"
+    shows_stage = True
     parameters = (Parameter("step", "um or V", 0.0, np.inf), Parameter("origin", "um or V", -np.inf, np.inf),
                   Parameter("dither", "um", 0.0, np.inf))
 
