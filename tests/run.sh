@@ -45,7 +45,7 @@ pytests() {
     for folder in host_tools/tests tests/*/; do
         compgen -G "$folder/test_*.py" >/dev/null && folders+=("$folder")
     done
-    .venv/bin/python -m pytest -c host_tools/pyproject.toml --rootdir . "$@" "${folders[@]}"
+    .venv/bin/python -m pytest -c host_tools/pyproject.toml --rootdir . -n auto --dist loadfile "$@" "${folders[@]}"
 }
 
 rm -rf build/host/ctest.xml build/ceedling/artifacts # same-names must not read those of an earlier run

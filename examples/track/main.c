@@ -2,11 +2,10 @@
  * to the host. The same file on every port, in floating or, with TRACK_Q31, fixed point; see port/README.md. */
 #include <string.h>
 
+#include "../tick.h"
 #include "rdpi/rdpi.h"
 #include "rdpi_params.h"    /* the actuator, made by `rdpi header` */
-#include "rdpi_port.h"      /* the board */
 #include "rdpi_reference.h" /* where the reference comes from */
-#include "telemetry.h"
 
 #if RDPI_PARAMS_DAC_BITS == 0
 #error "the actuator's model has no DAC: set drive.dac_bits, with `rdpi fit --dac-bits` or in the model file"
@@ -41,9 +40,6 @@ typedef float number_t;
 #define SAY(...) ((void)0)
 #endif
 
-#define INFO_EVERY 1000u    /* samples */
-#define END_INFO_EVERY 100u /* after the last: the host waits for one to get through */
-
 static const rdpi_telemetry_run_t run = {
     .min_V = RDPI_PARAMS_MIN_V,
     .max_V = RDPI_PARAMS_MAX_V,
@@ -64,11 +60,7 @@ static const rdpi_telemetry_run_t run = {
 };
 
 static RDPI(t) axis;
-static rdpi_telemetry_t line;
-static rdpi_telemetry_counts_t counts;
-static rdpi_telemetry_sample_t sample; /* the latest; sent one tick later, with its reading */
 static bool sweeping = TRACK_SWEEP;
-static volatile bool finished;
 
 /* Same size, same place: the bits of a number. */
 static uint32_t bits_of(number_t number)
@@ -108,44 +100,6 @@ static bool advance(uint32_t ticks)
     sample.dac_code = axis.dac_code;
     sample.flags |= (uint16_t)axis.flags;
     return true;
-}
-
-/* Outputs the next code, and only then sends the sample before: no code is late for telemetry's sake. */
-static void take_sample(uint32_t ticks, int32_t adc_counts)
-{
-    rdpi_telemetry_sample_t before = sample;
-    if (!advance(ticks)) {
-        counts.state = RDPI_TELEMETRY_FINISHED;
-    } else if (!rdpi_port_write_dac(sample.dac_code)) {
-        sample.flags |= RDPI_TELEMETRY_HELD; /* the library takes it as output; the next brings both together */
-        counts.held_count++;
-    }
-    if (before.tick > 0u) {
-        before.adc_counts = adc_counts; /* what its code has led to: the reading after one period */
-        (void)rdpi_telemetry_sample(&line, &before);
-    }
-}
-
-/* The timer interrupt. At the end of the reference the last code stays, and the host is told so again and again. */
-static void tick(void)
-{
-    uint32_t began = rdpi_port_cycles();
-    int32_t adc_counts = rdpi_port_read_adc();
-    uint32_t ticks = rdpi_port_overruns() - counts.overruns + 1u; /* since the sample before: 1 if none was lost */
-    bool at_end = false;
-    counts.overruns += ticks - 1u;
-    if (!finished) {
-        take_sample(ticks, adc_counts);
-        at_end = finished = counts.state == RDPI_TELEMETRY_FINISHED;
-    }
-    sample.tick += ticks;
-    if (at_end || sample.tick % (finished ? END_INFO_EVERY : INFO_EVERY) < ticks) {
-        (void)send_info();
-    }
-    uint32_t took = rdpi_port_cycles() - began;
-    if (took > counts.longest_tick_cycles) {
-        counts.longest_tick_cycles = took;
-    }
 }
 
 /* Why it does not run, for the host to see; the DAC stays as the board's start-up left it, or at the first code. */

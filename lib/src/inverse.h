@@ -50,9 +50,9 @@ static inline rdpi_real_t rdpi_f32_bank_at(const rdpi_f32_bank_t *bank, const rd
     return v_um + rdpi_f32_slope(&play[count - 1u], rate_um_per_s) * y_um;
 }
 
-/* Takes x, where it is heading, to `x_um`: finds out which plays engage, and sums rest afresh over those that do not, by
- * parts as rdpi_f32_bank_at does. The state of the last that is engaged already is implied by x, so its place can end
- * the search. */
+/* Takes x, where it is heading, to `x_um`: finds out which plays engage, and sums rest afresh over those that do not,
+ * by parts as rdpi_f32_bank_at does. The state of the last that is engaged already is implied by x, so its place can
+ * end the search. */
 static inline void rdpi_f32_bank_settle(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
                                         rdpi_real_t side, rdpi_real_t x_um)
 {

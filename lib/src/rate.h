@@ -72,13 +72,11 @@ static inline rdpi_real_t rdpi_f32_rate_step(rdpi_f32_rate_t *rate, rdpi_real_t 
         rate->oldest = 0;
         missed = 0;
     }
-#if RDPI_QUICK_STEP
-    if (rate->window == 1u && rate->keep <= 0) { /* what the loop below comes to */
+    if (RDPI_QUICK_STEP && rate->window == 1u && rate->keep <= 0) { /* what the loop below comes to */
         rdpi_real_t plain_um_per_s = rdpi_f32_rate_plain(rate, z_um);
         rate->z_um[0] = z_um;
         return missed > 0u ? plain_um_per_s / (rdpi_real_t)(missed + 1u) : plain_um_per_s;
     }
-#endif
     rdpi_real_t last_um = rate->z_um[(rate->oldest > 0u ? rate->oldest : rate->window) - 1u];
     for (unsigned left = missed + 1u; left > 0u; left--) {
         last_um = left > 1u ? last_um + (z_um - last_um) / (rdpi_real_t)left : z_um;

@@ -249,11 +249,9 @@ rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, r
 /* Once: the next step finds out what comes after. */
 static void take_the_long_way(rdpi_f32_t *self)
 {
-#if RDPI_QUICK_STEP
-    self->plain = false;
-#else
-    (void)self;
-#endif
+    if (RDPI_QUICK_STEP) {
+        self->plain = false;
+    }
 }
 
 /* What has happened since the latest sample does not matter to the next. */
@@ -393,7 +391,6 @@ static void output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_f32_target_t targ
     (void)rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
 }
 
-#if RDPI_QUICK_STEP
 /* Where x may be with the drive inside its range: no further than this from the middle. */
 typedef struct {
     rdpi_real_t middle_um, reach_um;
@@ -449,7 +446,6 @@ static inline rdpi_real_t output_code(rdpi_f32_t *self, rdpi_f32_target_t target
     mark(self, side, code, range);
     return drive_V;
 }
-#endif
 
 /* The end of any step: the bank output that makes the reference, solved for and put out. From a code, where they are
  * `code_um` apart, x does not turn back by less than half of one. */
@@ -457,21 +453,15 @@ APART static rdpi_real_t walk(rdpi_f32_t *self, rdpi_real_t v_um, rdpi_real_t ra
 {
     const rdpi_f32_params_t *params = self->params;
     rdpi_f32_bank_t *bank = &self->bank;
-#if RDPI_QUICK_STEP
     rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
-    if (climb_um < 0 && bank->engaged > 0u &&
+    if (RDPI_QUICK_STEP && climb_um < 0 && bank->engaged > 0u &&
         -2 * climb_um < code_um * rdpi_f32_slope(params->play, rate_um_per_s)) {
         return self->drive_V;
     }
-#else
-    (void)code_um;
-#endif
     rdpi_f32_target_t target = rdpi_f32_bank_solve(bank, params->play, params->plays, rate_um_per_s, v_um);
-#if RDPI_QUICK_STEP
-    if (self->plain) {
+    if (RDPI_QUICK_STEP && self->plain) {
         return output_code(self, target);
     }
-#endif
     rdpi_real_t wish_V = drive_of_x(params, target.x_um);
     rdpi_real_t drive_V = limit_drive(self, wish_V);
     if (drive_V != wish_V) {
@@ -481,7 +471,6 @@ APART static rdpi_real_t walk(rdpi_f32_t *self, rdpi_real_t v_um, rdpi_real_t ra
     return self->drive_V;
 }
 
-#if RDPI_QUICK_STEP
 /* Whether samples that follow one another may take the short way. Half a code must not lead beyond the first corner
  * back, 2 r_1 away: there the slope is no longer W_0, by which `walk` tells what stays. */
 static bool is_plain(const rdpi_f32_t *self)
@@ -491,7 +480,6 @@ static bool is_plain(const rdpi_f32_t *self)
            fabs(params->code_of_x_0) <= MAX_CODE_0 &&
            (params->plays == 1u || fabs(params->um_per_code) <= 4 * params->play[1].r_um);
 }
-#endif
 
 /* A step of any kind, and what opens the short way to the next. */
 APART static rdpi_real_t full_step(rdpi_f32_t *self, rdpi_real_t reference_um)
@@ -508,22 +496,20 @@ APART static rdpi_real_t full_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     rdpi_real_t rate_um_per_s = limit_rate(self, rdpi_f32_rate_step(&self->rate, reference_um, self->missed));
     self->missed = 0;
     const rdpi_f32_piece_t *piece = rdpi_f32_piece(params->inverse, params->deadzones, reference_um);
-#if RDPI_QUICK_STEP
-    self->piece = piece;
-    self->plain = is_plain(self);
-#endif
+    if (RDPI_QUICK_STEP) {
+        self->piece = piece;
+        self->plain = is_plain(self);
+    }
     rdpi_real_t drive_V = walk(self, rdpi_f32_unsaturate(piece, reference_um - params->offset_um), rate_um_per_s, 0);
-#if RDPI_QUICK_STEP
     /* Just come back to an end of the range: half a code the other way is beyond it, and clipped. */
     bool down = self->bank.falling == (params->gain_um_per_V > 0);
-    if (self->bank.engaged > 0u && self->dac_code == (down ? (uint32_t)params->last_code : 0u)) {
+    if (RDPI_QUICK_STEP && self->bank.engaged > 0u &&
+        self->dac_code == (down ? (uint32_t)params->last_code : 0u)) {
         take_the_long_way(self);
     }
-#endif
     return drive_V;
 }
 
-#if RDPI_QUICK_STEP
 /* The step of a sample that could take the short way, were the rate not above the guard or S^-1 on another piece. */
 APART static rdpi_real_t bend(rdpi_f32_t *self, rdpi_real_t reference_um, rdpi_real_t rate_um_per_s)
 {
@@ -546,7 +532,7 @@ APART static rdpi_real_t bend(rdpi_f32_t *self, rdpi_real_t reference_um, rdpi_r
 rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
 {
     const rdpi_f32_params_t *params = self->params;
-    if (!self->plain) {
+    if (!RDPI_QUICK_STEP || !self->plain) {
         return full_step(self, reference_um);
     }
     const rdpi_f32_piece_t *piece = self->piece;
@@ -575,12 +561,6 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     self->dac_code = code;
     return drive_V;
 }
-#else
-rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
-{
-    return full_step(self, reference_um);
-}
-#endif
 
 void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks)
 {
@@ -596,11 +576,9 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     if (self->sweep_turns == 0u) {
         self->sweep_turns = (uint16_t)(2u * params->sweep_cycles + 1u);
     }
-#if RDPI_QUICK_STEP
-    if (self->plain) { /* the short way leaves ramp_V behind */
-        self->ramp_V = self->drive_V;
+    if (RDPI_QUICK_STEP && self->rate.oldest < self->rate.window && params->slew_V_per_s <= 0) {
+        self->ramp_V = self->drive_V; /* there have been steps, and the short way leaves it behind */
     }
-#endif
     /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to the end */
     unsigned cycles_left = self->sweep_turns / 2u;
     rdpi_real_t left = (rdpi_real_t)cycles_left / (rdpi_real_t)params->sweep_cycles;

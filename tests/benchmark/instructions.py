@@ -308,6 +308,8 @@ def main() -> int:
     arguments = sys.argv[1:]
     if len(arguments) > 2:
         return one_case(*arguments)
+    if arguments and (len(arguments) != 2 or arguments[0] not in ("--write", "--check")):
+        sys.exit(__doc__)
     new, missed = table(measure_all(), compiler())
     print(new, *(f"open: {what} {missed[what]}" for what in OPEN if what in missed), sep="\n")
     wrong = judge(missed, OPEN)

@@ -124,6 +124,8 @@ def table() -> tuple[str, list[str]]:
 
 def main() -> int:
     arguments = sys.argv[1:]
+    if arguments and (len(arguments) != 2 or arguments[0] not in ("--write", "--check")):
+        sys.exit(__doc__)
     new, broken = table()
     print(new)
     if arguments:

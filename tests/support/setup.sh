@@ -65,6 +65,7 @@ tests)
     qemu-system-misc    command  qemu-system-riscv32
     ruby                command  ruby
     python3-pytest      module   pytest
+    python3-pytest-xdist  module  xdist
     python3-hypothesis  module   hypothesis'
     ;;
 *)

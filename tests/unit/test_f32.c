@@ -573,8 +573,8 @@ void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
     const rdpi_real_t numbers[] = {
         from->gain_um_per_V, from->V_per_um, from->offset_V, from->offset_um, from->rate_window_s, from->rate_filter_s,
         from->max_um_per_s, from->min_slope_ratio, from->min_V, from->max_V, from->slew_V_per_s, from->sweep_V_per_s,
-        from->sweep_end_V, from->last_code, from->codes_per_um, from->code_of_x_0, from->um_per_code, from->x_of_code_0_um,
-        from->V_per_code};
+        from->sweep_end_V, from->last_code, from->codes_per_um, from->code_of_x_0, from->um_per_code,
+        from->x_of_code_0_um, from->V_per_code};
     uint32_t crc = rdpi_crc32(0, counts, sizeof counts);
     crc = rdpi_crc32(crc, numbers, sizeof numbers);
     for (size_t i = 0; i < PLAYS; i++) {
@@ -1821,7 +1821,7 @@ void test_short_and_long_way_lead_to_the_same_drive(void)
 {
     for (size_t plays = 1; plays <= PLAYS; plays++) {
         given.params.dac_bits = 20;
-        equals_the_long_way(plays, (rdpi_real_t)1e-4, true); /* codes are 3e-5 V, which single precision just resolves */
+        equals_the_long_way(plays, (rdpi_real_t)1e-4, true); /* codes of 3e-5 V, which single precision just resolves */
     }
 }
 
@@ -1893,6 +1893,43 @@ void test_a_sweep_after_the_short_way_starts_from_the_drive(void)
     TEST_ASSERT_FLOAT_WITHIN(1e-3f, (float)drive_V + 0.0625f, (float)axis.drive_V);
     rdpi_f32_step(&axis, (rdpi_real_t)20 / 32); /* goes on, but from nothing */
     EQUAL_REAL(0, axis.rate_um_per_s);
+}
+
+/* Such a sample ends the short way, which is then no sign of where the drive comes from. */
+void test_a_sweep_after_an_unusable_or_missed_sample_starts_from_the_drive(void)
+{
+    given.params.dac_bits = 16;
+    for (int missed = 0; missed <= 1; missed++) {
+        start();
+        for (int k = 0; k < 20; k++) {
+            rdpi_f32_step(&axis, (rdpi_real_t)k / 32);
+        }
+        rdpi_real_t drive_V = axis.drive_V;
+        if (missed != 0) {
+            rdpi_f32_missed(&axis, 1);
+        } else {
+            rdpi_f32_step(&axis, (rdpi_real_t)NAN);
+        }
+        rdpi_f32_sweep(&axis);
+        TEST_ASSERT_FLOAT_WITHIN(1e-3f, (float)drive_V + 0.0625f, (float)axis.drive_V);
+    }
+}
+
+/* Half a step of codes is no change that the limit allows. */
+void test_a_sweep_after_slewing_goes_on_from_the_drive_before_rounding(void)
+{
+    five_bit_dac();
+    given.params.slew_V_per_s = 64;
+    start();
+    for (int k = 0; k < 2; k++) {
+        rdpi_f32_step(&axis, 3); /* 1 V, and 1/16 V a sample */
+    }
+    EQUAL_REAL(1, axis.drive_V);
+    rdpi_f32_sweep(&axis);
+    EQUAL_REAL(1, axis.drive_V);
+    rdpi_f32_sweep(&axis); /* 1.25 V */
+    rdpi_f32_sweep(&axis);
+    EQUAL_REAL(1.5, axis.drive_V);
 }
 
 void test_the_range_ends_the_short_way_while_no_play_is_engaged(void)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..model import Model
@@ -17,9 +19,13 @@ class GainChange(Effect):
     what = "the actuator's stroke, its load or the sensor's scale has changed"
     remedy = "calibrate the sensor, check the load; then identify anew or scale the model"
     needs = "any motion, the model frozen"
-    stages = ("actuator",)
+    stages = "actuator", "sensor"
     parameters = (Parameter("factor", "1", 0.05, 20.0, 1.0),)
     linear = True
+
+    @classmethod
+    def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
+        return [cls()]  # a sensor's scale looks like the actuator's
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         return model.offset_um + values["factor"] * (z_um - model.offset_um)

@@ -62,7 +62,7 @@ typedef struct {
     rdpi_real_t weight; /**< ws_j; every partial sum > 0 */
 } rdpi_f32_deadzone_t;
 
-/** One straight piece of the inverse of the saturation stage (eq. 13): v = slope * (reference - offset_um) + intercept. */
+/** One straight piece of the saturation stage's inverse (eq. 13): v = slope (reference - offset_um) + intercept. */
 typedef struct {
     rdpi_real_t from_um;      /**< references that it holds for; the first goes down to -RDPI_MAX_REFERENCE_UM ... */
     rdpi_real_t to_um;        /**< ... and the last up to RDPI_MAX_REFERENCE_UM */
@@ -111,8 +111,8 @@ typedef struct {
                                                                     implied by x */
     rdpi_real_t rest_um;     /**< output at rate rho is W_k(rho) x + rest_um + rho rest_rate_s, k = engaged */
     rdpi_real_t rest_rate_s; /**< see rest_um */
-    rdpi_real_t edge_um;     /**< no play engages or lets go while x is between here and y_0 or, where none is
-                                  engaged, within this distance of y_1 */
+    rdpi_real_t edge_um;     /**< no play engages or lets go, and the range does not end, while x is between here and
+                                  y_0 or, where none is engaged, within this distance of y_1 */
     const rdpi_f32_play_t *at; /**< that of the play `engaged` */
     uint16_t engaged;        /**< plays 1 .. engaged move with x */
     bool falling;            /**< they are pulled down */
@@ -144,7 +144,8 @@ typedef struct {
     /* private */
     const rdpi_f32_params_t *params; /**< as given to init */
     const rdpi_f32_piece_t *piece;   /**< that of S^-1 which the latest reference was on */
-    rdpi_real_t ramp_V;   /**< drive_V before rounding to a code, or slow slews would never leave one */
+    rdpi_real_t ramp_V;   /**< drive_V before rounding to a code, or slow slews would never leave one; steps without
+                               slew limit may leave it behind */
     uint16_t sweep_turns; /**< turning points of the start-up sweep that are still to come; 0: none runs */
     uint8_t missed;       /**< samples since the latest usable reference, saturating */
     bool plain;           /**< the next sample's rate is the difference from the one before; codes, no slew limit */

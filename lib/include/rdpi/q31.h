@@ -94,7 +94,8 @@ typedef struct {
     int64_t f_rate;              /**< its change up to the guard; exact */
     const rdpi_q31_play_t *last; /**< play [engaged] */
     int32_t room;                /**< way that x can go on before the next play engages or the range ends */
-    int32_t y[RDPI_MAX_PLAYS];   /**< y_0 = x; states of the plays 1 .. engaged are implied by x */
+    int32_t y[RDPI_MAX_PLAYS > 1 ? RDPI_MAX_PLAYS : 2]; /**< y_0 = x; states of the plays 1 .. engaged are implied by
+                                                             x. Never one alone, whose neighbour gcc would warn of */
     uint16_t engaged;            /**< plays 1 .. engaged move with x */
     bool falling;                /**< x came down to where it is */
 } rdpi_q31_bank_t;
