@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from . import candidates, excite
+from . import candidates, excite, localise, passport
 from .candidates import Bench, Candidate
 from .effects import Acting
 from .errors import BadInput
@@ -31,7 +31,7 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
     if open_ is None:
         return None
     truth, rivals = open_.best.candidate, open_.rivals
-    best = None
+    known, best = passport.read(state.model), None
     for kind, options in CANNED:
         try:
             columns, _ = excite.make_drive(kind, _limits(state, kind), **options)
@@ -40,9 +40,12 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
         if len(columns["time_s"]) > LONGEST:
             continue
         seconds = float(columns["time_s"][-1])
-        apart = min(_apart(state, truth, rival.candidate, columns) for rival in rivals)
-        if best is None or apart / seconds > best[0]:
-            best = apart / seconds, apart / len(columns["time_s"]), kind, options, seconds
+        metadata = {"memory": "reset", "sample_rate_hz": f"{_limits(state).sample_rate_hz:.12g}"}
+        drive = Recording("next.csv", metadata, columns)
+        apart = min(_apart(state, truth, rival.candidate, drive) for rival in rivals)
+        worth = apart / _missed(state, known, drive) ** 2 / seconds
+        if best is None or worth > best[0]:
+            best = worth, apart / len(drive), kind, options, seconds
     if best is None:
         return None
     names = " and ".join([truth.effect.name, *dict.fromkeys(rival.name for rival in rivals)])
@@ -71,19 +74,33 @@ def _command(state: Selection, kind: str, options: dict[str, Any]) -> str:
     return " ".join(parts + [f"--{excite.OPTION_NAMES[name]} {value:g}" for name, value in options.items()])
 
 
-def _apart(state: Selection, truth: Candidate, rival: Candidate, columns: dict[str, np.ndarray]) -> float:
-    """Sum of squares that the rival, fitted to it, leaves of what the truth would show in this drive."""
-    metadata = {"memory": "reset", "sample_rate_hz": f"{_limits(state).sample_rate_hz:.12g}"}
-    drive = Recording("next.csv", metadata, {**columns, "displacement_um": columns["command_V"]})
-    rig = candidates.rigs(state.model, [drive], False)[0]
-    shown = rig.respond([Acting(truth.effect, truth.values)])
-    if truth.per_run:
-        shown = shown + truth.effect.columns(drive, truth.values, state.model) @ _sizes(truth)
-    bench = Bench(state.model, [replace(drive, columns={**drive.columns, "displacement_um": shown})])
+def _apart(state: Selection, truth: Candidate, rival: Candidate, drive: Recording) -> float:
+    """Sum of squares that the rival leaves of what the truth would show in this drive and in a recording at hand, fitted
+    to both: what happens to be alike in the one differs in the other.
+    """
+    shown = [_shown(state, truth, run) for run in (drive, min(state.runs, key=len))]
+    bench = Bench(state.model, shown, monitored=False)
     before = bench.predict([])
     found = candidates.search(bench, rival.effect, [], before)
     left = bench.measured - before
     return float(np.sum((left if found is None else left - found.change) ** 2))
+
+
+def _shown(state: Selection, truth: Candidate, run: Recording) -> Recording:
+    """What an actuator that is the model with this effect would show."""
+    rig = candidates.rigs(state.model, [run], False)[0]
+    shown = rig.respond([Acting(truth.effect, truth.values)])
+    if truth.per_run:
+        shown = shown + truth.effect.columns(run, truth.values, state.model) @ _sizes(truth)
+    return replace(run, columns={**run.columns, "displacement_um": shown})
+
+
+def _missed(state: Selection, known: dict[str, Any] | None, drive: Recording) -> float:
+    """rms in um that the model is expected to miss in this drive anyway; 1 where that is not known."""
+    if known is None:
+        return 1.0
+    rig = candidates.rigs(state.model, [drive], False)[0]
+    return passport.level_um(known, localise.coordinates(drive, rig.respond([]), rig.rate_um_per_s))
 
 
 def _sizes(truth: Candidate) -> np.ndarray:

@@ -39,7 +39,7 @@ def check_run(run: Recording, related: bool = True) -> None:
     if np.ptp(displacement) == 0:
         raise BadInput(f"{run.path}: displacement_um is constant at {displacement[0]:g} um; "
                        "check the sensor and its column")
-    together = late_correlations(run)
+    together = late_correlations(run, displacement)
     if related and np.max(np.abs(together)) < MIN_CORRELATION:
         raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {together[0]:.2f}); "
                        "check that both columns are of the same run, and their order and units")
@@ -100,7 +100,7 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     usual = abs(model.gain_um_per_V) * float(model.slopes[-1])
     for run in runs:
         together = correlation(run)
-        late = late_correlations(run) * np.sign(model.gain_um_per_V)
+        late = late_correlations(run, run.displacement_um) * np.sign(model.gain_um_per_V)
         if np.min(late) < -MIN_CORRELATION and np.max(late) < MIN_CORRELATION:
             raise BadInput(f"{run.path}: moves opposite to the model; check the sign of command and displacement")
         gain = float(np.ptp(run.displacement_um) / np.ptp(run.command_V))
@@ -172,7 +172,10 @@ def _check_covariates(run: Recording, related: bool) -> None:
         return
     slope = float(np.polyfit(run.command_V, monitor, 1)[0])
     moved = abs(float(np.mean(monitor - run.command_V)))
-    if not MONITOR_SLOPE[0] < slope < MONITOR_SLOPE[1] or moved > np.ptp(run.command_V):
+    late = np.abs(late_correlations(run, monitor))
+    # An amplifier too slow for the drive follows it by little, and late; in other units, at once.
+    slow = late[0] < MIN_CORRELATION < np.max(late)
+    if not (MONITOR_SLOPE[0] < slope < MONITOR_SLOPE[1] or slow) or moved > np.ptp(run.command_V):
         raise BadInput(f"{run.path}: monitor_V moves {slope:.3g} V per volt of the command and lies {moved:.3g} V from "
                        "it; give volts at the actuator, as command_V, or take the column out")
 
@@ -182,17 +185,17 @@ def correlation(run: Recording) -> float:
     return float(np.corrcoef(run.command_V, run.displacement_um)[0, 1])
 
 
-def late_correlations(run: Recording) -> np.ndarray:
-    """Of the command and the displacement so many samples later, 0 and up to LATEST_S; (lags,), -1 to 1.
+def late_correlations(run: Recording, signal: np.ndarray) -> np.ndarray:
+    """Of the command and what a signal is so many samples later, 0 and up to LATEST_S; (lags,), -1 to 1.
 
     A fast drive and an actuator that is late by half its period go against each other.
     """
     samples = len(run)
     lags = max(1, min(samples // 4, round(LATEST_S / run.sample_time_s)))
-    u, z = (signal - np.mean(signal) for signal in (run.command_V, run.displacement_um))
+    u, z = (values - np.mean(values) for values in (run.command_V, signal))
     size = 1 << (2 * samples - 1).bit_length()
     product = np.fft.irfft(np.conj(np.fft.rfft(u, size)) * np.fft.rfft(z, size), size)[:lags]
-    return product / np.sqrt((u @ u) * (z @ z))
+    return product / max(float(np.sqrt((u @ u) * (z @ z))), np.finfo(float).tiny)
 
 
 def stays_at_an_end(run: Recording) -> int:

@@ -33,7 +33,7 @@ FREE_BESIDE = {**FREE, "static_nonlinearity": 0.2}  # ... and what the plays' ow
 LEAST_SHARE = 0.15  # of the excess that an effect must explain
 LEAST_SHRINK = 0.04
 FURTHER_EXCESS, FURTHER_SHARE, FURTHER_SHRINK = 1.4, 0.3, 0.06  # what a second and third effect must find and bring
-ONE_RATE = 3.0  # times the slowest recording's rate: less is all one rate
+ONE_RATE, LIKE = 3.0, 0.7  # times the slowest recording's rate: less is all one rate; ... and how like they look in it
 TWIN, TWIN_SAME = 0.98, 1.0  # ... for one that reproduces so much of its signature: the rest may be the model's misfit
 ROUNDED_OFF = 0.005  # of the gap's squares: what a monitor shows of any amplifier beside the effect looked for
 SAME = 0.08  # relative excess of the squares left by a rival, below which these recordings cannot tell it
@@ -421,7 +421,8 @@ def _rivals(judged: list[Judged], best: Judged, refitted: bool, state: Selection
         if same and ahead and state.bench.monitored:
             # A monitor's own noise is small: how an amplifier and its sampling round a delay off is not.
             same = one.monitor_left <= best.monitor_left + max(SAME * best.monitor_left, ROUNDED_OFF * state.total)
-        same |= {one.name, best.name} == {"hysteresis_change", "rate_dependence"} and state.one_rate()
+        loops = {one.name, best.name} == {"hysteresis_change", "rate_dependence"}
+        same |= loops and alike[k] > LIKE and state.one_rate()
         if same and WITHIN.get(one.name) != best.name:
             result.append(one)
     return sorted(result, key=lambda one: one.rest(refitted))

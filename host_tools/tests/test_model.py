@@ -105,8 +105,8 @@ def test_no_number_where_one_is_due(key: str, value: object, complaint: Callable
     assert complaint(changed(key, value)) == f"{key}: must be a finite number, got {json.dumps(value)}"
 
 
-@pytest.mark.parametrize("key", set(NUMBERS) - {"rate.singular_um_per_s", "drive.slew_V_per_s", "drive.dac_bits",
-                                               "drive.sweep_V_per_s", "drive.sweep_end_V"})
+@pytest.mark.parametrize("key", sorted(set(NUMBERS) - {"rate.singular_um_per_s", "drive.slew_V_per_s",
+                                                       "drive.dac_bits", "drive.sweep_V_per_s", "drive.sweep_end_V"}))
 def test_null_where_a_number_is_due(key: str, complaint: Callable) -> None:
     assert complaint(changed(key, None)) == f"{key}: must be a finite number, got null"
 
