@@ -81,6 +81,10 @@ class Rig:
             self._last[key] = self._operate(shown, None)
         return self._last[key]
 
+    def missed_um(self, acting: Sequence[Acting]) -> float:
+        """Mean of what the displacement misses, in um."""
+        return float(np.mean(self.recording.displacement_um - self.respond(acting)))
+
     def amplified(self, acting: Sequence[Acting]) -> np.ndarray:
         """What monitor_V shows with these effects, in um."""
         shown = [one for one in acting if one.effect.before_monitor]
@@ -152,7 +156,7 @@ class Bench:
         """With `monitored` the actuator is driven by monitor_V, where every recording has it.
 
         With `earlier` recordings, one of each run's drive and length, what the model misses of them is taken off what
-        is measured: what is left is new.
+        is measured: what is left is new. Effects of the model that are marked "new" had not acted then.
         """
         self.monitored = monitored and all("monitor_V" in run.columns for run in (*runs, *earlier))
         self.model, self.rigs = model, rigs(model, runs, self.monitored)
@@ -165,9 +169,12 @@ class Bench:
                                      for k, length in enumerate(self.lengths) for side in range(sides)])
         self.run_of_block = np.repeat(np.arange(len(runs)), BLOCKS * sides)
         self.of_monitor = np.tile(np.repeat(np.arange(sides), BLOCKS), len(runs)).astype(bool)
-        self.earlier = Bench(model, earlier, monitored=self.monitored) if earlier else None
-        if self.earlier:
-            self.measured -= self.earlier.measured - self.earlier.predict(effects.acting(model))
+        self.earlier, self.missed_then, self.acting_then = None, np.zeros(0), []
+        if earlier:
+            before = replace(model, effects=[entry for entry in model.effects if not entry.get("new")])
+            self.earlier, self.acting_then = Bench(before, earlier, monitored=self.monitored), effects.acting(before)
+            self.missed_then = self.earlier.measured - self.earlier.predict(self.acting_then)
+            self.measured -= self.missed_then
 
     def join(self, shown: Sequence[np.ndarray], amplified: Sequence[np.ndarray] | None = None) -> np.ndarray:
         """One long vector, or matrix, of what each recording's displacement and monitor show; the latter 0 if None."""

@@ -122,7 +122,8 @@ def _check_paths(context: click.Context) -> None:
     for k, name in enumerate(paths["out"]):
         folder = os.path.dirname(name) or "."
         report = context.params.get("report")
-        makes_folder = bool(report) and folder == report or context.command.name == "import" and name.endswith("/")
+        makes_folder = bool(report) and os.path.normpath(folder) == os.path.normpath(report) or \
+            context.command.name == "import" and name.endswith("/")
         if not os.path.isdir(folder) and not makes_folder:
             raise BadInput(f"{name}: there is no folder {folder}; make it first")
         if "port" in context.params and os.path.realpath(name) == os.path.realpath(context.params["port"]):
@@ -1008,8 +1009,9 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
 @click.option("--report", metavar="DIR", type=click.Path(file_okay=False),
               help="Write index.html, one page with pictures, and gap.json there.")
 @click.option("--earlier", multiple=True, metavar="RUN", type=click.Path(dir_okay=False),
-              help="A recording of the same drive as one of the RUNs, made at commissioning, say; one for each of them. "
-                   "Then what has changed since is diagnosed, and the model's own error does not count.")
+              help="A recording of the same drive as one of the RUNs, made at commissioning, say; one for each, "
+                   "--earlier before every one. Then what has changed since is diagnosed, and the model's own error "
+                   "does not count.")
 @click.option("--without", multiple=True, metavar="EFFECT",
               help="Leave this effect out of those that are tried; may be given several times.")
 def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | None, earlier: tuple[str, ...],
@@ -1020,7 +1022,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
     monitor_V (the amplifier's output) tells what lies before the actuator from what lies after. With --earlier, drives
     that were recorded before tell smaller changes.
     """
-    from . import gap_report
+    from . import gap_report, passport
     from .effects import CATALOGUE
     from .gap import diagnose
     from .model import read_model, write_model
@@ -1031,6 +1033,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
             raise BadInput(f"--without {name}: no effect; there are {', '.join(CATALOGUE)}")
     with progress("diagnosing") as report_progress:
         parameters = read_model(model)
+        passport.read(parameters, model)
         found = diagnose(parameters, [read_recording(path) for path in runs], without, report_progress,
                          [read_recording(path) for path in earlier])
     document = {**found.document, "model": model, "model_digest": parameters.digest()}

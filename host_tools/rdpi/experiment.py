@@ -34,13 +34,15 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
     known, best = passport.read(state.model), None
     for kind, options in CANNED:
         try:
-            columns, _ = excite.make_drive(kind, _limits(state, kind), **options)
+            limits = _limits(state, kind)
+            columns, _ = excite.make_drive(kind, limits, **options)
+            if (times := len(columns["time_s"]) / LONGEST) > 1:  # judged at fewer samples per second
+                limits = replace(limits, sample_rate_hz=limits.sample_rate_hz / times)
+                columns, _ = excite.make_drive(kind, limits, **options)
         except BadInput:
             continue
-        if len(columns["time_s"]) > LONGEST:
-            continue
         seconds = float(columns["time_s"][-1])
-        metadata = {"memory": "reset", "sample_rate_hz": f"{_limits(state).sample_rate_hz:.12g}"}
+        metadata = {"memory": "reset", "sample_rate_hz": f"{limits.sample_rate_hz:.12g}"}
         drive = Recording("next.csv", metadata, columns)
         apart = min(_apart(state, truth, rival.candidate, drive) for rival in rivals)
         worth = apart / _missed(state, known, drive) ** 2 / seconds
@@ -52,6 +54,8 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
     why = f"of the canned recordings it tells {names} apart best per second"
     if best[1] < float(np.mean(state.rest**2)) / 4:
         why += "; if it does not, monitor_V beside it will tell what lies before the actuator from what lies after"
+    if state.earlier:
+        why += "; no earlier recording has this drive: it helps where the change shows without --earlier too"
     return {"command": _command(state, best[2], best[3]), "why": why, "seconds": best[4]}
 
 
@@ -67,16 +71,17 @@ def _limits(state: Selection, kind: str = "") -> excite.Limits:
 
 def _command(state: Selection, kind: str, options: dict[str, Any]) -> str:
     limits = _limits(state, kind)
-    parts = ["rdpi excite", kind, "-o next.csv", f"--min-V {limits.min_V:g}", f"--max-V {limits.max_V:g}",
-             f"--sample-rate {limits.sample_rate_hz:g}"]
+    parts = ["rdpi excite", kind, "-o next.csv", f"--min-V {limits.min_V:.12g}", f"--max-V {limits.max_V:.12g}",
+             f"--sample-rate {limits.sample_rate_hz:.12g}"]
     if limits.slew_V_per_s is not None:
-        parts.append(f"--slew {limits.slew_V_per_s:g}")
+        parts.append(f"--slew {limits.slew_V_per_s:.12g}")
     return " ".join(parts + [f"--{excite.OPTION_NAMES[name]} {value:g}" for name, value in options.items()])
 
 
 def _apart(state: Selection, truth: Candidate, rival: Candidate, drive: Recording) -> float:
-    """Sum of squares that the rival leaves of what the truth would show in this drive and in a recording at hand, fitted
-    to both: what happens to be alike in the one differs in the other.
+    """Sum of squares that the rival leaves of what the truth would show in this drive and in a recording at hand.
+
+    It is fitted to both: what happens to be alike in the one differs in the other.
     """
     shown = [_shown(state, truth, run) for run in (drive, min(state.runs, key=len))]
     bench = Bench(state.model, shown, monitored=False)

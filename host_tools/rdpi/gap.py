@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from . import experiment, intake, localise, numerics, passport, signals, version
-from .candidates import Candidate, Grams
+from .candidates import Bench, Candidate, Grams
 from .effects import CATALOGUE
 from .gap_words import CHANGE, GAP, Terms
 from .model import Model
 from .recording import Recording
-from .selection import SAME, USUAL_SPREAD, WIDEN, Excess, Round, Selection, detected, excess, select, shrink_of
+from .selection import (SAME, USUAL_SPREAD, WIDEN, Excess, Judged, Round, Selection, detected, excess, select,
+                        shrink_of)
 
 SCHEMA = "rdpi-gap/1"
 # Learnt on the tuning set of tests/withheld, as the thresholds of the selection are.
@@ -55,8 +56,13 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     """
     notes, known = intake.check_against(model, runs), passport.read(model)
     if earlier:
-        intake.check_against(model, earlier)
+        notes += [f"earlier, {note}" for note in intake.check_against(model, earlier) if any(
+            note.startswith(run.path) for run in earlier)]
         earlier = intake.same_drives(runs, earlier)
+        if any(not entry.get("new") for entry in model.effects):
+            notes.append("the effects that the model has are taken to have acted in the earlier recordings too")
+        notes += [f"{run.path}: its memory is {run.memory}, and {then.memory} in its earlier recording: a start that "
+                  "differs looks like a change" for run, then in zip(runs, earlier) if run.memory != then.memory]
         known = None if known is None else passport.repeated(known)
     state = Selection(model, runs, earlier, without, progress)
     before = state.before_um
@@ -66,16 +72,24 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     rounds = select(state, gap)
     verdict = _verdict(state, gap, rounds)
     notes += _remarks(state, gap, rounds, verdict)
-    if verdict == "unknown":
+    if state.chosen and state.bench.monitored and _rms(state.after_um()) > _rms(before):
+        notes.append("monitor_V shows what would move the actuator further from where it is: it is the monitor that "
+                     "is late, filtered or wrong; leave the column out")
+        verdict = "unknown" if _sure(state, gap) else "none"
+    if verdict in ("unknown", "none"):
         state.forget()
     after = state.after_um() if state.chosen else before
     zeros = _zeros(state)
     zero = float(np.average(zeros, weights=state.bench.lengths)) if state.chosen else 0.0
-    if min(map(abs, zeros)) > max(ZERO * _rms(before), MUCH_ZERO * model.stroke_um):
-        notes.append(f"beside it the recordings lie {min(zeros):.3g} to {max(zeros):.3g} um from the model, a constant "
-                     "of each that is not counted: the sensor's zero has changed, or the mount"
+    moved = min(map(abs, zeros)) > max(ZERO * _rms(before), MUCH_ZERO * model.stroke_um)
+    if moved:
+        notes.append(f"beside it the recordings lie {min(zeros):.3g} to {max(zeros):.3g} um from "
+                     f"{'the earlier ones' if earlier else 'the model'}, a constant of each that is not counted: the "
+                     "sensor's zero has changed, or the mount"
                      + ("; the improved model has their mean" if state.chosen else ""))
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
+    if verdict == "unknown" and noise**2 > 0.5 * _rms(before) ** 2:
+        notes.append(f"most of it is noise from sample to sample, {noise:.3g} um rms: look at the sensor and cables")
     axes = localise.localise(runs, before, coords, known, noise)
     if verdict == "none" and (there := _elsewhere(axes, _terms(state))):
         notes.append(there)
@@ -84,19 +98,21 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
         "schema": SCHEMA, "tool": f"rdpi {version()}", "verdict": verdict, "detection": state.detection,
         "paired": bool(earlier),
         "effects": _effects(state, rounds, final), "candidates": _candidates(state, rounds),
-        "gap": _gap(state, noise, before, after), "where": _where(state, axes, before),
+        "gap": {**_gap(state, noise, before, after), "whole_um": _whole(state)},
+        "where": _where(state, axes, before, rounds[0].rivals),
         "runs": _runs(state, gap, before, after),
-        "passport": None if known is None else {"ratio": gap.ratio, "rms_um": float(np.sqrt(gap.floor / state.samples)),
+        "passport": None if known is None else {"ratio": gap.ratio, "rms_um": gap.expected_um,
                                                 "held_out": known["held_out"], "spread": gap.spread},
         "promised": _promised(state, final), "refit": {"shrink": rounds[0].refit_alone},
         "numerics": numerics.compare(model, runs), "not_excited": _not_excited(state, rounds),
         "leftover": _leftover(state, gap), "matrix": _matrix(rounds[0]),
         "next_experiment": experiment.propose(state, rounds, verdict), "notes": notes,
-        "offset_um": {"mean": float(np.mean(zeros)), "low": min(zeros), "high": max(zeros), "added": zero},
+        "offset_um": {"mean": float(np.mean(zeros)), "low": min(zeros), "high": max(zeros), "added": zero,
+                      "moved": moved},
     }
     spectrum = localise.along_frequency(runs, after, coords, known, noise) if state.chosen else None
     entries = [{key: entry[key] for key in ("name", "stage", "column", "parameters") if key in entry}
-               for entry in document["effects"]]
+               | ({"new": True} if earlier else {}) for entry in document["effects"]]
     improved = replace(state.model, effects=[*model.effects, *entries], offset_um=model.offset_um + zero)
     progress(1.0)
     return Diagnosis(document, improved, list(runs), before, after,
@@ -119,23 +135,31 @@ def _elsewhere(axes: Sequence[localise.Axis], words: Terms) -> str | None:
 
 
 def _zeros(state: Selection) -> list[float]:
-    """Mean of what each recording's displacement misses with all that act, which no other figure counts."""
+    """Mean of what each recording's displacement misses with all that act, beyond what the earlier one missed; no
+    other figure counts it.
+    """
     bench = state.driven(state.model)
-    return [float(np.mean(rig.recording.displacement_um - rig.respond(state.acting()))) for rig in bench.rigs]
+    now = [rig.missed_um(state.acting()) for rig in bench.rigs]
+    then = [rig.missed_um(bench.acting_then) for rig in bench.earlier.rigs] if bench.earlier else [0.0] * len(now)
+    return [float(one - other) for one, other in zip(now, then)]
 
 
 def _verdict(state: Selection, gap: Excess, rounds: list[Round]) -> str:
     first = rounds[0]
     if first.best is None:
-        sure = gap.ratio and (state.detection > UNKNOWN * detected(state)
-                              or np.log(gap.ratio) > SPREADS * max(gap.spread, USUAL_SPREAD))
-        return "unknown" if sure else "none"
+        return "unknown" if _sure(state, gap) else "none"
     if gap.ratio and not first.refitted:
         left = max(0.0, float(np.sum(state.rest**2)) - state.excused())
         explained = (gap.total - left) / max(gap.total - gap.floor, 1e-300)
         if explained < EXPLAINED and gap.left(left) > LEFT_OVER:
             return "unknown"
     return "ambiguous" if any(one.rivals for one in rounds) else "effect"
+
+
+def _sure(state: Selection, gap: Excess) -> bool:
+    """Whether the gap is one, whatever its cause."""
+    return gap.ratio is not None and bool(state.detection > UNKNOWN * detected(state)
+                                          or np.log(gap.ratio) > SPREADS * max(gap.spread, USUAL_SPREAD))
 
 
 def _remarks(state: Selection, gap: Excess, rounds: list[Round], verdict: str) -> list[str]:
@@ -253,7 +277,17 @@ def _gap(state: Selection, noise_um: float, before_um: Sequence[np.ndarray], aft
             "explained_um": float(np.sqrt(max(before**2 - after**2, 0.0))), "remaining_um": after}
 
 
-def _where(state: Selection, axes: Sequence[localise.Axis], before: Sequence[np.ndarray]) -> dict[str, Any]:
+def _whole(state: Selection) -> dict[str, float] | None:
+    """rms of what the displacement misses in all, without and with the effects, where the gap is a change only."""
+    if not state.earlier:
+        return None
+    bench = Bench(state.model, state.runs, monitored=False)
+    return {name: _rms(bench.split(bench.measured - state.predict(bench, chosen)))
+            for name, chosen in (("before", []), ("after", state.chosen))}
+
+
+def _where(state: Selection, axes: Sequence[localise.Axis], before: Sequence[np.ndarray], rivals: Sequence[Judged]
+           ) -> dict[str, Any]:
     energy = [float(np.sum(part**2)) for part in before]
     ranked = sorted(range(len(energy)), key=lambda k: -energy[k])
     stages = None
@@ -263,8 +297,9 @@ def _where(state: Selection, axes: Sequence[localise.Axis], before: Sequence[np.
         whole = ahead + float(np.sum(state.first[~side] ** 2))
         stages = {"before_monitor": ahead / whole, "after_monitor": 1 - ahead / whole}
     if state.chosen:
-        effect = state.chosen[0].effect
-        stage = effect.stage if state.bench.monitored or effect.shows_stage else " or ".join(effect.stages)
+        open_ = [state.chosen[0].effect, *(one.candidate.effect for one in rivals)]
+        stage = " or ".join(dict.fromkeys(stage for effect in open_ for stage in (
+            [effect.stage] if state.bench.monitored or effect.shows_stage else effect.stages)))
     elif stages:
         stage = "before the monitor" if stages["before_monitor"] > 0.5 else "after the monitor"
     else:
@@ -279,7 +314,7 @@ def _runs(state: Selection, gap: Excess, before: Sequence[np.ndarray], after: Se
     earlier = [run.path for run in state.earlier] or [None] * len(state.runs)
     return [{"file": run.path, "digest": run.digest, "samples": len(run), "earlier": earlier[k],
              "rms_um": {"before": _rms([one]), "after": _rms([other])},
-             "offset_um": float(np.mean(run.displacement_um - rig.respond(state.known))),
+             "offset_um": rig.missed_um(state.known),
              "noise_floor_um": signals.noise_um(run.displacement_um),
              "percent_of_stroke": 100 * _rms([one]) / float(np.ptp(run.displacement_um)),
              "ratio": None if gap.ratios is None else gap.ratios[k], "share": float(np.sum(one**2)) / whole}

@@ -118,7 +118,8 @@ def quantity(name: str, parameter: Document) -> str:
     interval = _ends(parameter["ci95"])
     if interval:
         return f"{_fixed(factor * parameter['value'], factor * (interval[1] - interval[0]))} {unit}".strip()
-    return f"{number(factor * parameter['value'])} {unit}".strip()
+    digits = 5 if name == "factor" else 3  # near 1, what counts lies behind it
+    return f"{number(factor * parameter['value'], digits)} {unit}".strip()
 
 
 def interval(name: str, parameter: Document, unit: bool = True) -> str:

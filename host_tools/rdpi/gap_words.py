@@ -29,6 +29,7 @@ class Terms(NamedTuple):
 
     heading: str
     gap: str
+    left: str  # what it is in one recording
     opening: str  # followed by its size
     usual: str  # what the passport expects, after "as much as" or "3 times what"
     usual_there: str  # ... in one place
@@ -39,17 +40,18 @@ class Terms(NamedTuple):
 
 
 GAP = Terms(
-    heading="Sim-to-real gap", gap="gap", opening="The gap is", usual="the model missed at commissioning",
+    heading="Sim-to-real gap", gap="gap", left="residual", opening="The gap is",
+    usual="the model missed at commissioning",
     usual_there="the model missed there at commissioning", usually="at commissioning", ratio="ratio to commissioning",
     nothing_beyond="the model's own error and the sensor's noise",
     unjudged="The model carries no passport: how much of this it missed at commissioning is not known.")
 CHANGE = Terms(
-    heading="Change since the earlier recordings", gap="change",
+    heading="Change since the earlier recordings", gap="change", left="change",
     opening="What has changed since these drives were first recorded is",
-    usual="two recordings of the same drive differ by anyway",
-    usual_there="two recordings of the same drive differ by anyway there", usually="differs anyway",
+    usual="two recordings of the same drive may differ by anyway",
+    usual_there="two recordings of the same drive may differ by anyway there", usually="may differ anyway",
     ratio="ratio to usual", nothing_beyond="that",
-    unjudged="The model carries no passport: how much two recordings of the same drive differ anyway is not known.")
+    unjudged="The model carries no passport: how much two recordings of the same drive may differ is not known.")
 
 
 def terms(document: Document) -> Terms:
@@ -164,10 +166,15 @@ def sentence(document: Document) -> str:
     runs = len(document["runs"])
     text = (f"{words.opening} {um(gap['rms_um'])} rms ({number(gap['percent_of_stroke'], 2)} % of the stroke) "
             f"{'in one recording' if runs == 1 else f'over {runs} recordings'}")
-    if passport:
+    less = document.get("paired") and document["effects"] and passport and passport["ratio"] < 1
+    if passport and not less:  # than may be, and found all the same
         text += f", {times(passport['ratio'])} {words.usual}"
+    zero = document["offset_um"]
+    apart = (f"Not counted: the zero lies {um(zero['mean'])} off{' since then' if document.get('paired') else ''}."
+             if zero["moved"] else "")
     say = {"effect": _explained, "ambiguous": _explained, "none": _nothing, "unknown": _unexplained}
-    return " ".join(filter(None, (f"{text}.", say[document["verdict"]](document), "" if passport else words.unjudged)))
+    return " ".join(filter(None, (f"{text}.", say[document["verdict"]](document), apart,
+                                  "" if passport else words.unjudged)))
 
 
 def _explained(document: Document) -> str:
@@ -182,7 +189,7 @@ def _explained(document: Document) -> str:
     else:
         they = "they were" if several or effects[0]["confusable_with"] else "it was"
         text += (f"{_how_much(document, before, after)}: on {unseen_parts(document)} {they} not fitted to, the "
-                 f"residual {'falls' if after < before else 'goes'} from {change(before, after, 'to')}")
+                 f"{terms(document).left} {'falls' if after < before else 'goes'} from {change(before, after, 'to')}")
     lines = [sentence_of(text), rounding(document)]
     if document["verdict"] == "ambiguous":
         lines.append(f"{'This recording' if len(document['runs']) == 1 else 'These recordings'} cannot tell which "
@@ -242,9 +249,15 @@ def promise(document: Document) -> str:
         return ""
     if promised["shrink"] < NOTICED:
         return "Added to the model, this promises no smaller residual on new recordings."
-    text = f"Added to the model, this promises a residual smaller by {percent(promised['shrink'])} on new recordings"
+    text = (f"Added to the model, this makes up for {percent(promised['shrink'])} of the change on new recordings, and "
+            "leaves what the model always missed" if document.get("paired") else
+            f"Added to the model, this promises a residual smaller by {percent(promised['shrink'])} on new recordings")
     if promised["ci90"]:
-        return f"{text} (90 % interval {shrinks(promised['ci90'])})."
+        text += f" (90 % interval {shrinks(promised['ci90'])})"
+    if whole := document["gap"].get("whole_um"):
+        text += f". In all, the residual of these recordings goes from {change(whole['before'], whole['after'], 'to')}"
+    if promised["ci90"]:
+        return f"{text}."
     return f"{text}; no interval can be given: {promised['why_no_interval']}."
 
 
@@ -316,11 +329,12 @@ def why(document: Document) -> list[str]:
 
 def far(document: Document) -> list[str]:
     """What adding the effects gains over all recordings."""
+    words = terms(document)
     if not document["effects"]:
-        return [f"No effect was added; this is the {terms(document).gap} in each recording as it is."]
+        return [f"No effect was added; this is the {words.gap} in each recording as it is."]
     before, after = held_out(document)
-    text = (f"On {unseen_parts(document)} not used to fit or to select, the residual is {um(before)} rms without and "
-            f"{um(after)} rms with the effects")
+    text = (f"On {unseen_parts(document)} not used to fit or to select, the {words.left} is {um(before)} rms without "
+            f"and {um(after)} rms with the effects")
     if coarse := rounding(document):
         return [f"{text}.", coarse]
     return [f"{text}; the sensor's noise alone is {um(document['gap']['noise_floor_um'])} rms."]

@@ -14,6 +14,7 @@ from .recording import RATE_TOLERANCE, Recording
 
 LARGEST_INPUT = 1e6  # V or um
 MONITOR_SLOPE = 0.3, 2.0  # V of monitor per V of command
+AT_ONCE = 0.8  # correlation of a monitor with the command from which it is not slow
 LATEST_S = 0.05  # by which a displacement may follow and still be of this drive
 MIN_CORRELATION = 0.5  # between command and displacement
 GAIN_SPREAD = 5.0  # between the runs' um per volt
@@ -138,7 +139,7 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
 def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list[Recording]:
     """For each run the earlier recording whose command is the same from the first sample on, as long as the run.
 
-    Raises BadInput for a run that has none.
+    Raises BadInput for a run that has none, or one that lacks what effects follow.
     """
     _check_once([hash(run.command_V.tobytes() + run.displacement_um.tobytes()) for run in (*runs, *earlier)],
                 [*runs, *earlier])
@@ -148,18 +149,24 @@ def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list
         if not alike:
             raise BadInput(f"{run.path}: no earlier recording has its {run.sample_rate_hz:g} samples per second")
         apart, nearest = min(((_apart(run, one), one) for one in alike), key=lambda pair: pair[0])
-        if apart > SAME_DRIVE:
+        if apart > SAME_DRIVE or len(nearest) < len(run):
+            short = f"up to {100 * apart:.3g} % of the range away" if apart > SAME_DRIVE and len(nearest) >= len(run) \
+                else f"which ends after {len(nearest)} of its {len(run)} samples"
             raise BadInput(f"{run.path}: no earlier recording has the same drive all along (nearest is {nearest.path}, "
-                           f"{100 * apart:.2g} % of the range away); leave this run out, or --earlier")
+                           f"{short}); leave this run out, or give its earlier one after an --earlier of its own")
+        lacks = [name for name in run.columns if name.endswith(("_V", "_degC")) and name not in nearest.columns]
+        if lacks:
+            raise BadInput(f"{nearest.path}: lacks {', '.join(lacks)} of {run.path}; take it out there, or give "
+                           "another earlier recording")
         found.append(replace(nearest, columns={name: values[:len(run)] for name, values in nearest.columns.items()}))
     return found
 
 
 def _apart(run: Recording, other: Recording) -> float:
-    """Largest distance of two commands, as a share of the range; 1 if the other is too short."""
-    if len(other) < len(run):
-        return 1.0
-    return float(np.max(np.abs(other.command_V[:len(run)] - run.command_V)) / np.ptp(run.command_V))
+    """Largest distance of two commands as far as both go, as a share of the range, and the share that one lacks."""
+    both = min(len(run), len(other))
+    apart = float(np.max(np.abs(other.command_V[:both] - run.command_V[:both])) / np.ptp(run.command_V))
+    return apart + 1 - both / len(run)
 
 
 def _check_covariates(run: Recording, related: bool) -> None:
@@ -174,7 +181,7 @@ def _check_covariates(run: Recording, related: bool) -> None:
     moved = abs(float(np.mean(monitor - run.command_V)))
     late = np.abs(late_correlations(run, monitor))
     # An amplifier too slow for the drive follows it by little, and late; in other units, at once.
-    slow = late[0] < MIN_CORRELATION < np.max(late)
+    slow = late[0] < AT_ONCE and np.max(late) > MIN_CORRELATION
     if not (MONITOR_SLOPE[0] < slope < MONITOR_SLOPE[1] or slow) or moved > np.ptp(run.command_V):
         raise BadInput(f"{run.path}: monitor_V moves {slope:.3g} V per volt of the command and lies {moved:.3g} V from "
                        "it; give volts at the actuator, as command_V, or take the column out")

@@ -41,6 +41,7 @@ WITHIN = {"static_nonlinearity": "gain_change"}  # effects that hold a simpler o
 HOLDS = 0.9  # ... which is enough if it explains this share of what they do
 SIMPLER = 0.05  # ... that every further parameter must bring
 GRID = 1.5  # times the passport's step: a coarser grid is a new one
+OLD = 0.5  # times a disturbance's energy: so much in the earlier recordings, and it is not new
 WIDEN = 1.3  # of bootstrapped intervals, so that 90 % is 90 %
 DRAWS = 400
 
@@ -58,6 +59,7 @@ class Judged:
     share: float  # of the excess over the passport
     refitted_ci: tuple[float, float] | None = None
     monitor_left: float = 0.0
+    old: bool = False  # a disturbance that the earlier recordings show as well
     rejected: str | None = None
 
     @property
@@ -99,7 +101,7 @@ class Selection:
         self.chosen: list[Candidate] = []
         self.detection = -np.inf  # the evidence for a gap
         self.rest = self.bench.measured - self.predict()
-        self.first = self.rest
+        self.first, self._given = self.rest, (model, self.bench)
         self._driven: Bench | None = None
         self.before_um = self._missed(self.driven(model))
 
@@ -120,19 +122,21 @@ class Selection:
 
     # --- prediction
 
-    def acting(self) -> list[Acting]:
-        return effects.in_order([*self.known, *(Acting(one.effect, one.values) for one in self.chosen
-                                                if not one.per_run)])
+    def acting(self, chosen: Sequence[Candidate] | None = None) -> list[Acting]:
+        return effects.in_order([*self.known, *(Acting(one.effect, one.values) for one in
+                                                (self.chosen if chosen is None else chosen) if not one.per_run)])
 
-    def predict(self, bench: Bench | None = None) -> np.ndarray:
-        """With all that act, disturbances as every recording shows them; also on another bench of the same."""
-        bench = bench or self.bench
-        for one in self.chosen:
+    def predict(self, bench: Bench | None = None, chosen: Sequence[Candidate] | None = None) -> np.ndarray:
+        """With all that act, disturbances as every recording shows them; also on another bench of the same, or with
+        others chosen.
+        """
+        bench, chosen = bench or self.bench, self.chosen if chosen is None else chosen
+        for one in chosen:
             for rig, start_um in zip(bench.rigs if bench is not self.bench else [], one.memory_um or []):
                 rig.start(start_um)
-        shared = bench.predict(self.acting())
+        shared = bench.predict(self.acting(chosen))
         disturbances = [*(one for one in self.known if one.effect.disturbance),
-                        *(Acting(one.effect, one.values) for one in self.chosen if one.per_run)]
+                        *(Acting(one.effect, one.values) for one in chosen if one.per_run)]
         own = [bench.join([one.effect.columns(rig.recording, one.values, self.model) for rig in bench.rigs])
                for one in disturbances]
         return shared + (self._fitted(np.hstack(own), bench.measured - shared, bench) if own else 0.0)
@@ -208,7 +212,7 @@ class Selection:
 
     def forget(self) -> None:
         """Let no effect act."""
-        self.chosen, self.rest = [], self.first
+        (self.model, self.bench), self.chosen, self.rest = self._given, [], self.first
 
     def refit(self, one: Candidate, move: np.ndarray) -> None:
         """Move the model's parameters, as Grams.fitted_base has them, and let the effect act beside that model."""
@@ -255,7 +259,7 @@ class Selection:
                 one, kept, shrink_of(left, zero), self.interval(left, zero),
                 float(1 - np.sqrt(np.sum(refitted) / lowest)),
                 float(np.sum(refitted) + np.sum(refitted_within)) / 2, share,
-                self.interval(refitted, min(zero, base, key=np.sum)), float(np.sum(within[side]))))
+                self.interval(refitted, min(zero, base, key=np.sum)), float(np.sum(within[side])), self.is_old(one)))
         if self.bench.monitored:
             self._held_by_the_model(judged, acting)
         self.zero, self.base, self.total = zero, base, total
@@ -273,15 +277,25 @@ class Selection:
                 change = bench.predict(effects.in_order([*acting, mine])) - plain
                 one.shrink = min(one.shrink, shrink_of((left - change) ** 2, left**2))
 
+    def is_old(self, one: Candidate) -> bool:
+        """Whether the earlier recordings show a disturbance too, as strong as these or nearly."""
+        if not self.earlier or not one.per_run or one.memory_um is not None:
+            return False
+        then = self.bench.missed_then
+        before, now = (float(np.sum(self._fitted(one.slopes, left, self.bench) ** 2)) for left in
+                       (then, self.rest + then))
+        return before > OLD * now
+
     def grid_noise(self, one: Candidate) -> float:
         """Sum of squares that a grid of readings leaves: step^2 / 12 a sample, which no prediction takes away.
 
-        A grid that was there at commissioning is part of the passport.
+        A grid that was there at commissioning is part of the passport, and one of the earlier recordings is not new.
         """
         if one.effect.name != "quantisation" or one.effect.stage != "sensor":
             return 0.0
         step_um = one.values["step"]
-        before = max((run["step_um"] for run in (self.model.passport or {}).get("runs", [])), default=0.0)
+        before = max([run["step_um"] for run in (self.model.passport or {}).get("runs", [])]
+                     + [signals.grid_step(run.displacement_um) for run in self.earlier], default=0.0)
         return self.samples * (step_um**2 - before**2) / 12 if step_um > GRID * before else 0.0
 
     def excused(self) -> float:
@@ -312,6 +326,7 @@ class Excess:
     ratio: float | None  # of rms, None without a passport
     spread: float
     ratios: list[float] | None  # per recording
+    expected_um: float | None = None  # rms by the passport
 
     @property
     def evidence(self) -> float:
@@ -331,7 +346,8 @@ def excess(state: Selection, known: dict[str, Any] | None, coords: Sequence[loca
     # From the command, as the passport: what an amplifier always did, the model may hold already.
     found = passport.ratio(known, state.before_um, coords)
     floor = float(np.sum(found.expected_um**2 * state.bench.lengths))
-    return Excess(total, min(floor, total), found.overall, found.spread, found.ratio.tolist())
+    return Excess(total, min(floor, total), found.overall, found.spread, found.ratio.tolist(),
+                  float(np.sqrt(floor / state.samples)))
 
 
 def select(state: Selection, gap: Excess) -> list[Round]:
@@ -384,12 +400,14 @@ def _best(judged: list[Judged], state: Selection, gap: Excess, further: bool) ->
             one.rejected = "explains too little of the gap"
         elif one.candidate.synchronous > 0.5:
             one.rejected = "stands at a frequency of the drive itself"
+        elif one.old:
+            one.rejected = "was in the earlier recordings as well"
         elif not (gap.ratio and evidence > detected(state)) and min(gain, one.refitted_shrink) < born_in:
             one.rejected = "the gap is no larger than the passport expects"
     open_ = [one for one in judged if one.rejected is None]
     frozen = _simplest(open_, lambda one: one.left) if open_ else None
     # Born in: what the fit took up hides an effect, or half of it, until the model is refitted beside it.
-    hidden = [one for one in judged if not further and one.candidate.synchronous <= 0.5
+    hidden = [one for one in judged if not further and one.candidate.synchronous <= 0.5 and not one.old
               and one.refitted_shrink - FREE_BESIDE.get(one.name, 0.0) > born_in
               and one.refitted_left < state.least * (1 - born_in)]
     beside = _simplest(hidden, lambda one: one.refitted_left) if hidden else None
@@ -414,7 +432,7 @@ def _rivals(judged: list[Judged], best: Judged, refitted: bool, state: Selection
     result = []
     alike = reproduced[judged.index(best)]
     for k, one in enumerate(judged):
-        if one is best or one.name == best.name or one.candidate.synchronous > 0.5:
+        if one is best or one.name == best.name or one.candidate.synchronous > 0.5 or one.old:
             continue
         same = one.rest(refitted) <= (1 + (TWIN_SAME if alike[k] > TWIN else SAME)) * best.rest(refitted)
         ahead = one.candidate.effect.before_monitor and best.candidate.effect.before_monitor

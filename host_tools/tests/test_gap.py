@@ -279,6 +279,21 @@ def test_a_monitor_tells_the_stage(name: str, stage: str, values: dict[str, floa
     assert sum(shares.values()) == pytest.approx(1)
 
 
+@pytest.mark.parametrize("slow_s", [0.03, 0.1])
+def test_the_monitor_of_an_amplifier_too_slow_for_the_drive(slow_s: float) -> None:
+    """It moves by little of what is asked, which is no matter of units."""
+    command = 50 + 45 * np.sin(2 * np.pi * 8 * np.arange(2000) / RATE_HZ)
+    lag = entry("lag", "amplifier", time_constant_s=slow_s)
+    runs = recorded(plain_model(), [recording(command, None, RATE_HZ, "fast.csv")], lag)
+    shown = [changed(run, monitor_V=effects.driven(effects.acting(replace(plain_model(), effects=[lag])), run.command_V,
+                                                   run, plain_model())) for run in runs]
+    assert np.polyfit(command, shown[0].columns["monitor_V"], 1)[0] < 0.4
+    assert name_of(diagnose(commissioned(), shown)) == "lag"
+    for wrong in (command / 100, 1000 * command, np.random.default_rng(0).standard_normal(len(command))):
+        with pytest.raises(BadInput, match="fast.csv: monitor_V moves .* V per volt of the command"):
+            diagnose(commissioned(), [changed(runs[0], monitor_V=wrong)])
+
+
 def test_without_a_monitor_the_stage_stays_a_set() -> None:
     where = diagnosed("effect").document["where"]
     assert where["stages"] is None and set(where["stage"].split(" or ")) == {"timing", "sensor"}
@@ -517,12 +532,14 @@ def test_a_monitor_before_and_after() -> None:
     assert found.document["verdict"] == "effect" and name_of(found) == "delay"
     assert found.document["effects"][0]["parameters"]["delay_s"]["value"] == pytest.approx(0.002, rel=0.1)
     assert found.document["where"]["stage"] == "timing"
-    assert name_of(diagnose(with_creep(), monitored(now, lag, late), earlier=before)) in ("delay", "lag")
+    with pytest.raises(BadInput, match=r"lacks monitor_V of sawtooth 0\.9\.csv"):
+        diagnose(with_creep(), monitored(now, lag, late), earlier=before)
 
 
 @pytest.mark.parametrize(("change", "message"), [
     (lambda run: scaled(run, command=1.01), r"no earlier recording has the same drive all along \(nearest is \S+ "),
-    (lambda run: changed(run, **{name: values[:-1] for name, values in run.columns.items()}), "the same drive"),
+    (lambda run: changed(run, **{name: values[:-1] for name, values in run.columns.items()}),
+     r"the same drive all along \(nearest is .+, which ends after \d+ of its \d+ samples\)"),
     (lambda run: marked(changed(run, time_s=run.time_s / 2), sample_rate_hz="2000"), "1000 samples per second"),
     (lambda run: scaled(run, displacement=-1.0), "moves opposite to the model"),
 ])
@@ -530,6 +547,85 @@ def test_earlier_recordings_that_are_of_other_drives(change: Any, message: str) 
     before, now = twice()
     with pytest.raises(BadInput, match=message):
         diagnose(with_creep(), now, earlier=[*map(change, before)])
+
+
+def test_a_disturbance_that_was_there_before_is_not_new() -> None:
+    """As strong, at another phase: it does not cancel; nor does one that has gone."""
+    def hummed(runs: list[Recording], size_um: float, phase: float) -> list[Recording]:
+        return [changed(run, displacement_um=run.displacement_um
+                        + size_um * np.sin(2 * np.pi * 47.3 * run.time_s + phase * (k + 1)))
+                for k, run in enumerate(runs)]
+
+    before, now = twice()
+    for earlier, later_ in ((0.05, 0.05), (0.05, 0.0)):
+        document = diagnose(with_creep(), hummed(now, later_, 0.5), earlier=hummed(before, earlier, 2.0)).document
+        assert not document["effects"]
+        (line,) = (one for one in document["candidates"] if one["name"] == "periodic_disturbance")
+        assert line["rejected_because"] == "was in the earlier recordings as well"
+    found = diagnose(with_creep(), hummed(now, 0.1, 0.5), earlier=hummed(before, 0.02, 2.0))
+    assert found.document["verdict"] == "effect" and name_of(found) == "periodic_disturbance"
+
+
+def test_the_sensors_zero_is_compared_with_the_earlier_one() -> None:
+    before, now = ([changed(run, displacement_um=run.displacement_um + 3.0) for run in runs]
+                   for runs in twice(entry("gain_change", factor=1.02)))
+    found = diagnose(with_creep(), now, earlier=before).document
+    assert abs(found["offset_um"]["mean"]) < 0.3 and not any("constant" in note for note in found["notes"])
+    moved = diagnose(with_creep(), [changed(run, displacement_um=run.displacement_um + 1.0) for run in now],
+                     earlier=before)
+    assert moved.document["offset_um"]["mean"] == pytest.approx(found["offset_um"]["mean"] + 1.0, abs=0.01)
+    assert any("um from the earlier ones, a constant" in note for note in moved.document["notes"])
+
+
+def test_a_grid_of_readings_that_was_there_before_is_not_new() -> None:
+    before, now = ([changed(run, displacement_um=0.3 * np.round(run.displacement_um / 0.3)) for run in runs]
+                   for runs in twice())
+    assert not diagnose(with_creep(), now, earlier=before).document["effects"]
+    assert name_of(diagnose(with_creep(), now, earlier=twice()[0])) == "quantisation"
+
+
+def test_what_is_promised_of_a_change_is_told_beside_the_whole() -> None:
+    before, now = twice(entry("gain_change", factor=1.005))
+    found = diagnose(with_creep(), now, earlier=before)
+    assert found.document["gap"]["whole_um"]["before"] == pytest.approx(left_um(with_creep(), now), rel=1e-6)
+    assert found.document["gap"]["whole_um"]["after"] == pytest.approx(left_um(found.improved, now), rel=1e-3)
+    assert diagnose(with_creep(), now).document["gap"]["whole_um"] is None
+
+
+def test_a_mended_model_has_no_change_left() -> None:
+    """The effect that was found had not acted in the earlier recordings."""
+    before, now = twice(entry("gain_change", factor=1.02))
+    improved = diagnose(with_creep(), now, earlier=before).improved
+    again = diagnose(improved, now, earlier=before).document
+    assert again["verdict"] == "none" and not any("taken to have acted" in note for note in again["notes"])
+
+
+def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
+    """The displacement follows the command as ever; what monitor_V shows would make it late."""
+    lag = effects.acting(replace(plain_model(), effects=[entry("lag", "amplifier", time_constant_s=0.003)]))
+    runs = [changed(run, monitor_V=effects.driven(lag, run.command_V, run, plain_model())) for run in later()]
+    found = diagnose(commissioned(), runs)
+    assert found.document["verdict"] == "none" and found.improved == commissioned()
+    assert any("it is the monitor that is late" in note for note in found.document["notes"])
+
+
+def test_a_sensor_that_became_noisy() -> None:
+    random = np.random.default_rng(3)
+    found = diagnose(commissioned(), [changed(run, displacement_um=run.displacement_um
+                                              + 0.3 * random.standard_normal(len(run))) for run in later()])
+    assert found.document["verdict"] == "unknown"
+    assert any("noise from sample to sample" in note for note in found.document["notes"])
+
+
+def test_remarks_on_earlier_recordings() -> None:
+    before, now = twice()
+    notes = diagnose(with_creep(), now, earlier=[scaled(run, displacement=5.0) for run in before]).document["notes"]
+    assert any(note.startswith("earlier, sawtooth 0.9.csv moves") and "same actuator?" in note for note in notes)
+    model = replace(with_creep(), effects=[entry("delay", delay_s=0.001)])
+    assert any("taken to have acted in the earlier" in note
+               for note in diagnose(model, now, earlier=before).document["notes"])
+    notes = diagnose(with_creep(), now, earlier=[marked(run, memory="unknown") for run in before]).document["notes"]
+    assert any("its memory is reset, and unknown in its earlier recording" in note for note in notes)
 
 
 def test_earlier_recordings_may_be_longer_and_more() -> None:

@@ -72,7 +72,8 @@ class Judged:
         """Whether the stage lies on the effect's side of the monitor."""
         put = self.case.puts[0]
         before = put["name"] in ("slew_limit", "rail_saturation") or put["where"] in ("command", "dac", "amplifier")
-        return (self.stage in BEFORE_MONITOR) == before
+        stages = set(self.stage.split(" or "))
+        return stages <= BEFORE_MONITOR if before else not stages & BEFORE_MONITOR
 
     @property
     def wrong(self) -> bool:
