@@ -65,6 +65,9 @@ def main() -> None:
     for name in ("SIGTERM", "SIGHUP"):  # leave by the ordinary way, so that nothing half written stays behind
         if hasattr(signal, name) and signal.getsignal(getattr(signal, name)) == signal.SIG_DFL:
             signal.signal(getattr(signal, name), lambda number, frame: sys.exit(128 + number))
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by who called; click 8.1 writes to it
+            setattr(sys, name, open(os.devnull, "w"))
 
 
 def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Command]:

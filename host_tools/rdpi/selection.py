@@ -391,7 +391,7 @@ def _best(judged: list[Judged], state: Selection, gap: Excess, further: bool) ->
     """The candidate to accept, if any, and whether the model was refitted beside it."""
     share, shrink = (FURTHER_SHARE, FURTHER_SHRINK) if further else (LEAST_SHARE, LEAST_SHRINK)
     born_in = BORN_IN_FEW if len(state.runs) < FEW else BORN_IN
-    evidence = gap.evidence + SHRINK_WEIGHT * max([_gain(one, state) for one in judged] + [0.0])
+    evidence = gap.evidence + SHRINK_WEIGHT * max([_gain(one, state) for one in judged if not one.old] + [0.0])
     state.detection = max(state.detection, evidence)
     for one in judged:
         gain = _gain(one, state)

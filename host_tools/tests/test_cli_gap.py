@@ -134,9 +134,10 @@ def test_earlier_recordings_of_the_same_drives(folder: Path, rdpi: Callable) -> 
 
 
 def test_earlier_recordings_of_other_drives(folder: Path, rdpi: Callable, refused: Callable) -> None:
-    assert re.match(r"late2\.csv: no earlier recording has the same drive all along \(nearest is \S+\.csv, (up to \S+ % of|which ends)",
-                    refused("gap", "model.json", *LATE[1:3], "--earlier", "fresh1.csv", "--earlier", "fresh3.csv",
-                            "-o", refused.output))
+    told = refused("gap", "model.json", *LATE[1:3], "--earlier", "fresh1.csv", "--earlier", "fresh3.csv",
+                   "-o", refused.output)
+    assert re.match(r"late2\.csv: no earlier recording has the same drive all along "
+                    r"\(nearest is \S+\.csv, (up to \S+ % of|which ends)", told)
     done = rdpi("gap", "model.json", "late0.csv", "--earlier", "fresh0.csv", "-o", "fresh0.csv")
     assert done.exit_code == 2 and "fresh0.csv: would be written over an input" in done.output
 
@@ -145,6 +146,14 @@ def test_no_progress_when_piped(folder: Path) -> None:
     done = subprocess.run([sys.executable, "-m", "rdpi", "gap", "model.json", "sine0.csv"], capture_output=True,
                           text=True, env=os.environ | {"PYTHONPATH": str(HOST_TOOLS)})
     assert done.returncode == 0 and done.stderr == "" and "\r" not in done.stdout
+
+
+def test_closed_output(folder: Path) -> None:
+    for closed in (">&-", "2>&-"):
+        words = f'"{sys.executable}" -m rdpi gap model.json sine0.csv --json found.json {closed}'
+        done = subprocess.run(words, shell=True, capture_output=True, text=True,
+                              env=os.environ | {"PYTHONPATH": str(HOST_TOOLS)})
+        assert done.returncode == 0 and done.stderr == "" and json.loads(Path("found.json").read_text())["verdict"]
 
 
 def test_the_next_experiment_runs_as_given(folder: Path, rdpi: Callable) -> None:
