@@ -14,7 +14,7 @@ import numpy as np
 
 from . import experiment, intake, localise, numerics, passport, signals, version
 from .candidates import Bench, Candidate, Grams
-from .effects import CATALOGUE
+from .effects import CATALOGUE, STAGES
 from .gap_words import CHANGE, GAP, Terms
 from .model import Model
 from .recording import Recording
@@ -298,8 +298,9 @@ def _where(state: Selection, axes: Sequence[localise.Axis], before: Sequence[np.
         stages = {"before_monitor": ahead / whole, "after_monitor": 1 - ahead / whole}
     if state.chosen:
         open_ = [state.chosen[0].effect, *(one.candidate.effect for one in rivals)]
-        stage = " or ".join(dict.fromkeys(stage for effect in open_ for stage in (
-            [effect.stage] if state.bench.monitored or effect.shows_stage else effect.stages)))
+        possible = {stage for effect in open_ for stage in (
+            [effect.stage] if state.bench.monitored or effect.shows_stage else effect.stages)}
+        stage = " or ".join(sorted(possible, key=STAGES.index))
     elif stages:
         stage = "before the monitor" if stages["before_monitor"] > 0.5 else "after the monitor"
     else:

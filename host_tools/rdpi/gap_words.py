@@ -249,16 +249,14 @@ def promise(document: Document) -> str:
         return ""
     if promised["shrink"] < NOTICED:
         return "Added to the model, this promises no smaller residual on new recordings."
-    text = (f"Added to the model, this makes up for {percent(promised['shrink'])} of the change on new recordings, and "
-            "leaves what the model always missed" if document.get("paired") else
-            f"Added to the model, this promises a residual smaller by {percent(promised['shrink'])} on new recordings")
-    if promised["ci90"]:
-        text += f" (90 % interval {shrinks(promised['ci90'])})"
+    share = percent(promised["shrink"])
+    sure = f" (90 % interval {shrinks(promised['ci90'])})" if promised["ci90"] else ""
+    text = f"Added to the model, this promises a residual smaller by {share} on new recordings{sure}"
     if whole := document["gap"].get("whole_um"):
-        text += f". In all, the residual of these recordings goes from {change(whole['before'], whole['after'], 'to')}"
-    if promised["ci90"]:
-        return f"{text}."
-    return f"{text}; no interval can be given: {promised['why_no_interval']}."
+        text = (f"Added to the model, this makes up for {share}{sure} of the change on new recordings, and leaves what "
+                "the model always missed. In all, the residual of these recordings goes from "
+                f"{change(whole['before'], whole['after'], 'to')}")
+    return f"{text}." if sure else f"{text}; no interval can be given: {promised['why_no_interval']}."
 
 
 # ---- where, why, how far ----
