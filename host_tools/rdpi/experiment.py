@@ -31,6 +31,7 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
     if open_ is None:
         return None
     truth, rivals = open_.best.candidate, open_.rivals
+    at_hand = _shown(state, truth, min(state.runs, key=len))
     known, best = passport.read(state.model), None
     for kind, options in CANNED:
         try:
@@ -44,7 +45,8 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
         seconds = float(columns["time_s"][-1])
         metadata = {"memory": "reset", "sample_rate_hz": f"{limits.sample_rate_hz:.12g}"}
         drive = Recording("next.csv", metadata, columns)
-        apart = min(_apart(state, truth, rival.candidate, drive) for rival in rivals)
+        bench = Bench(state.model, [_shown(state, truth, drive), at_hand], monitored=False)
+        apart = min(_apart(bench, rival.candidate) for rival in rivals)
         worth = apart / _missed(state, known, drive) ** 2 / seconds
         if best is None or worth > best[0]:
             best = worth, apart / len(drive), kind, options, seconds
@@ -78,13 +80,11 @@ def _command(state: Selection, kind: str, options: dict[str, Any]) -> str:
     return " ".join(parts + [f"--{excite.OPTION_NAMES[name]} {value:g}" for name, value in options.items()])
 
 
-def _apart(state: Selection, truth: Candidate, rival: Candidate, drive: Recording) -> float:
-    """Sum of squares that the rival leaves of what the truth would show in this drive and in a recording at hand.
+def _apart(bench: Bench, rival: Candidate) -> float:
+    """Sum of squares that the rival leaves of what the truth would show in a drive and in a recording at hand.
 
     It is fitted to both: what happens to be alike in the one differs in the other.
     """
-    shown = [_shown(state, truth, run) for run in (drive, min(state.runs, key=len))]
-    bench = Bench(state.model, shown, monitored=False)
     before = bench.predict([])
     found = candidates.search(bench, rival.effect, [], before)
     left = bench.measured - before
