@@ -40,14 +40,16 @@
 #define ONCE
 #endif
 
-/* Kept out of callers whose usual way must not pay for it. */
+/* APART: kept out of callers whose usual way must not pay for it. SHARED: a call where size counts. */
 #if RDPI_QUICK_STEP
 #define APART ONCE
+#define SHARED
 #else
 #define APART
+#define SHARED ONCE
 #endif
 
-static rdpi_real_t clamp(rdpi_real_t value, rdpi_real_t low, rdpi_real_t high)
+SHARED static rdpi_real_t clamp(rdpi_real_t value, rdpi_real_t low, rdpi_real_t high)
 {
     return value > low ? (value < high ? value : high) : low;
 }
@@ -86,8 +88,11 @@ static bool all_within(rdpi_real_t limit, const void *block, size_t bytes)
     return true;
 }
 
-static rdpi_status_t check_pointers(const rdpi_f32_t *self, const rdpi_f32_params_t *params)
+static rdpi_status_t check_pointers(uint64_t layout, const rdpi_f32_t *self, const rdpi_f32_params_t *params)
 {
+    if (layout != RDPI_F32_LAYOUT) {
+        return RDPI_ERR_SIZE;
+    }
     if (self == NULL || params == NULL) {
         return RDPI_ERR_NULL;
     }
@@ -191,10 +196,24 @@ static rdpi_status_t check_memory(const rdpi_f32_params_t *params, const rdpi_re
     return possible ? RDPI_OK : RDPI_ERR_MEMORY;
 }
 
+static uint32_t digest(const rdpi_f32_params_t *params)
+{
+    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, CODES_END - DIGEST_BEGIN);
+    crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
+    crc = rdpi_crc32(crc, params->saturation, params->deadzones * sizeof *params->saturation);
+    crc = rdpi_crc32(crc, params->inverse, params->deadzones * sizeof *params->inverse);
+    return rdpi_crc32(crc, params->memory_um, params->plays * sizeof *params->memory_um);
+}
+
+uint32_t rdpi_f32_digest_layout(uint64_t layout, const rdpi_f32_params_t *params)
+{
+    return layout == RDPI_F32_LAYOUT ? digest(params) : 0u;
+}
+
 /* And sets up the rate estimator: check_drive relies on the sample time that it accepts. */
 static rdpi_status_t check_params(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
 {
-    if (params->digest != rdpi_f32_digest(params)) {
+    if (params->digest != digest(params)) {
         return RDPI_ERR_DIGEST;
     }
     if (!check_numbers(params)) {
@@ -222,18 +241,10 @@ static rdpi_status_t check_params(rdpi_f32_t *self, const rdpi_f32_params_t *par
     return status == RDPI_OK ? check_memory(params, params->memory_um) : status;
 }
 
-uint32_t rdpi_f32_digest(const rdpi_f32_params_t *params)
+rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi_f32_params_t *params,
+                                   rdpi_real_t sample_time_s)
 {
-    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, CODES_END - DIGEST_BEGIN);
-    crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
-    crc = rdpi_crc32(crc, params->saturation, params->deadzones * sizeof *params->saturation);
-    crc = rdpi_crc32(crc, params->inverse, params->deadzones * sizeof *params->inverse);
-    return rdpi_crc32(crc, params->memory_um, params->plays * sizeof *params->memory_um);
-}
-
-rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
-{
-    rdpi_status_t status = check_pointers(self, params);
+    rdpi_status_t status = check_pointers(layout, self, params);
     if (status == RDPI_OK) {
         status = check_params(self, params, sample_time_s);
     }

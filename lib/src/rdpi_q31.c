@@ -66,8 +66,11 @@ static bool codes_are_coarse(const rdpi_q31_params_t *params)
 #define NUMBERS_BEGIN offsetof(rdpi_q31_params_t, slew_per_us)
 #define NUMBERS_END (offsetof(rdpi_q31_params_t, sweep_end) + sizeof(int32_t))
 
-static rdpi_status_t check_pointers(const rdpi_q31_t *self, const rdpi_q31_params_t *params)
+static rdpi_status_t check_pointers(uint64_t layout, const rdpi_q31_t *self, const rdpi_q31_params_t *params)
 {
+    if (layout != RDPI_Q31_LAYOUT) {
+        return RDPI_ERR_SIZE;
+    }
     if (self == NULL || params == NULL) {
         return RDPI_ERR_NULL;
     }
@@ -174,9 +177,24 @@ static rdpi_status_t check_memory(const rdpi_q31_params_t *params, const int32_t
     return y[0] < params->min_drive || y[0] > params->max_drive ? RDPI_ERR_MEMORY : RDPI_OK;
 }
 
+static uint32_t digest(const rdpi_q31_params_t *params)
+{
+    size_t deadzones = params->deadzones * sizeof *params->saturation;
+    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN);
+    crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
+    crc = rdpi_crc32(crc, params->saturation, deadzones);
+    crc = rdpi_crc32(crc, params->inverse_saturation, deadzones);
+    return rdpi_crc32(crc, params->memory, params->plays * sizeof *params->memory);
+}
+
+uint32_t rdpi_q31_digest_layout(uint64_t layout, const rdpi_q31_params_t *params)
+{
+    return layout == RDPI_Q31_LAYOUT ? digest(params) : 0u;
+}
+
 static rdpi_status_t check_params(const rdpi_q31_params_t *params)
 {
-    if (params->digest != rdpi_q31_digest(params)) {
+    if (params->digest != digest(params)) {
         return RDPI_ERR_DIGEST;
     }
     if (params->guard_mantissa < (uint32_t)1 << 31) {
@@ -198,16 +216,6 @@ static rdpi_status_t check_params(const rdpi_q31_params_t *params)
     return status == RDPI_OK ? check_memory(params, params->memory) : status;
 }
 
-uint32_t rdpi_q31_digest(const rdpi_q31_params_t *params)
-{
-    size_t deadzones = params->deadzones * sizeof *params->saturation;
-    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN);
-    crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
-    crc = rdpi_crc32(crc, params->saturation, deadzones);
-    crc = rdpi_crc32(crc, params->inverse_saturation, deadzones);
-    return rdpi_crc32(crc, params->memory, params->plays * sizeof *params->memory);
-}
-
 /* What a speed per us is per sample, saturated: no drive is further than 2^30 from another. */
 static int64_t per_sample(uint64_t per_us, uint32_t sample_time_ns)
 {
@@ -218,9 +226,10 @@ static int64_t per_sample(uint64_t per_us, uint32_t sample_time_ns)
                : (int64_t)(whole * sample_time_ns + per_us % 1000u * sample_time_ns / 1000u);
 }
 
-rdpi_status_t rdpi_q31_init(rdpi_q31_t *self, const rdpi_q31_params_t *params, uint32_t sample_time_ns)
+rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi_q31_params_t *params,
+                                   uint32_t sample_time_ns)
 {
-    rdpi_status_t status = check_pointers(self, params);
+    rdpi_status_t status = check_pointers(layout, self, params);
     if (status == RDPI_OK) {
         status = check_params(params);
     }

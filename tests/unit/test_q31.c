@@ -155,6 +155,21 @@ static void equal_plant_memory(void)
 
 /* ---- init: what it refuses, and beside it what it accepts ---- */
 
+/* Compiled with other settings than the library: nothing of the caller's is looked at. tests/consumer/settings.sh links
+ * such callers. */
+void test_init_refuses_a_caller_of_another_layout_before_all_else(void)
+{
+    const uint64_t others[] = {RDPI_Q31_LAYOUT + 1u, RDPI_Q31_LAYOUT ^ (uint64_t)1 << 63, 0};
+    for (size_t k = 0; k < sizeof others / sizeof others[0]; k++) {
+        TEST_ASSERT_EQUAL_INT(RDPI_ERR_SIZE, rdpi_q31_init_layout(others[k], NULL, NULL, T_NS));
+    }
+}
+
+void test_digest_for_another_layout_is_0(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, rdpi_q31_digest_layout(RDPI_Q31_LAYOUT + 1u, NULL));
+}
+
 void test_init_refuses_no_instance_and_no_parameters(void)
 {
     TEST_ASSERT_EQUAL_INT(RDPI_ERR_NULL, rdpi_q31_init(NULL, &given.params, T_NS));

@@ -10,7 +10,7 @@ static const rdpi_status_t statuses[] = {
     RDPI_OK,             RDPI_ERR_NULL,      RDPI_ERR_SCHEMA,     RDPI_ERR_NOT_FINITE, RDPI_ERR_COUNT,
     RDPI_ERR_GAIN,       RDPI_ERR_THRESHOLDS, RDPI_ERR_SLOPES,    RDPI_ERR_GUARD,      RDPI_ERR_DEADZONES,
     RDPI_ERR_SATURATION, RDPI_ERR_SAMPLE_TIME, RDPI_ERR_RATE,     RDPI_ERR_WINDOW,     RDPI_ERR_DRIVE,
-    RDPI_ERR_MEMORY,     RDPI_ERR_SWEEP,     RDPI_ERR_DIGEST};
+    RDPI_ERR_MEMORY,     RDPI_ERR_SWEEP,     RDPI_ERR_DIGEST,     RDPI_ERR_SIZE};
 #define STATUSES (sizeof statuses / sizeof statuses[0])
 
 void setUp(void)

@@ -153,19 +153,39 @@ typedef struct {
     rdpi_f32_bank_t bank; /**< the plays */
 } rdpi_f32_t;
 
+/** RDPI_LAYOUT of this header. */
+#define RDPI_F32_LAYOUT RDPI_LAYOUT(rdpi_f32_t, rdpi_f32_params_t)
+
+/** What rdpi_f32_digest calls: 0 for another layout than the library's. */
+uint32_t rdpi_f32_digest_layout(uint64_t layout, const rdpi_f32_params_t *params);
+
 /** CRC-32 (that of zlib) over counts, numbers and arrays of `params`, in the order of the struct and in this machine's
  * own representation; schema, digest and addresses are left out. For programs that fill in parameters themselves.
  * `params` must have passed the checks of pointers and counts that rdpi_f32_init makes. O(n + m). ISR safe. */
-uint32_t rdpi_f32_digest(const rdpi_f32_params_t *params);
+static inline uint32_t rdpi_f32_digest(const rdpi_f32_params_t *params)
+{
+    return rdpi_f32_digest_layout(RDPI_F32_LAYOUT, params);
+}
+
+/** What rdpi_f32_init calls. The layout comes first: there it is where the library looks for it, whatever the caller's
+ * RDPI_REAL. */
+rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi_f32_params_t *params,
+                                   rdpi_real_t sample_time_s);
 
 /** Validates `params` once and for all, their digest included, and prepares `self` for one step every `sample_time_s`,
  * as rdpi_f32_reset leaves it. `params` and its arrays must outlive `self`. That V_per_um, intercepts, the inverse
  * of the saturation and what makes codes fit what they are derived from is vouched for by the digest alone.
  * @return RDPI_OK, or the first fault found, one value for each kind (rdpi_status_t); `self` must then not be used.
  *
+ * Inline, so that it knows how its caller was compiled: where that is not how the library was, it returns RDPI_ERR_SIZE
+ * and has neither read nor written anything.
+ *
  * A damaged count or pointer can make it read beyond the arrays before it refuses. O(n + m), but long: not for an
  * ISR. */
-rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s);
+static inline rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
+{
+    return rdpi_f32_init_layout(RDPI_F32_LAYOUT, self, params, sample_time_s);
+}
 
 /** Back to power up: memory of the parameters, no rate history, no sweep, counters 0, drive_V = what holds that memory.
  * O(n). ISR safe. */

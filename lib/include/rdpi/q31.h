@@ -149,8 +149,21 @@ typedef struct {
     rdpi_q31_bank_t bank;           /**< the plays */
 } rdpi_q31_t;
 
+/** RDPI_LAYOUT of this header. */
+#define RDPI_Q31_LAYOUT RDPI_LAYOUT(rdpi_q31_t, rdpi_q31_params_t)
+
+/** As rdpi_f32_digest_layout. */
+uint32_t rdpi_q31_digest_layout(uint64_t layout, const rdpi_q31_params_t *params);
+
 /** As rdpi_f32_digest. */
-uint32_t rdpi_q31_digest(const rdpi_q31_params_t *params);
+static inline uint32_t rdpi_q31_digest(const rdpi_q31_params_t *params)
+{
+    return rdpi_q31_digest_layout(RDPI_Q31_LAYOUT, params);
+}
+
+/** As rdpi_f32_init_layout. */
+rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi_q31_params_t *params,
+                                   uint32_t sample_time_ns);
 
 /** As rdpi_f32_init; `sample_time_ns` in ns, so at most 4.29 s.
  *
@@ -159,7 +172,10 @@ uint32_t rdpi_q31_digest(const rdpi_q31_params_t *params);
  * RDPI_Q31_ONE or below RDPI_Q31_MIN_SLOPE (RDPI_ERR_SLOPES at rest, RDPI_ERR_GUARD at the guard), saturation weights
  * whose magnitudes add up to more than 2^31 (RDPI_ERR_SATURATION), a guard of less than one reference unit or of 2^63
  * and more per window (RDPI_ERR_RATE), a window of 4.29 s and more (RDPI_ERR_WINDOW). */
-rdpi_status_t rdpi_q31_init(rdpi_q31_t *self, const rdpi_q31_params_t *params, uint32_t sample_time_ns);
+static inline rdpi_status_t rdpi_q31_init(rdpi_q31_t *self, const rdpi_q31_params_t *params, uint32_t sample_time_ns)
+{
+    return rdpi_q31_init_layout(RDPI_Q31_LAYOUT, self, params, sample_time_ns);
+}
 
 /** As rdpi_f32_reset. */
 void rdpi_q31_reset(rdpi_q31_t *self);

@@ -19,7 +19,8 @@ extern "C" {
 /** More bits than single precision resolves are refused. */
 #define RDPI_MAX_DAC_BITS 20
 
-/* Compile-time maxima: they size the state in RAM, nothing else. Define them for the library and its users alike. */
+/* Compile-time maxima: they size the state in RAM, nothing else. Define them for the library and its users alike; init
+ * returns RDPI_ERR_SIZE where they differ. */
 #ifndef RDPI_MAX_PLAYS
 #define RDPI_MAX_PLAYS 16 /**< play operators, n + 1, the identity (r_0 = 0) included */
 #endif
@@ -29,6 +30,12 @@ extern "C" {
 #ifndef RDPI_MAX_WINDOW
 #define RDPI_MAX_WINDOW 16 /**< samples spanned by the rate estimator's difference, N */
 #endif
+
+/** How a state and parameters lie in memory where this is compiled: what decides it, in one number. init compares that
+ * of its caller with the library's. */
+#define RDPI_LAYOUT(state, params)                                                                                    \
+    ((UINT64_C(1) << 44) * sizeof(state) + (UINT64_C(1) << 32) * sizeof(params) +                                     \
+     (UINT64_C(1) << 16) * RDPI_MAX_PLAYS + RDPI_MAX_WINDOW)
 
 /** After more missed samples than this the rate starts afresh; up to it, they cost one turn of a loop each. */
 #define RDPI_MAX_MISSED 16u
@@ -56,7 +63,9 @@ typedef enum {
     RDPI_ERR_MEMORY = -15,      /**< the plays' states cannot come from one history, or lie outside the drive range */
     RDPI_ERR_SWEEP = -16,       /**< start-up sweep: not 1 to 10000 cycles, end outside the range, speed above the slew
                                      limit or too slow for one sample's share to survive rounding */
-    RDPI_ERR_DIGEST = -17       /**< the parameters are not those that were generated: flash or file damaged */
+    RDPI_ERR_DIGEST = -17,      /**< the parameters are not those that were generated: flash or file damaged */
+    RDPI_ERR_SIZE = -18         /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW), another
+                                     RDPI_REAL or other alignment than the library */
 } rdpi_status_t;
 
 /** What happened in the latest step; the bits are OR-ed. */
