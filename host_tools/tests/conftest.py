@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click.testing
@@ -16,11 +18,27 @@ from rdpi.cli import main
 from rdpi.recording import sample_times
 
 # No time limit per example, which a busy machine breaks; no folder of examples in the checkout; in CI the same examples
-# every time, so that what lands depends on the code alone.
+# every time, so that what lands depends on the code alone. `--hypothesis-profile long` is for fuzzing: see `rounds`.
 hypothesis.settings.register_profile("rdpi", deadline=None, database=None, derandomize="CI" in os.environ)
+hypothesis.settings.register_profile("long", hypothesis.settings.get_profile("rdpi"), max_examples=2000,
+                                     derandomize=False)
 hypothesis.settings.load_profile("rdpi")
+LONG_S = float(os.environ.get("RDPI_FUZZ_SECONDS", 60))
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def long(pytestconfig: pytest.Config) -> bool:
+    """Whether tests may take minutes: pytest was given `--hypothesis-profile long`."""
+    return pytestconfig.getoption("--hypothesis-profile", None) == "long"
+
+
+@pytest.fixture
+def rounds(long: bool) -> Iterator[int]:
+    """How often to check a property: once, or if `long` with new examples until RDPI_FUZZ_SECONDS (60) are over."""
+    end = time.monotonic() + LONG_S
+    return itertools.takewhile(lambda number: number == 0 or long and time.monotonic() < end, itertools.count())
 
 
 @pytest.fixture
