@@ -269,7 +269,7 @@ class Decoder:
 
     def _info(self, body: bytes) -> Info | None:
         """An info frame; of a frame of any other kind it is remembered that there was one."""
-        if body[0] == INFO and body[1] != VERSION:
+        if body[0] == INFO and len(body) > 1 and body[1] != VERSION:  # the length is another version's own affair
             what = f"telemetry of version {body[1]}{UNKNOWN}"
         elif body[0] != INFO or len(body) != INFO_BODY.size:
             what = f"a frame of type {body[0]} with {len(body)} bytes{UNKNOWN}"

@@ -239,8 +239,9 @@ def test_absurd_numbers_are_named(info: Info, message: str) -> None:
     assert str(error.value).startswith(f"board: the firmware says {message}") and "version" not in str(error.value)
 
 
-def test_one_strange_frame_among_many_is_damage() -> None:
-    decoder = decode(stream(samples(50)) + frame(b"\x07abc"))
+@pytest.mark.parametrize("body", [b"\x07abc", b"\x07", b"\x01", b"\x02", b"\x02\x01", b"\x02\x09"])
+def test_one_strange_frame_among_many_is_damage(body: bytes) -> None:
+    decoder = decode(stream(samples(50)) + frame(body))
     assert decoder.counts.corrupt == 1 and len(received(decoder)) == 50
 
 
