@@ -101,8 +101,7 @@ class Rig:
             start_um = self.start_um
             if run.memory == "reset" and drive_V[0] != self.input_V[0]:
                 start_um = np.full(len(start_um), model.x_of(drive_V[0]))  # the sweep ended where it was driven to
-        own = model is self.model and start_um is self.start_um
-        engine = self._engine if own else chain.operator_from(model, driven, start_um)
+        engine = self._engine if model is self.model else chain.operator_from(model, driven, start_um)
 
         def forward(rate_um_per_s: np.ndarray) -> np.ndarray:
             engine.memory_um = start_um
@@ -315,15 +314,15 @@ def _square(vector: np.ndarray) -> float:
 
 
 def bounded(effect: Effect, values: dict[str, float], move: dict[str, float]) -> dict[str, float]:
-    return {parameter.name: float(np.clip(values[parameter.name] + move.get(parameter.name, 0.0), parameter.low,
-                                          parameter.high)) for parameter in effect.parameters}
+    return {parameter.name: float(np.clip(values[parameter.name] + move.get(parameter.name, 0.0), *parameter.ends))
+            for parameter in effect.parameters}
 
 
 def _slope(change: Callable[[dict[str, float]], np.ndarray], at: np.ndarray, values: dict[str, float],
            parameter: effects.Parameter, stroke_um: float) -> np.ndarray:
     """Derivative of the change by one parameter: a difference over a step that moves the prediction by PROBE."""
-    value = values[parameter.name]
-    above, below = parameter.high - value, value - parameter.low
+    value, (low, high) = values[parameter.name], parameter.ends
+    above, below = high - value, value - low
     sign, room = (1.0, above) if above >= below else (-1.0, below)
     step = min(0.01 * (abs(value) or 1.0), room)
     for _ in range(4):
@@ -382,7 +381,9 @@ def _disturbance(bench: Bench, effect: Effect, starts: list[dict[str, float]], l
     if "frequency_hz" in values:
         values["amplitude_um"] = float(np.sqrt(np.mean([_square(one) for one in found])))
     else:
-        values = {effect.free[0]: float(np.average([one[0] for one in found], weights=bench.lengths))}
+        parameter = next(parameter for parameter in effect.parameters if parameter.name == effect.free[0])
+        usual = np.average([one[0] for one in found], weights=bench.lengths)
+        values = {parameter.name: float(np.clip(usual, *parameter.ends))}
     one = Candidate(effect, values, (), bench.join([part @ size for part, size in zip(parts, found)]),
                     bench.join(parts))
     one.synchronous = _synchronous(bench, values, found)
@@ -527,9 +528,8 @@ class Grams:
             moved = float(move @ whole[self.slopes[chosen], self.slopes[chosen]] @ move)
             reach = REACH**2 * float(whole[self.change[chosen], self.change[chosen]])
             move = move * min(1.0, np.sqrt(reach / moved)) if moved > 0 else move
-        bounds = {parameter.name: parameter for parameter in one.effect.parameters}
-        return np.array([np.clip(step, bounds[name].low - one.values[name], bounds[name].high - one.values[name])
-                         for name, step in zip(one.free, move)])
+        ends = {parameter.name: np.array(parameter.ends) for parameter in one.effect.parameters}
+        return np.array([np.clip(step, *(ends[name] - one.values[name])) for name, step in zip(one.free, move)])
 
     def reproduced(self) -> np.ndarray:
         """Share of each candidate's signature (row) that another (column) reproduces, fitted to it: R^2, 0 to 1."""

@@ -11,7 +11,7 @@ import numpy as np
 from . import effects, firmware, operators, signals
 from .errors import BadInput
 from .firmware import Firmware, Steps
-from .model import Drive, Memory, Model
+from .model import LARGEST, Drive, Memory, Model
 from .recording import Recording
 
 Engine = Callable[[Model, np.ndarray], Steps]
@@ -212,11 +212,17 @@ def reachable_um(model: Model) -> tuple[float, float]:
 
 
 def operator_from(model: Model, run: Recording, states_um: np.ndarray) -> Firmware:
-    """The compiled forward operator with these states; the run may use more of the drive than the model allows."""
-    start_V = states_um[0] / model.gain_um_per_V + model.offset_V
-    low, high = np.min(run.command_V), np.max(run.command_V)
-    drive = Drive(min(model.drive.min_V, low, start_V), max(model.drive.max_V, high, start_V))
-    free = replace(model, drive=drive, memory=Memory(float(states_um[0]), np.asarray(states_um, float)))
+    """The compiled forward operator with these states, for this run.
+
+    The model's drive range is what the inverse may output. An actuator goes wherever it is driven, and an effect ahead
+    of it may drive it beyond the range: the operator takes every drive that the firmware has numbers for.
+    """
+    largest_V = float(np.max(np.abs(run.command_V)))
+    if largest_V > LARGEST:
+        raise BadInput(f"{run.path}: the drive reaches {largest_V:.3g} V, beyond ±{LARGEST:g} V, the firmware's limit; "
+                       "check the unit of command_V")
+    free = replace(model, drive=Drive(-LARGEST, LARGEST),
+                   memory=Memory(float(states_um[0]), np.asarray(states_um, float)))
     return Firmware(free, run.sample_time_s, "f64")
 
 

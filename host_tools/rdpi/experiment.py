@@ -40,14 +40,14 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
             if (times := len(columns["time_s"]) / LONGEST) > 1:  # judged at fewer samples per second
                 limits = replace(limits, sample_rate_hz=limits.sample_rate_hz / times)
                 columns, _ = excite.make_drive(kind, limits, **options)
-        except BadInput:
+            seconds = float(columns["time_s"][-1])
+            metadata = {"memory": "reset", "sample_rate_hz": f"{limits.sample_rate_hz:.12g}"}
+            drive = Recording("next.csv", metadata, columns)
+            bench = Bench(state.model, [_shown(state, truth, drive), at_hand], monitored=False)
+            apart = min(_apart(bench, rival.candidate) for rival in rivals)
+            worth = apart / _missed(state, known, drive) ** 2 / seconds
+        except BadInput:  # this drive is not to be had, or not to be simulated
             continue
-        seconds = float(columns["time_s"][-1])
-        metadata = {"memory": "reset", "sample_rate_hz": f"{limits.sample_rate_hz:.12g}"}
-        drive = Recording("next.csv", metadata, columns)
-        bench = Bench(state.model, [_shown(state, truth, drive), at_hand], monitored=False)
-        apart = min(_apart(bench, rival.candidate) for rival in rivals)
-        worth = apart / _missed(state, known, drive) ** 2 / seconds
         if best is None or worth > best[0]:
             best = worth, apart / len(drive), kind, options, seconds
     if best is None:

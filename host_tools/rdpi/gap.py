@@ -255,7 +255,7 @@ def _candidates(state: Selection, rounds: list[Round]) -> list[dict[str, Any]]:
             result[name] = {"name": name, "stage": kind.stages[0], "shrink": 0.0, "shrink_ci95": None,
                             "refitted_shrink": 0.0, "parameters": {}, "excited": False,
                             "rejected_because": "left out by --without" if name in state.without else
-                            "these recordings do not excite it"}
+                            state.refused.get(name, "these recordings do not excite it")}
     return list(result.values())
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from . import candidates, effects, localise, passport, signals
 from .candidates import BLOCKS, Bench, Candidate, Grams
 from .effects import CATALOGUE, Acting
+from .errors import BadInput
 from .model import Model
 from .recording import Recording
 
@@ -99,6 +100,7 @@ class Selection:
         self.earlier, self.known = list(earlier), effects.acting(model)
         self.bench = Bench(model, runs, earlier)
         self.chosen: list[Candidate] = []
+        self.refused: dict[str, str] = {}  # effects that could not be tried, and why
         self.detection = -np.inf  # the evidence for a gap
         self.rest = self.bench.measured - self.predict()
         self.first, self._given = self.rest, (model, self.bench)
@@ -239,7 +241,10 @@ class Selection:
         acting, found = self.acting(), []
         tried = self.tried()
         for k, effect in enumerate(tried):
-            one = candidates.search(self.bench, effect, acting, before)
+            try:
+                one = candidates.search(self.bench, effect, acting, before)
+            except BadInput as error:  # numbers beyond the library's: the others are tried all the same
+                one, self.refused[effect.name] = None, str(error)
             if one is not None:
                 found.append(one)
             self.progress((k + 1) / len(tried))

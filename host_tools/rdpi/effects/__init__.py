@@ -135,9 +135,9 @@ def _acting(entry: Any, where: str) -> Acting:
         value = value.get("value") if isinstance(value, dict) else value
         if value is None:
             value = parameter.absent
+        low, high = parameter.ends
         if isinstance(value, bool) or not isinstance(value, (int, float)) or \
-                not (parameter.low <= value <= parameter.high) or LARGEST < abs(value) < np.inf:
-            low, high = max(parameter.low, -LARGEST), min(parameter.high, LARGEST)
+                not (low <= value <= high or value in (parameter.low, parameter.high)):
             raise BadInput(f"{where}: {parameter.name} is {json.dumps(value)[:40]}; must be a number, "
                            f"{low:g} to {high:g} {parameter.unit}")
         values[parameter.name] = float(value)

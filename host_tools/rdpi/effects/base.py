@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..model import Model
+from ..model import LARGEST, Model
 from ..recording import Recording
 
 STAGES = "DAC", "timing", "amplifier", "actuator", "mechanics", "environment", "sensor"
@@ -29,6 +29,11 @@ class Parameter(NamedTuple):
     low: float
     high: float
     absent: float = 0.0  # the value at which the effect does nothing
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lowest and highest finite value: the firmware's largest number bounds what physics does not."""
+        return max(self.low, -LARGEST), min(self.high, LARGEST)
 
 
 @dataclass(frozen=True)

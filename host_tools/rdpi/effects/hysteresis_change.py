@@ -37,7 +37,7 @@ class HysteresisChange(Effect):
 def widened(model: Model, factor: np.ndarray) -> np.ndarray:
     """Slopes W_i (n + 1,) once each play weight but the first is multiplied by its factor, over the same stroke.
 
-    Over a full drive a the ends of the loop lie W_n a - 2 sum of w_i r_i apart.
+    Over a full drive a the ends of the loop lie sum of w_i max(a - 2 r_i, 0) apart: a play of r_i > a / 2 rests.
     """
     r, last = model.thresholds_um, model.slopes[-1]
     weights = np.diff(model.slopes, prepend=0.0)
@@ -45,5 +45,5 @@ def widened(model: Model, factor: np.ndarray) -> np.ndarray:
     changed[0] = last - np.sum(changed)
     slopes = np.maximum(np.cumsum(changed), LEAST * last)
     reach = abs(model.gain_um_per_V) * (model.drive.max_V - model.drive.min_V)
-    before, after = (reach * w[-1] - 2 * (np.diff(w, prepend=0.0) @ r) for w in (model.slopes, slopes))
-    return slopes * before / after if after > 0 else slopes
+    before, after = (np.diff(w, prepend=0.0) @ np.maximum(reach - 2 * r, 0.0) for w in (model.slopes, slopes))
+    return slopes * before / after
