@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import io
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from .errors import BadInput
+from .foreign import Unreadable, read_arrays
 from .recording import (Place, Recording, check_metadata, check_rate, check_samples, is_column_name,
                         line_of_row, parse_rows, read_bytes, sample_times)
 
@@ -164,17 +164,18 @@ def import_recording(path: str, request: Request) -> tuple[Recording, list[str]]
 def open_source(path: str) -> Source:
     """Recognise the format by its first bytes (a MATLAB 4 file by its suffix). Raises BadInput."""
     data = read_bytes(path)
-    if data.startswith(b"\x93NUMPY"):
-        return _arrays(path, data, "NumPy array", _numpy_arrays(path, data))
-    if data.startswith(b"PK\x03\x04") and Path(path).suffix.lower() != ".xlsx":
-        return _arrays(path, data, "NumPy archive", _numpy_arrays(path, data))
-    if data.startswith(b"PK\x03\x04") or data.startswith(b"\xd0\xcf\x11\xe0"):
+    packed = data.startswith(b"PK\x03\x04")
+    if data.startswith(b"\x93NUMPY") or packed and Path(path).suffix.lower() != ".xlsx":
+        return _arrays(path, data, "NumPy archive" if packed else "NumPy array", "NumPy data",
+                       "save plain numeric arrays with numpy.save or numpy.savez")
+    if packed or data.startswith(b"\xd0\xcf\x11\xe0"):
         raise BadInput(f"{path}: an Excel workbook; save the sheet as CSV and import that")
     if data.startswith(b"MATLAB 7.3") or data.startswith(b"\x89HDF"):
         raise BadInput(f"{path}: a MATLAB 7.3 (HDF5) file; in MATLAB load it and save it again with "
                        "save('run.mat', ..., '-v7')")
     if data.startswith(b"MATLAB 5.0") or Path(path).suffix.lower() == ".mat":
-        return _arrays(path, data, "MATLAB file", _matlab_arrays(path, data))
+        return _arrays(path, data, "MATLAB file", "a MATLAB file",
+                       "in MATLAB save it again with save('run.mat', ..., '-v7')")
     return _table(path, data)
 
 
@@ -362,36 +363,16 @@ def _describe(source: Source, request: Request, recording: Recording, chosen: Se
 
 # --- MATLAB and NumPy ----------------------------------------------------------------------------------------------
 
-def _numpy_arrays(path: str, data: bytes) -> dict[str, object]:
+def _arrays(path: str, data: bytes, kind: str, what: str, remedy: str) -> Source:
+    """The columns of a file's arrays; the longer side of a matrix is time."""
     try:
-        loaded = np.load(io.BytesIO(data), allow_pickle=False)
-        if isinstance(loaded, np.ndarray):
-            if loaded.dtype.names:
-                return {name: loaded[name] for name in loaded.dtype.names}
-            return {"": loaded}
-        return {name: loaded[name] for name in loaded.files}
-    except Exception as error:  # a damaged header may ask for more memory than there is, or be no Python
-        raise BadInput(f"{path}: cannot be read as NumPy data ({_one_line(error)}); save plain numeric arrays with "
-                       "numpy.save or numpy.savez") from None
-
-
-def _matlab_arrays(path: str, data: bytes) -> dict[str, object]:
-    from scipy.io import loadmat
-
-    try:
-        loaded = loadmat(io.BytesIO(data), simplify_cells=True)
-    except Exception as error:  # loadmat raises nearly anything on a damaged file
-        raise BadInput(f"{path}: cannot be read as a MATLAB file ({_one_line(error)}); in MATLAB save it again with "
-                       "save('run.mat', ..., '-v7')") from None
-    return {name: value for name, value in loaded.items() if not name.startswith("__")}
-
-
-def _arrays(path: str, data: bytes, kind: str, tree: dict[str, object]) -> Source:
-    """Flatten named arrays, structs and matrices to columns; the longer side of a matrix is time."""
+        arrays = read_arrays(data)
+    except Unreadable as error:
+        raise BadInput(f"{path}: cannot be read as {what} ({error}); {remedy}") from None
     names: list[str] = []
     columns: list[np.ndarray] = []
     scalars: dict[str, float] = {}
-    for name, value in _leaves("", tree):
+    for name, value in arrays:
         if value.size == 1:
             scalars[name] = float(value.reshape(()))
             continue
@@ -425,22 +406,6 @@ def _arrays(path: str, data: bytes, kind: str, tree: dict[str, object]) -> Sourc
         return Cut(taken, start, lengths[0], lambda row: f"{path}, row {start + row}")
 
     return Source(path, kind, names, read, _digest(data), scalars=scalars)
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
-
-
-def _leaves(name: str, value: object) -> Iterator[tuple[str, np.ndarray]]:
-    """Real numeric arrays in nested structs and cells, with dotted names."""
-    if isinstance(value, dict):
-        for key, item in value.items():
-            yield from _leaves(f"{name}.{key}" if name else key, item)
-    elif isinstance(value, list) or isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1:
-        for index, item in enumerate(value):
-            yield from _leaves(f"{name}.{index}" if name else str(index), item)
-    elif np.asarray(value).dtype.kind in "fiub" and np.asarray(value).size:
-        yield name, np.asarray(value)
 
 
 # --- tables --------------------------------------------------------------------------------------------------------

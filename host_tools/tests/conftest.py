@@ -26,6 +26,7 @@ hypothesis.settings.load_profile("rdpi")
 LONG_S = float(os.environ.get("RDPI_FUZZ_SECONDS", 60))
 
 ROOT = Path(__file__).resolve().parents[2]
+PICMA = Path(os.environ.get("RDPI_DATA", ROOT / ".." / "shared" / "data" / "picma_p885")).resolve()
 
 
 @pytest.fixture
@@ -83,16 +84,26 @@ def refused(rdpi: Callable[..., click.testing.Result], tmp_path: Path) -> Callab
     return run
 
 
-@pytest.fixture
-def picma() -> Path:
-    """The measured stack records of PI P-885.91; see the README beside them."""
-    folder = Path(os.environ.get("RDPI_DATA", ROOT / ".." / "shared" / "data" / "picma_p885")).resolve()
+def shared(folder: Path) -> Path:
+    """A folder of the data that are not part of the project; where it is missing the test is skipped, but not in CI."""
     if not folder.is_dir():
-        message = f"measured data not found in {folder}; set RDPI_DATA to its folder"
+        message = f"measured data not found in {folder}; set RDPI_DATA to the folder of picma_p885"
         if os.environ.get("CI") == "true":
             pytest.fail(message)
         pytest.skip(message)
     return folder
+
+
+@pytest.fixture
+def picma() -> Path:
+    """The measured stack records of PI P-885.91; see the README beside them."""
+    return shared(PICMA)
+
+
+@pytest.fixture
+def damaged() -> Path:
+    """Files that are damaged so that their readers crash; see the README beside them."""
+    return shared(PICMA.parent / "damaged")
 
 
 @pytest.fixture

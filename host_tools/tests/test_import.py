@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import zipfile
@@ -14,6 +15,7 @@ import scipy.io
 from hypothesis import given, settings, strategies as st
 
 from rdpi.errors import BadInput
+from rdpi.foreign import read_arrays
 from rdpi.importer import Request, import_recording
 from rdpi.recording import Recording, read_recording, sample_times, write_recording
 
@@ -351,6 +353,64 @@ def test_refused(name: str, refused: Callable, tmp_path: Path) -> None:
         assert needle in message
 
 
+# --- readers that are not ours -------------------------------------------------------------------------------------
+
+def test_a_file_that_crashes_the_matlab_reader(damaged: Path, refused: Callable, tmp_path: Path) -> None:
+    file = tmp_path / "segv.mat"
+    file.write_bytes(base64.b64decode((damaged / "segv.mat.b64").read_bytes()))
+    message = refused("import", file, "-o", refused.output)
+    assert f"{file}: cannot be read as a MATLAB file" in message and "save it again" in message
+
+
+MISBEHAVIOUR = {
+    "crashes": ("os.kill(os.getpid(), signal.SIGSEGV)", "its reader crashed, SIGSEGV"),
+    "hangs": ("time.sleep(60)", "its reader did not end within 1 s"),
+    "takes memory": ("bytearray(1 << 40)", "MemoryError"),
+    "nests without end": ("loadmat(file)", "recursion"),
+    "leaves": ("os._exit(3)", "its reader failed"),
+    "talks": ("print('hello')", "its reader sent"),
+}
+
+
+@pytest.mark.parametrize("what", MISBEHAVIOUR)
+def test_whatever_the_matlab_reader_does_is_an_error(what: str, refused: Callable, tmp_path: Path,
+                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    """The reader is another, which does it."""
+    code, needle = MISBEHAVIOUR[what]
+    (tmp_path / "other" / "scipy").mkdir(parents=True)
+    (tmp_path / "other" / "scipy" / "__init__.py").touch()
+    (tmp_path / "other" / "scipy" / "io.py").write_text(f"""
+import os, signal, time
+def loadmat(file, **options):
+    {code}
+    return {{}}
+""")
+    monkeypatch.syspath_prepend(tmp_path / "other")
+    monkeypatch.setattr("rdpi.foreign.START_S", 1 if what == "hangs" else 60)
+    (tmp_path / "x.mat").write_bytes(ARRAYS["vectors.mat"][0])
+    message = refused("import", tmp_path / "x.mat", "-o", refused.output)
+    assert "x.mat: cannot be read as a MATLAB file" in message and needle in message and "save it again" in message
+
+
+def test_the_working_folder_is_not_searched_for_readers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("numpy.py", "scipy.py", "json.py", "rdpi.py"):
+        (tmp_path / name).write_text("raise SystemExit(9)")
+    monkeypatch.chdir(tmp_path)
+    assert len(read_arrays(ARRAYS["vectors.mat"][0])) == 3
+
+
+def test_an_archive_that_unpacks_to_more_than_its_size_allows(refused: Callable, tmp_path: Path,
+                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    bomb = archive(z=np.zeros(10_000_000))
+    limit = 4 * len(bomb)
+    monkeypatch.setattr("rdpi.foreign.START_BYTES", limit)
+    monkeypatch.setattr("rdpi.foreign.BYTES_PER_BYTE", 20)
+    assert 20 * len(bomb) + limit < 8 * 10_000_000
+    (tmp_path / "bomb.npz").write_bytes(bomb)
+    message = refused("import", tmp_path / "bomb.npz", "--command", "z", "-o", refused.output)
+    assert "cannot be read as NumPy data" in message and "Unable to allocate" in message
+
+
 def test_missing_source(refused: Callable, tmp_path: Path) -> None:
     assert "nowhere.csv: cannot be read" in refused("import", tmp_path / "nowhere.csv", "-o", refused.output)
 
@@ -415,18 +475,6 @@ def test_any_table(delimiter: str, end: str, form: str, named: bool, order: list
     recording, _ = import_recording(str(path), Request(columns={} if named else by_number))
     for name, column in zip(("time_s", "command_V", "displacement_um"), columns):
         np.testing.assert_array_equal(recording.columns[name], column)
-
-
-@settings(max_examples=150)
-@given(content=st.binary(max_size=200) | st.text("0123456789.,;\t eE+-#:%\n\"ab", max_size=300).map(str.encode),
-       suffix=st.sampled_from([".csv", ".mat", ".npy"]),
-       magic=st.sampled_from([b"", b"\x93NUMPY\x01\x00", b"PK\x03\x04", b"MATLAB 5.0"]))
-def test_no_traceback_whatever_the_file(content: bytes, suffix: str, magic: bytes,
-                                        tmp_path_factory: pytest.TempPathFactory) -> None:
-    path = tmp_path_factory.getbasetemp() / f"noise{suffix}"
-    path.write_bytes(magic + content)
-    with pytest.raises(BadInput):
-        import_recording(str(path), Request(rate_hz=1000, columns={"command": "0", "displacement": "0"}))
 
 
 def test_what_import_writes_imports_again(tmp_path: Path, run_columns: dict[str, np.ndarray]) -> None:
