@@ -6,7 +6,6 @@ unit. The recording keeps where it came from: `source`, `source_digest`, `source
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import re
 from collections.abc import Callable, Sequence
@@ -15,25 +14,17 @@ from pathlib import Path
 
 import numpy as np
 
+from . import tables
 from .errors import BadInput
 from .foreign import Unreadable, read_arrays
 from .recording import (Place, Recording, check_metadata, check_rate, check_samples, is_column_name,
                         line_of_row, parse_rows, read_bytes, sample_times)
+from .units import UNITS, known_unit, split_unit, units_of
 
-# unit -> dimension (by its base unit), power of ten to the base unit
-UNITS = {
-    "V": ("V", 0), "mV": ("V", -3), "kV": ("V", 3),
-    "m": ("um", 6), "mm": ("um", 3), "um": ("um", 0), "nm": ("um", -3), "pm": ("um", -6),
-    "s": ("s", 0), "ms": ("s", -3), "us": ("s", -6),
-    "degC": ("degC", 0),
-}
-_SPELLINGS = {"µm": "um", "μm": "um", "micron": "um", "microns": "um", "µs": "us", "μs": "us", "sec": "s",
-              "seconds": "s", "volt": "V", "volts": "V", "c": "degC", "°c": "degC",
-              **{unit.lower(): unit for unit in UNITS}}
-
-_RATE_NAMES = ("sample_rate_hz", "samplerate", "sample_rate", "rate_hz", "fs")
-_SAMPLE_TIME_NAMES = ("sample_time_s", "sampletime", "sample_time", "ts", "dt")
-_SNIFFED_LINES = 200
+# Letters and digits, lower case, of names of single numbers that give the sample rate, or the sample time in s
+_RATE_NAMES = frozenset("sampleratehz samplerate ratehz fs samplingrate samplingfrequency".split())
+_SAMPLE_TIME_NAMES = frozenset("sampletimes sampletime ts dt tinterval sampleinterval samplinginterval deltax deltat "
+                               "increment xincrement xinc tinc".split())
 
 
 @dataclass(frozen=True)
@@ -213,7 +204,7 @@ def _asked(source: Source, option: str, column: str, unit: str | None, spec: str
     if number is None:
         raise BadInput(f"{source.path}: {option} {spec}: no such column; {source.listing()}")
     if scale is None:
-        _, named = _split_unit(source.names[number])
+        _, named = split_unit(source.names[number])
         if unit is None or named is None:
             return Choice(column, number, unit or "", why="taken as it is" if unit is None else "assumed")
         dimension, exponent = UNITS.get(named, (None, 0))
@@ -221,12 +212,12 @@ def _asked(source: Source, option: str, column: str, unit: str | None, spec: str
             raise BadInput(f"{source.path}: {option} {spec}: the name {source.names[number]!r} says {named}, not "
                            f"{unit}; give the factor to {unit}, e.g. {option} {spec}:0.5")
         return Choice(column, number, named, exponent, why="by its name")
-    known = _unit(scale)
+    known = known_unit(scale)
     if known is not None:
         dimension, exponent = UNITS[known]
         if unit is not None and dimension != unit:
             raise BadInput(f"{source.path}: {option} {spec}: {known} cannot be converted to {unit}; "
-                           f"give one of {_units_of(unit)}, or the factor to {unit}")
+                           f"give one of {units_of(unit)}, or the factor to {unit}")
         return Choice(column, number, known, exponent)
     try:
         factor = float(scale)
@@ -234,7 +225,7 @@ def _asked(source: Source, option: str, column: str, unit: str | None, spec: str
         factor = np.nan
     if not np.isfinite(factor) or factor == 0:
         raise BadInput(f"{source.path}: {option} {spec}: {scale!r} is no unit and no factor; give one of "
-                       f"{_units_of(unit)}, or a number that multiplies the column")
+                       f"{units_of(unit)}, or a number that multiplies the column")
     return Choice(column, number, f"x {factor:g}", factor=factor)
 
 
@@ -249,7 +240,7 @@ def _scaled(source: Source, request: Request, choice: Choice, raw: np.ndarray) -
 
 def _find(source: Source, wanted: str) -> int | None:
     """A column by its name (exactly, else ignoring case, else without its unit) or by its number from 0."""
-    for match in (lambda name: name, str.lower, lambda name: _split_unit(name)[0].lower()):
+    for match in (lambda name: name, str.lower, lambda name: split_unit(name)[0].lower()):
         hits = [index for index, name in enumerate(source.names) if name and match(name) == match(wanted)]
         if len(hits) > 1:
             raise BadInput(f"{source.path}: several columns are called {wanted!r}; choose one by its number; "
@@ -264,9 +255,9 @@ def _find(source: Source, wanted: str) -> int | None:
 def _recognised(source: Source, key: str, role: Role, taken: set[int]) -> Choice | None:
     hits = []
     for number, name in enumerate(source.names):
-        base, named = _split_unit(name)
+        base, named = split_unit(name)
         dimension, exponent = UNITS.get(named or role.unit, (None, 0))
-        if number in taken or dimension != role.unit or re.sub("[^a-z0-9]", "", base.lower()) not in role.names:
+        if number in taken or dimension != role.unit or tables.plain(base) not in role.names:
             continue
         why = "recognised" if named else "recognised, unit assumed"
         choice = Choice(role.column, number, named or role.unit, exponent, why=why)
@@ -276,29 +267,18 @@ def _recognised(source: Source, key: str, role: Role, taken: set[int]) -> Choice
     if len(hits) > 1:
         names = ", ".join(_name(source, choice.number) for choice in hits)
         raise BadInput(f"{source.path}: {names} all look like the {key}; say which with --{key} COLUMN")
-    return hits[0] if hits else None
+    return hits[0] if hits else _only_time(source, taken) if key == "time" else None
 
 
-def _split_unit(name: str) -> tuple[str, str | None]:
-    """("pos", "nm") of "pos_nm", "pos [nm]", "pos (nm)", "pos/nm" or "pos nm"; the unit is None when there is none.
-
-    An unknown unit in brackets is returned as it is written: better an error than a wrong scale.
-    """
-    bracket = re.fullmatch(r"(.+?)[\s_]*[\[(]\s*([^\])]+?)\s*[\])]", name)
-    if bracket:
-        return bracket[1], _unit(bracket[2]) or bracket[2]
-    plain = re.fullmatch(r"(.+?)\s*[_\s/]\s*([^_\s/]+)", name)
-    if plain and _unit(plain[2]):
-        return plain[1], _unit(plain[2])
-    return name, None
-
-
-def _unit(text: str) -> str | None:
-    return text if text in UNITS else _SPELLINGS.get(text.lower())
-
-
-def _units_of(unit: str | None) -> str:
-    return ", ".join(name for name, (dimension, _) in UNITS.items() if unit in (None, dimension))
+def _only_time(source: Source, taken: set[int]) -> Choice | None:
+    """The one column that is in a unit of time, whatever it is called: X, x-axis."""
+    hits = []
+    for number, name in enumerate(source.names):
+        named = split_unit(name)[1]
+        dimension, exponent = UNITS.get(named or "", (None, 0))
+        if number not in taken and dimension == "s":
+            hits.append(Choice(ROLES["time"].column, number, named or "", exponent, why="by its unit"))
+    return hits[0] if len(hits) == 1 else None
 
 
 def _name(source: Source, number: int) -> str:
@@ -314,7 +294,7 @@ def _rate(source: Source, request: Request, has_time: bool) -> tuple[float | Non
         return float(source.metadata["sample_rate_hz"]), f"{source.path}: its header"
     if not has_time:
         for name, value in source.scalars.items():
-            base = name.rpartition(".")[2].lower()
+            base = tables.plain(name.rpartition(".")[2])
             if value > 0 and base in _RATE_NAMES:
                 return value, f"{source.path}: {name}"
             if value > 0 and base in _SAMPLE_TIME_NAMES:
@@ -410,141 +390,48 @@ def _arrays(path: str, data: bytes, kind: str, what: str, remedy: str) -> Source
 
 # --- tables --------------------------------------------------------------------------------------------------------
 
-_TABLE_NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf)", re.ASCII | re.IGNORECASE)
-_DIALECTS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (None, "."), (None, ","))
-_DIALECT_NAMES = {";": "semicolon-separated", "\t": "tab-separated", ",": "comma-separated", None: "white space"}
-
-
 def _table(path: str, data: bytes) -> Source:
-    text = _decode(data)
+    text = tables.decode(data)
     if not text.strip():
         raise BadInput(f"{path}: empty file; give a table of numbers, a MATLAB .mat or a NumPy .npy or .npz file")
-    head = text.split("\n", _SNIFFED_LINES)[:_SNIFFED_LINES]
-    delimiter, decimal, first, count = _sniff(path, head)
-    metadata, names, header_line = _preamble(head[:first], delimiter, count)
+    found = tables.layout(path, text)
+    names, first, line, clock = found.preamble.names, found.first, found.preamble.line, found.preamble.clock
     body = text.split("\n", first)[first]
-    if decimal == ",":
+    if found.decimal == ",":
         body = body.replace(",", ".")
-    kind = _DIALECT_NAMES[delimiter] + (", decimal comma" if decimal == "," else "")
-    kind += f", names in line {header_line}" if header_line else ", no names"
+    kind = tables.DIALECT_NAMES[found.delimiter] + (", decimal comma" if found.decimal == "," else "")
+    kind += f", names in line {line}" if line else ", no names"
 
     def read(numbers: list[int], rows: slice) -> Cut:
         # Cut before parsing: what is wrong elsewhere in the file is then no obstacle.
         lines = body.split("\n")
         full = [index for index, line in enumerate(lines) if line.strip()]
-        taken = full[rows]
+        taken, start = full[rows], rows.indices(len(full))[0]
         begin, end = (taken[0], taken[-1] + 1) if taken else (0, 0)
         part, first_line = "\n".join(lines[begin:end]), first + 1 + begin
         labels = [f"{number} {names[number]!r}" if names[number] else str(number) for number in numbers]
-        table = parse_rows(path, part, first_line, labels, delimiter, numbers)
-        return Cut([np.ascontiguousarray(values) for values in table.T], rows.indices(len(full))[0], len(full),
-                   line_of_row(path, part, first_line))
-
-    return Source(path, kind, names, read, _digest(data), metadata)
-
-
-def _decode(data: bytes) -> str:
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        text = data.decode("utf-16", errors="replace")
-    else:
         try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = data.decode("latin-1")  # old instruments write µ in one byte
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+            table = parse_rows(path, part, first_line, labels, found.delimiter, numbers)
+        except BadInput as error:
+            raise _another_table(path, error, lines, taken, start, first + 1, found.delimiter) from None
+        columns = [np.ascontiguousarray(values) for values in table.T]
+        if clock is not None:
+            columns = [clock[0] + clock[1] * values if number == 0 else values
+                       for number, values in zip(numbers, columns)]
+        return Cut(columns, start, len(full), line_of_row(path, part, first_line))
+
+    return Source(path, kind, names, read, _digest(data), found.preamble.metadata, found.preamble.settings)
 
 
-def _sniff(path: str, head: Sequence[str]) -> tuple[str | None, str, int, int]:
-    """Delimiter, decimal sign, index of the first line of numbers and number of columns, from a file's first lines."""
-    full = [index for index, line in enumerate(head) if line.strip()]
-    for delimiter, decimal in _DIALECTS:
-        parted = [index for index in full if delimiter is None or delimiter in head[index]]
-        rows = {index: _fields(head[index], delimiter) for index in parted}
-        numeric = {index: len(row) for index, row in rows.items() if _all_numbers(row, decimal)}
-        for index, following in zip(full, [*full[1:], None]):
-            # A lone number may be part of a preamble; two equal rows are a table.
-            if index in numeric and (following is None or numeric.get(following) == numeric[index]):
-                return delimiter, decimal, _first_row(head, delimiter, decimal, index, numeric[index]), numeric[index]
-    for delimiter in (";", "\t", ","):  # a table that also has columns of text: names, then rows with some numbers
-        rows = [(index, _fields(head[index], delimiter)) for index in full if not head[index].lstrip().startswith("#")]
-        for (_, names), (index, row) in zip(rows, rows[1:]):
-            if 1 < len(names) == len(row) and not any(map(_TABLE_NUMBER.fullmatch, names)):
-                for decimal in (".", ",") if delimiter != "," else (".",):
-                    if any(_all_numbers([value], decimal) for value in row if value):
-                        return delimiter, decimal, index, len(row)
-    raise BadInput(f"{path}:1: no table of numbers in the first {min(len(head), _SNIFFED_LINES)} lines; give columns "
-                   "of numbers separated by comma, semicolon, tab or white space")
-
-
-def _first_row(head: Sequence[str], delimiter: str | None, decimal: str, index: int, count: int) -> int:
-    """Move up over rows that hold numbers and a mistake: they must be reported, not taken for a preamble."""
-    highest = index
-    for above in range(index - 1, -1, -1):
-        line = head[above]
-        if not line.strip():
-            continue
-        if _header_fields(_uncomment(line), delimiter, count):
-            return highest
-        row = _fields(line, delimiter)
-        if line != _uncomment(line) or not any(_all_numbers([value], decimal) for value in row):
-            break
-        highest = above
-        if len(row) == count:
-            index = above
-    return index
-
-
-def _fields(line: str, delimiter: str | None) -> list[str]:
-    if delimiter is None:
-        return line.split()
-    try:
-        fields = [value.strip() for value in next(csv.reader([line.strip(" ")], delimiter=delimiter), [""])]
-    except csv.Error:  # such as an endless field in a file that is no table
-        return [line]
-    return fields[:-1] if len(fields) > 1 and not fields[-1] else fields  # many instruments end every line with one
-
-
-def _all_numbers(row: Sequence[str], decimal: str) -> bool:
-    """Empty fields pass: a missing value in the first row is reported with its place later, if the column is taken."""
-    if decimal == ",":
-        row = [value.replace(",", ".") if "." not in value else "." for value in row]
-    return any(row) and all(_TABLE_NUMBER.fullmatch(value) for value in row if value)
-
-
-def _preamble(lines: Sequence[str], delimiter: str | None, count: int) -> tuple[dict[str, str], list[str], int | None]:
-    """Metadata, column names and the number of the line with the names, from the lines above the numbers."""
-    metadata, candidates = {}, []
-    for number, line in enumerate(lines, 1):
-        comment = re.fullmatch(r"\s*#\s*([^:]*\S)\s*:\s*(.*?)\s*", line)
-        if comment and len(_fields(comment[2], delimiter)) != count:
-            metadata[comment[1]] = comment[2]
-        elif line.strip():
-            candidates.append((number, _header_fields(_uncomment(line), delimiter, count)))
-    if not candidates or candidates[-1][1] is None:
-        return metadata, [""] * count, None
-    number, names = candidates[-1]
-    units = [unit.strip("[]() ") for unit in names]
-    above = candidates[-2][1] if len(candidates) > 1 else None
-    if above and all(not unit or _unit(unit) for unit in units):
-        number = candidates[-2][0]
-        names = [f"{name} [{unit}]" if unit else name for name, unit in zip(above, units)]
-    return metadata, names, number
-
-
-def _header_fields(line: str, delimiter: str | None, count: int) -> list[str] | None:
-    """The `count` names in a line, or None when it holds something else."""
-    options = [_fields(line, delimiter)]
-    if delimiter is None:  # "Time (s)  Voltage (V)"
-        options += [re.split(r"\s{2,}|\t", line.strip()), re.sub(r"\s+(?=[\[(])", "_", line).split(),
-                    _fields(line, ",")]
-    for names in options:
-        if len(names) == count and not any(map(_TABLE_NUMBER.fullmatch, names)):
-            return [name.strip().strip('"').strip() for name in names]
-    return None
-
-
-def _uncomment(line: str) -> str:
-    return re.sub(r"^\s*[#%]+\s*", "", line)
+def _another_table(path: str, error: BadInput, lines: list[str], taken: list[int], start: int, first_line: int,
+                   delimiter: str | None) -> BadInput:
+    """What to say of rows that cannot be read: of a line of text amid them, which row it is."""
+    place = re.match(re.escape(path) + r":(\d+): ", str(error))
+    if place is None or not tables.begins_a_preamble(lines[(index := int(place[1]) - first_line):][:9], delimiter):
+        return error
+    row = start + taken.index(index)
+    return BadInput(f"{path}:{place[1]}: text amid the numbers, in row {row}; does another table begin? Take the rows "
+                    f"of one with --rows, e.g. --rows {start}:{row}")
 
 
 def _digest(data: bytes) -> str:

@@ -132,6 +132,94 @@ def test_tables(name: str, imported: Callable) -> None:
     assert len(recording) == COUNT and recording.sample_rate_hz == 1000
 
 
+# As the instruments write them: names over units, numbers of channels for names, settings beside the names, units and
+# settings in lines of their own, a column for comments, no column of times.
+SENSED = "CH2:0.25"  # um per volt; the columns of a scope are volts
+VOLTS = COMMAND_V, DISPLACEMENT_UM / 0.25
+LVM_HEAD = """LabVIEW Measurement
+Writer_Version\t2
+Separator\tTab
+Decimal_Separator\t.
+Multi_Headings\t{headings}
+X_Columns\t{columns}
+Time_Pref\tRelative
+Date\t2026/11/20
+Time\t12:03:04.9389457702636718750
+***End_of_Header***
+
+Channels\t2\t\t
+Samples\t40\t40\t
+Date\t2026/11/20\t2026/11/20\t
+Y_Unit_Label\tVolts\tMicrons\t
+X_Dimension\tTime\tTime\t
+X0\t0.0000000000000000E+0\t0.0000000000000000E+0\t
+Delta_X\t0.001000\t0.001000\t
+***End_of_Header***\t\t\t
+X_Value\tDrive\tStage\tComment
+"""
+LVM = LVM_HEAD.format(headings="No", columns="One") + table(*RUN.values(), delimiter="\t")
+NO_TIMES = table(COMMAND_V, DISPLACEMENT_UM, delimiter="\t").replace("\n", "\n\t")[:-1]
+INSTRUMENTS = {
+    "Rigol, rows counted": ("X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-2.000000e-02,1.000000e-03\n"
+                            + table(np.arange(COUNT), *VOLTS).replace("\n", ",\n"), ["--command", "CH1"], "X"),
+    "Rigol, seconds": ("X,CH1,CH2,\nSecond,Volt,Volt,\n" + table(TIME_S, *VOLTS).replace("\n", ",\n"),
+                       ["--command", "CH1"], "X"),
+    "Rigol, step beside the names": ("CH1(V),CH2(V),t0 = -2.000000e-02, tInc = 1.000000e-03,\n"
+                                     + table(*VOLTS).replace("\n", ",,,\n"), ["--command", "CH1"], ""),
+    "Keysight": ("x-axis,1,2\nsecond,Volt,Volt\n" + table(TIME_S, *VOLTS, form="{:+.6E}"), ["--command", "1"], "x-axis"),
+    "Tektronix": ("Model,MSO44\nFirmware Version,1.2\n\nHorizontal Units,s\nSample Interval,1e-03\nRecord Length,40\n"
+                  "Probe Attenuation,10,10\nVertical Units,V,V\nVertical Offset,0,0\nLabel,,\n\nTIME,CH1,CH2\n"
+                  + table(TIME_S, *VOLTS), ["--command", "CH1"], "TIME"),
+    "Siglent": ("Record Length,Analog:40\nSample Interval,Analog:0.001\nVertical Units,CH1:V,CH2:V\n"
+                "Source,CH1,CH2\nSecond,Volt,Volt\n" + table(TIME_S, *VOLTS), ["--command", "CH1"], "Source"),
+    "LeCroy": ("LECROYWR,12345,Waveform\nSegments,1,SegmentSize,40\nSegment,TrigTime,TimeSinceSegment1\n"
+               "#1,20-Nov-2026 12:03:04,0\nTime,CH1,CH2\n" + table(TIME_S, *VOLTS), ["--command", "CH1"], "Time"),
+    "PicoScope": ("Time,CH1,CH2\n(ms),(V),(mV)\n\n" + table(TIME_S * 1e3, VOLTS[0], VOLTS[1]), ["--command", "CH1"],
+                  "Time"),
+    "Saleae": ("Time [s],CH1,CH2\n" + table(TIME_S, *VOLTS, form="{:.9f}"), ["--command", "CH1"], "Time"),
+    "LabVIEW": (LVM, ["--command", "Drive"], "X_Value"),
+    "LabVIEW, a comment": (LVM.replace("\n0\t0\t1\n", "\n0\t0\t1\tit begins\n"), ["--command", "Drive"], "X_Value"),
+    "LabVIEW, decimal comma": (LVM.replace(".", ","), ["--command", "Drive"], "X_Value"),
+    "LabVIEW, no times": (LVM_HEAD.format(headings="No", columns="No") + "\t" + NO_TIMES, ["--command", "Drive"], ""),
+}
+
+
+@pytest.mark.parametrize("name", INSTRUMENTS)
+def test_what_instruments_write(name: str, imported: Callable) -> None:
+    content, options, time = INSTRUMENTS[name]
+    options = [*options, "--displacement", "Stage" if "LabVIEW" in name else "2:0.25" if name == "Keysight" else SENSED]
+    recording, output = imported(content, *options, name="run.txt")
+    assert recording.sample_rate_hz == 1000 and len(recording) == COUNT
+    np.testing.assert_allclose(np.diff(recording.time_s), 1e-3, rtol=1e-6)
+    np.testing.assert_allclose(recording.command_V, COMMAND_V, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(recording.displacement_um, DISPLACEMENT_UM, rtol=1e-5, atol=1e-5)
+    assert f"from column 0 '{time}" in output if time else "1000 samples per second" in output
+
+
+def test_counted_rows_begin_where_the_scope_says(imported: Callable) -> None:
+    content, options, _ = INSTRUMENTS["Rigol, rows counted"]
+    recording, _ = imported(content, *options, "--displacement", SENSED)
+    np.testing.assert_allclose(recording.time_s, TIME_S - 0.02, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", [name for name in INSTRUMENTS if name not in ("LeCroy", "Saleae")])
+def test_the_units_that_instruments_write_are_known(name: str, refused: Callable, tmp_path: Path) -> None:
+    """Volts, or microns, are not taken for the other."""
+    content, options, _ = INSTRUMENTS[name]
+    (tmp_path / "run.txt").write_text(content)
+    swapped = "Drive" if "LabVIEW" in name else "2" if name == "Keysight" else "CH2"
+    message = refused("import", tmp_path / "run.txt", *options, "--displacement", swapped, "-o", refused.output)
+    assert "V, not um" in message
+
+
+def test_a_second_table_in_a_file(refused: Callable, imported: Callable, tmp_path: Path) -> None:
+    (tmp_path / "two.lvm").write_text(LVM + LVM.partition("***\n")[2])
+    options = ["--command", "Drive", "--displacement", "Stage"]
+    message = refused("import", tmp_path / "two.lvm", *options, "-o", refused.output)
+    assert f"does another table begin? Take the rows of one with --rows, e.g. --rows 0:{COUNT}" in message
+    same(imported(tmp_path / "two.lvm", *options, "--rows", f"0:{COUNT}")[0])
+
+
 def test_old_encodings(imported: Callable) -> None:
     content = table(TIME_S, COMMAND_V, DISPLACEMENT_UM, header="t,voltage,position [µm]\n")
     for encoding in ("latin-1", "utf-16"):
