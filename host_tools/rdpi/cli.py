@@ -366,6 +366,10 @@ _COLUMN = "COLUMN[:UNIT]"
               help="Keep a further column under this name, e.g. other_axis_V=3:mV. May be repeated.")
 @click.option("--rows", metavar="START:STOP", type=Rows(), default=":",
               help="Take these data rows, counted from 0, STOP not included; negative numbers count from the end.")
+@click.option("--resample", "resample_hz", metavar="HZ", type=Number(positive=True),
+              help="Put the recording on a uniform grid of so many samples per second, by interpolation, for a clock "
+                   "that jitters or a rate higher than needed. Below the recorded rate a low-pass comes first, which "
+                   "keeps what is below 0.4 HZ. Gaps are refused; the jitter found is told.")
 @click.option("--command-gain", metavar="GAIN", type=float, default=1.0,
               help="V/V. The voltage was recorded before an amplifier of this fixed gain: multiply the command by it.")
 @click.option("--as", "purpose", type=click.Choice(["run", "drive", "reference"]), default="run", show_default=True,
@@ -379,9 +383,9 @@ _COLUMN = "COLUMN[:UNIT]"
               help="SOURCE is what a microcontroller sent, as `rdpi record --raw` keeps it or any program that stores "
                    "what comes from a serial port.")
 @_telemetry_options
-def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: slice, command_gain: float,
-            purpose: str, also: dict[str, str], actuator: str | None, memory: str | None, note: str | None,
-            telemetry: bool, stretches: bool, max_lost: int | None, um_per_count: float | None,
+def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: slice, resample_hz: float | None,
+            command_gain: float, purpose: str, also: dict[str, str], actuator: str | None, memory: str | None,
+            note: str | None, telemetry: bool, stretches: bool, max_lost: int | None, um_per_count: float | None,
             count_0_um: float | None, **columns: str | None) -> dict[str, Any]:
     """Bring other formats to a recording.
 
@@ -409,7 +413,7 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
         return _import_telemetry(sources, output, texts, stretches=stretches, max_lost=max_lost,
                                  scale=(um_per_count, count_0_um))
     request = Request(columns={key: spec for key, spec in columns.items() if spec is not None}, also=also,
-                      rate_hz=rate_hz, rows=rows, command_gain=command_gain, purpose=purpose,
+                      rate_hz=rate_hz, rows=rows, command_gain=command_gain, purpose=purpose, resample_hz=resample_hz,
                       metadata={key: text for key, text in texts.items() if text is not None})
     targets = _targets(sources, output)
     results = []

@@ -19,6 +19,7 @@ from .errors import BadInput
 from .foreign import Unreadable, read_arrays
 from .recording import (Place, Recording, check_metadata, check_rate, check_samples, is_column_name,
                         line_of_row, parse_rows, read_bytes, sample_times)
+from .resample import resample
 from .units import UNITS, known_unit, split_unit, units_of
 
 # Letters and digits, lower case, of names of single numbers that give the sample rate, or the sample time in s
@@ -61,7 +62,7 @@ class Request:
     `columns` maps keys of ROLES to "COLUMN" or "COLUMN:SCALE" (a name or a number from 0; a unit of UNITS or a factor
     to the base unit), `also` maps names of covariates to the same. `rows` selects data rows before anything is checked.
     `command_gain` multiplies the command (a fixed-gain amplifier behind the recorded voltage). `purpose` is a key of
-    PURPOSES and says which columns a file must give.
+    PURPOSES and says which columns a file must give. `resample_hz` puts the recording on a uniform grid of this rate.
     """
 
     columns: dict[str, str] = field(default_factory=dict)
@@ -70,6 +71,7 @@ class Request:
     rows: slice = field(default_factory=lambda: slice(None))  # unhashable, so no plain default
     command_gain: float = 1.0
     purpose: str = "run"
+    resample_hz: float | None = None
     metadata: dict[str, str] = field(default_factory=dict)
 
 
@@ -146,10 +148,20 @@ def import_recording(path: str, request: Request) -> tuple[Recording, list[str]]
             raise BadInput(f"{path}: no column looks like time; say which with --time COLUMN, or give --rate HZ; "
                            f"{source.listing()}")
         columns = {"time_s": sample_times(len(cut.columns[0]), rate), **columns}
-    check_samples(f"{path}, rows {rows} of {cut.total}", columns, cut.place, cut.start)
+    where = f"{path}, rows {rows} of {cut.total}"
+    resampled = None
+    if request.resample_hz is not None:
+        resampled = resample(where, columns, request.resample_hz, cut.place)
+        check_rate(columns["time_s"], metadata, key_place)
+        columns = resampled.columns
+        metadata |= {"sample_rate_hz": f"{request.resample_hz:.12g}", "resampled": resampled.describe()}
+    check_samples(where, columns, cut.place, cut.start)
     check_rate(columns["time_s"], metadata, key_place)
     recording = Recording(path, metadata, columns)
-    return recording, _describe(source, request, recording, chosen, cut.total, rate_from)
+    lines = _describe(source, request, recording, chosen, cut.total, rate_from)
+    if resampled is not None:
+        lines.append(f"  resampled {resampled.describe()}")
+    return recording, lines
 
 
 def open_source(path: str) -> Source:

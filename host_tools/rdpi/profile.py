@@ -91,8 +91,8 @@ def integer_rate_hz(run: Recording) -> int:
     rate = run.sample_rate_hz
     slack = 1e-9 * (1 + 1 / float(run.time_s[-1] - run.time_s[0]))
     if not (1 <= rate <= MAX_RATE_HZ and abs(rate - round(rate)) <= slack * rate):
-        raise BadInput(f"{run.path}: {rate:.9g} samples per second; the firmware takes whole numbers: resample, or, if "
-                       "only the times are inexact, say so with `# sample_rate_hz: …`")
+        raise BadInput(f"{run.path}: {rate:.9g} samples per second; the firmware takes whole numbers: resample it with "
+                       "`rdpi import --resample`, or, if only the times are inexact, say so with `# sample_rate_hz: …`")
     return round(rate)
 
 

@@ -209,14 +209,9 @@ def check_samples(path: str, columns: Mapping[str, np.ndarray], place: Place, fi
     rate that adds up. Times need not start at 0. `first_row` is the number of the first sample's row in its file.
     """
     time_s = columns["time_s"]
-    if len(time_s) < MIN_SAMPLES:
-        raise BadInput(f"{path}: {len(time_s)} samples; a recording needs at least {MIN_SAMPLES}")
+    check_count(path, time_s)
+    check_rising(time_s, place)
     steps = np.diff(time_s)
-    if (steps <= 0).any():
-        row = int(np.argmax(steps <= 0)) + 1
-        what = "repeats" if steps[row - 1] == 0 else "runs backwards"
-        raise BadInput(f"{place(row)}: time_s {what} ({time_s[row - 1]:.12g} then {time_s[row]:.12g}); cut the "
-                       "recording there, or write times with more digits, or rebuild them with `rdpi import --rate`")
     sample_time_s, deviation = _grid(time_s)
     if not 1 / RATES_HZ[1] <= sample_time_s <= 1 / RATES_HZ[0]:
         raise BadInput(f"{place(1)}: time_s steps by {sample_time_s:.6g} s; a recording has {RATES_HZ[0]:g} to "
@@ -225,8 +220,25 @@ def check_samples(path: str, columns: Mapping[str, np.ndarray], place: Place, fi
         usual = float(np.median(steps))
         row = int(np.argmax(np.abs(steps - usual))) + 1
         raise BadInput(f"{place(row)}: sampling is not uniform: time_s steps by {steps[row - 1]:.6g} here and by "
-                       f"{usual:.6g} as a rule; resample, cut the recording at the gap (`rdpi import --rows`; this is "
-                       f"row {first_row + row}), or rebuild times that are merely inaccurate with `rdpi import --rate`")
+                       f"{usual:.6g} as a rule; resample it with `rdpi import --resample`, cut it at a gap (`rdpi import "
+                       f"--rows`; this is row {first_row + row}), or rebuild times that are merely inaccurate with "
+                       "`rdpi import --rate`")
+
+
+def check_count(path: str, samples: Sequence[float] | np.ndarray) -> None:
+    """Raise BadInput unless there are enough samples."""
+    if len(samples) < MIN_SAMPLES:
+        raise BadInput(f"{path}: {len(samples)} samples; a recording needs at least {MIN_SAMPLES}")
+
+
+def check_rising(time_s: np.ndarray, place: Place) -> None:
+    """Raise BadInput unless every time is later than the one before."""
+    steps = np.diff(time_s)
+    if (steps <= 0).any():
+        row = int(np.argmax(steps <= 0)) + 1
+        what = "repeats" if steps[row - 1] == 0 else "runs backwards"
+        raise BadInput(f"{place(row)}: time_s {what} ({time_s[row - 1]:.12g} then {time_s[row]:.12g}); cut the "
+                       "recording there, or write times with more digits, or rebuild them with `rdpi import --rate`")
 
 
 def check_rate(time_s: np.ndarray, metadata: Mapping[str, str], key_place: Callable[[str], str]) -> None:
