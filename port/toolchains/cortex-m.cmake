@@ -2,6 +2,10 @@
 # qemu-system-arm runs tests on; the presets set both.
 set(CMAKE_SYSTEM_NAME Generic)
 set(CMAKE_SYSTEM_PROCESSOR arm)
+if(NOT RDPI_CPU MATCHES "-mcpu=")
+  message(FATAL_ERROR "RDPI_CPU is '${RDPI_CPU}' and names no core: give the compiler's flags for yours, e.g. "
+                      "-DRDPI_CPU=-mcpu=cortex-m0plus, or take a preset that does")
+endif()
 find_program(RDPI_ARM_GCC arm-none-eabi-gcc)
 if(NOT RDPI_ARM_GCC)
   message(FATAL_ERROR "No arm-none-eabi-gcc: apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi")
