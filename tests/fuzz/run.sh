@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Fuzzes the library with libFuzzer and the address and undefined-behaviour sanitizers.
+# Fuzzes the library and port/drivers with libFuzzer and the address and undefined-behaviour sanitizers.
 #
 #   tests/fuzz/run.sh SECONDS [TARGET...]    each target (any_f32, ...) for that long, all at once
 #
@@ -25,7 +25,7 @@ fuzz() {
     mkdir "$work/$target-new" || return
     clang -std=c11 -g -O1 -Wall -Wextra -fno-omit-frame-pointer -fno-sanitize-recover=all \
         -fsanitize=fuzzer,address,undefined,float-cast-overflow \
-        -Ilib/include -Itests/support "tests/fuzz/$target.c" lib/src/*.c -lm -o "$work/$target" &&
+        -Ilib/include -Itests/support -Iport/include "tests/fuzz/$target.c" lib/src/*.c -lm -o "$work/$target" &&
         "$work/$target" -max_total_time="$seconds" -max_len=2048 -timeout=10 -use_value_profile=1 -print_final_stats=1 \
             -artifact_prefix="$work/$target-" "$work/$target-new" "tests/fuzz/corpus/$target"
 }
