@@ -1391,6 +1391,49 @@ void test_the_last_code_s_drive_ends_with_the_range(void)
     TEST_ASSERT_EQUAL_INT32(MAX - 10, y[0]);
 }
 
+/* Within what init allows: the last code's drive is some units beyond the range. For codes that `output` makes, of which
+ * the highest voltage is at either end. */
+static void ends_with_the_range(bool falling)
+{
+    const rdpi_q31_params_t *params = &given.params;
+    int32_t end = falling ? params->min_drive : params->max_drive;
+    int64_t last = ((int64_t)1 << params->dac_bits) - 1, unit = ((int64_t)1 << params->drive_shift) / last + 1;
+    given.params.drive_per_code += (int32_t)(falling ? -unit : unit);
+    start();
+    TEST_ASSERT_FALSE(axis.plain);
+    TEST_ASSERT_EQUAL_INT32(end, rdpi_q31_step(&axis, falling ? -FAR : FAR));
+    TEST_ASSERT_EQUAL_INT32(last, axis.dac_code);
+    rdpi_q31_reset(&axis);
+    bool more, reached = false;
+    do {
+        more = rdpi_q31_sweep(&axis);
+        TEST_ASSERT_TRUE(axis.drive >= params->min_drive && axis.drive <= params->max_drive);
+        reached = reached || axis.dac_code == last;
+    } while (more);
+    TEST_ASSERT_TRUE(reached);
+}
+
+void test_the_last_code_s_drive_ends_with_the_range_behind_a_slew_limit(void)
+{
+    given.params.slew_per_us = UINT64_MAX;
+    for (int falling = 0; falling < 2; falling++) {
+        actuator_q31_codes(&given, 12, falling);
+        ends_with_the_range(falling);
+    }
+}
+
+void test_the_last_code_s_drive_ends_with_the_range_where_codes_are_fine(void)
+{
+    given.params.max_drive = given.params.min_drive + (3 << 20);
+    given.params.sweep_end = given.params.min_drive;
+    given.params.sweep_per_us = PER_SAMPLE(1 << 18);
+    for (int falling = 0; falling < 2; falling++) {
+        set3(given.memory, given.params.min_drive, given.params.min_drive, given.params.min_drive);
+        actuator_q31_codes(&given, 20, falling);
+        ends_with_the_range(falling);
+    }
+}
+
 /* The same quotients with fewer digits. */
 void test_codes_do_not_depend_on_how_their_steps_are_written(void)
 {
