@@ -144,8 +144,13 @@ def _is_device(path: str) -> bool:
     return os.path.exists(path) and not os.path.isfile(path)
 
 
+def _printable(name: str) -> str:
+    """Names of files need not be text; what is printed and written must."""
+    return name.encode("utf-8", "backslashreplace").decode()
+
+
 def _fail(message: str) -> NoReturn:
-    message = message.encode("utf-8", "backslashreplace").decode()  # names of files need not be text
+    message = _printable(message)
     with suppress(OSError):  # the terminal may be gone
         click.echo(f"rdpi: {message}", err=True)
     raise click.exceptions.Exit(2)
@@ -244,6 +249,14 @@ def _telemetry_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
+def _texts(**texts: str | None) -> dict[str, str]:
+    """What the user gave of a recording's metadata; refused before any work if no file could hold it."""
+    for name, text in texts.items():
+        if text is not None and text != _printable(text):
+            raise BadInput(f"--{name} {text!r}: not UTF-8; set a UTF-8 locale, or use letters without accents")
+    return {name: text for name, text in texts.items() if text is not None}
+
+
 def _check_telemetry_options(context: click.Context, telemetry: bool) -> None:
     """Refuse options of import that mean nothing with --telemetry, and those that mean nothing without."""
     common = {"sources", "output", "actuator", "memory", "note", "json_path", "telemetry"}
@@ -254,7 +267,7 @@ def _check_telemetry_options(context: click.Context, telemetry: bool) -> None:
             raise BadInput(f"{parameter.opts[-1]}: has a meaning only {'without' if telemetry else 'with'} --telemetry")
 
 
-def _import_telemetry(sources: tuple[str, ...], output: str, texts: dict[str, str | None],
+def _import_telemetry(sources: tuple[str, ...], output: str, texts: dict[str, str],
                       scale: tuple[float | None, float | None], **options: Any) -> dict[str, Any]:
     from .recording import read_bytes
     from .telemetry import Decoder
@@ -305,7 +318,7 @@ def _how_it_ended(decoder: Any) -> str:
     return "note: the stream ends before the target had finished"
 
 
-def _write_telemetry(decoder: Any, found: list[Any], target: Path, source: str, texts: dict[str, str | None],
+def _write_telemetry(decoder: Any, found: list[Any], target: Path, source: str, texts: dict[str, str],
                      stretches: bool, max_lost: int | None) -> tuple[dict[str, Any], list[str]]:
     """Write what a stream holds; returns it for `--json`, and the lines that tell it and what it does not hold.
 
@@ -314,7 +327,7 @@ def _write_telemetry(decoder: Any, found: list[Any], target: Path, source: str, 
     from dataclasses import asdict
 
     from . import telemetry
-    from .recording import write_recording
+    from .recording import make_folder, write_recording
 
     counts = decoder.counts
     files = [(target.with_stem(f"{target.stem}-{number}"), stretch) for number, stretch in enumerate(found, 1)]
@@ -323,12 +336,11 @@ def _write_telemetry(decoder: Any, found: list[Any], target: Path, source: str, 
     lines = [f"{decoder.where}: {telemetry.summary(counts)}",
              *(f"note: {note}" for note in telemetry.notes(decoder, found, [stretch for _, stretch in files]))]
     recordings = []
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
     for file, stretch in files:
-        metadata = {"source": source, **stretch.metadata}
-        metadata |= {key: text for key, text in texts.items() if text is not None}
+        metadata = {"source": _printable(source), **stretch.metadata, **texts}
         write_recording(file, stretch.columns, metadata)
-        why = f" ({stretch.why_unknown})" if stretch.why_unknown and texts["memory"] is None else ""
+        why = f" ({stretch.why_unknown})" if stretch.why_unknown and "memory" not in texts else ""
         lines.append(f"  {file}: {stretch.samples} samples at {metadata['sample_rate_hz']} per second from tick "
                      f"{metadata['first_tick']}, memory: {metadata['memory']}{why}")
         recordings.append({"file": str(file), "source": decoder.where, "samples": stretch.samples,
@@ -401,20 +413,20 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
     rdpi import --telemetry captured.bin -o run.csv
     """
     from .importer import ROLES, Request, import_recording
-    from .recording import write_recording
+    from .recording import make_folder, write_recording
 
     _check_telemetry_options(click.get_current_context(), telemetry)
 
     reserved = {role.column: key for key, role in ROLES.items()}
     for name in set(also) & set(reserved):
         raise BadInput(f"--also {name}: this column has its own option, --{reserved[name]}")
-    texts = {"actuator": actuator, "memory": memory, "note": note}
+    texts = _texts(actuator=actuator, memory=memory, note=note)
     if telemetry:
         return _import_telemetry(sources, output, texts, stretches=stretches, max_lost=max_lost,
                                  scale=(um_per_count, count_0_um))
     request = Request(columns={key: spec for key, spec in columns.items() if spec is not None}, also=also,
                       rate_hz=rate_hz, rows=rows, command_gain=command_gain, purpose=purpose, resample_hz=resample_hz,
-                      metadata={key: text for key, text in texts.items() if text is not None})
+                      metadata=texts)
     targets = _targets(sources, output)
     results = []
     with progress("importing") as report:
@@ -424,7 +436,7 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
             report((index + 0.5) / len(sources))
         # Only now, so that a bad source leaves nothing behind.
         for target, (recording, lines) in zip(targets, imported):
-            target.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(target.parent)
             write_recording(target, recording.columns, recording.metadata)
             click.echo("\n".join([*lines, f"  written to {target}"]))
             results.append({"file": str(target), "source": recording.path, "samples": len(recording),
@@ -506,15 +518,28 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
     that had finished before, is lost. Samples of the start-up sweep are left out; where there is no reference, of a
     drive, all but its last. Lost and corrupt frames are counted, in the file's metadata too; a recording never spans a
     gap.
+
+    RUN.csv is written when the recording ends. Until then what is older than a second is on disk in RUN.csv.part, so
+    that it outlasts a crash or a power failure; after a gap RUN.csv.part2 and so on follow. Each is a recording by
+    itself, whose last line does not count if it was cut. Of those, the longest and the present one are kept, with
+    --stretches all. They are removed once RUN.csv is written.
     """
-    from .record import Raw, record, stop_signals
-    from .telemetry import REFUSED, Decoder
+    from .record import Raw, Safe, is_part, record, stop_signals
+    from .telemetry import REFUSED, Decoder, Following
 
     _refuse_overwriting([Path(output)], stretches)
+    target = Path(os.path.realpath(output))
+    for other in filter(None, (raw, click.get_current_context().params["json_path"])):
+        if is_part(Path(os.path.realpath(other)), target):
+            raise BadInput(f"{other}: is where samples go while the recording goes on; give another name")
+    texts = _texts(actuator=actuator, memory=memory, note=note)
+    scale = um_per_count, count_0_um
     decoder, copy = Decoder(port), Raw(raw)
+    safe = Safe(None if _is_device(output) else target, stretches, Following(decoder, *scale),
+                {"source": _printable(port), **texts}, copy)
     with stop_signals() as stopped:  # until all is written
-        with _recording_line() as report:
-            end = record(decoder, baud, duration_s, timeout_s, copy, report, stopped)
+        with safe, _recording_line() as report:
+            end = record(decoder, baud, duration_s, timeout_s, safe, report, stopped)
         copied = [f"--raw {copy.failure}"] if copy.failure else []
         why = "" if end.good else end.why
         try:
@@ -528,12 +553,17 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
                 if decoder.info is None:
                     raise
                 why = str(error).removeprefix(f"{port}: ")
-            found = _stretches(decoder, (um_per_count, count_0_um))
+            found = _stretches(decoder, scale)
         except BadInput as error:
             besides = [why] if why not in str(error) else []
             raise BadInput("; ".join([str(error), *besides, *copied])) from None
-        result, lines = _write_telemetry(decoder, found, Path(output), port,
-                                         {"actuator": actuator, "memory": memory, "note": note}, stretches, max_lost)
+        try:
+            result, lines = _write_telemetry(decoder, found, Path(output), port, texts, stretches, max_lost)
+        except OSError as error:
+            if not safe.where:
+                raise
+            raise BadInput(f"{error.filename}: {error.strerror or error}; the samples are in {safe.where}") from None
+        safe.remove()
     click.echo("\n".join(lines))
     _tell_gate(result, max_lost)
     if failures := ([f"{why}; what came before has been written"] if why else []) + copied:
@@ -738,9 +768,9 @@ def _print_scores(rows: list[tuple[str, Any, str]]) -> None:
 
 def _write_fit_report(result: Any, runs: list[Any], folder: Path, summary: dict[str, Any]) -> None:
     from . import chain, report
-    from .recording import atomic_write
+    from .recording import atomic_write, make_folder
 
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     figure = report.picture(result.model, runs, chain.simulate(result.model, runs), result.rate_slopes)
     report.write_picture(figure, folder / "fit.png")
     atomic_write(folder / "fit.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")

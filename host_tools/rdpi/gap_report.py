@@ -15,7 +15,7 @@ from .gap_numbers import (NONE, Document, base, bracketed, change, given, interv
                           shrink, shrinks, sized, tight, um)
 from .gap_pictures import Pictures
 from .gap_words import about, grid, terms
-from .recording import atomic_write
+from .recording import atomic_write, make_folder
 
 PAGE = "index.html"
 TWIN = "gap.json"
@@ -48,7 +48,7 @@ def write(document: Document, pictures: Pictures, folder: str | os.PathLike[str]
     """
     twin = json.dumps(document, indent=2, allow_nan=False, default=lambda value: value.tolist()) + "\n"
     text = page(document, pictures)
-    Path(folder).mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     atomic_write(Path(folder) / TWIN, twin)
     atomic_write(Path(folder) / PAGE, text)
 

@@ -17,8 +17,8 @@ import numpy as np
 from . import tables
 from .errors import BadInput
 from .foreign import Unreadable, read_arrays
-from .recording import (Place, Recording, check_metadata, check_rate, check_samples, is_column_name,
-                        line_of_row, parse_rows, read_bytes, sample_times)
+from .recording import (UNFINISHED, Place, Recording, check_metadata, check_rate, check_samples, is_column_name,
+                        line_of_row, parse_rows, read_bytes, sample_times, whole_lines)
 from .resample import resample
 from .units import UNITS, known_unit, split_unit, units_of
 
@@ -166,7 +166,7 @@ def import_recording(path: str, request: Request) -> tuple[Recording, list[str]]
 
 def open_source(path: str) -> Source:
     """Recognise the format by its first bytes (a MATLAB 4 file by its suffix). Raises BadInput."""
-    data = read_bytes(path)
+    data = whole_lines(read_bytes(path))
     packed = data.startswith(b"PK\x03\x04")
     if data.startswith(b"\x93NUMPY") or packed and Path(path).suffix.lower() != ".xlsx":
         return _arrays(path, data, "NumPy archive" if packed else "NumPy array", "NumPy data",
@@ -408,6 +408,7 @@ def _table(path: str, data: bytes) -> Source:
         raise BadInput(f"{path}: empty file; give a table of numbers, a MATLAB .mat or a NumPy .npy or .npz file")
     found = tables.layout(path, text)
     names, first, line, clock = found.preamble.names, found.first, found.preamble.line, found.preamble.clock
+    found.preamble.metadata.pop(UNFINISHED, None)
     body = text.split("\n", first)[first]
     if found.decimal == ",":
         body = body.replace(",", ".")

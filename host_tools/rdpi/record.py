@@ -6,17 +6,22 @@ import errno
 import math
 import os
 import signal
+import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import Any, BinaryIO, NamedTuple
+from io import FileIO
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from . import firmware
 from .errors import BadInput
-from .telemetry import FINISHED, REFUSED, Decoder, Info
+from .recording import GrowingRecording, sync_folder, write_all
+from .telemetry import FINISHED, REFUSED, Decoder, Following, Info, Stretch
 
 POLL_S = 0.005  # a terminal buffers 4096 bytes: 14 ms at 3 Mbaud
 REPORT_S = 0.2
+SAVE_S = 0.25  # and what a disk takes to save: what is older than a second is saved
 CHUNK = 1 << 16
 NO_INFO = 50_000  # samples: of its infos, one every 1000, a line that damages a byte in a hundred lets 15 through
 
@@ -35,16 +40,25 @@ class Raw:
         """Without a path all of this does nothing."""
         self.path = path
         self.failure = ""  # what kept it from being whole
-        self._file: BinaryIO | None = None
+        self._waiting: list[bytes] = []
+        self._file: FileIO | None = None
 
-    def write(self, data: bytes) -> None:
-        if self.path is None or self.failure or not data:
+    def take(self, data: bytes) -> None:
+        """The next bytes, to be written by the next `save`."""
+        if self.path is not None and data:
+            self._waiting.append(data)
+
+    def save(self) -> None:
+        """What has been taken, to disk."""
+        count = len(self._waiting)  # more may come meanwhile
+        data, self._waiting[:count] = b"".join(self._waiting[:count]), []
+        if self.failure or not data:
             return
         try:
             if self._file is None:
-                self._file = open(self.path, "wb")
-            self._file.write(data)
-            self._file.flush()
+                self._file = open(self.path, "wb", buffering=0)
+                sync_folder(Path(self.path).parent)
+            write_all(self._file, data)
         except OSError as error:  # a recording is worth more than its copy
             self.failure = f"{self.path}: {error.strerror or error}; it does not hold all that came"
 
@@ -54,7 +68,96 @@ class Raw:
                 self._file.close()
 
 
-def record(decoder: Decoder, baud: int, duration_s: float | None, timeout_s: float, raw: Raw,
+class Safe:
+    """While a recording goes on, keeps on disk what it would write if it ended: see `rdpi record --help`.
+
+    Each stretch is a recording in a file of its own, RUN.csv.part, RUN.csv.part2, ...; unless `every` stretch is
+    wanted, no more than the longest and the present one. Disks may be slow, so all of this is done by a thread.
+    """
+
+    def __init__(self, target: Path | None, every: bool, following: Following, metadata: Mapping[str, object],
+                 raw: Raw) -> None:
+        """Without a target only `raw` is saved. Raises BadInput if there are such files already."""
+        self.raw = raw
+        self.failure = ""  # what keeps samples from being saved
+        self._target, self._every, self._following, self._metadata = target, every, following, metadata
+        self._parts: list[GrowingRecording] = []  # the last is the present one
+        self._number = 0
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        for left in target.parent.iterdir() if target else ():
+            if is_part(left, target):
+                raise BadInput(f"{left}: is what a recording that was cut off has left, unless one is at work; it is a "
+                               "recording by itself: rename it or delete it")
+
+    def __enter__(self) -> Safe:
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> None:
+        self._over.set()
+        self._thread.join()
+        self.save()
+        for part in self._parts:
+            part.close()
+        self.raw.close()
+        if error is not None and self.where:
+            error.add_note(f"What came before is in {self.where}.")
+
+    @property
+    def where(self) -> str:
+        """The files, in words, or nothing."""
+        return " and ".join(str(part.path) for part in self._parts)
+
+    def save(self) -> None:
+        """Everything that has come by now. Returns when it is on disk."""
+        self.raw.save()
+        if self._target is None or self.failure:
+            return
+        try:
+            for goes_on, stretch in self._following.new():
+                if goes_on:
+                    self._parts[-1].append(stretch.columns)
+                else:
+                    self._begin(stretch)
+        except OSError as error:
+            self.failure = f"{error.filename}: {error.strerror or error}"
+        except Exception as error:  # the samples are in memory yet, and a recording is worth more than its copy
+            self.failure = f"{self._target}.part: {type(error).__name__}: {error}"
+
+    def remove(self) -> None:
+        """The files, when the recording itself is on disk."""
+        if self._parts:
+            for part in self._parts:
+                part.remove()
+            self._parts = []
+            with suppress(OSError):
+                sync_folder(self._target.parent)
+
+    def _begin(self, stretch: Stretch) -> None:
+        if not self._every:
+            longest = max(self._parts, key=lambda part: ("displacement_um" in part.names, part.samples), default=None)
+            for part in self._parts:
+                if part is not longest:
+                    part.remove()
+            self._parts = [longest] if longest else []
+        self._number += 1
+        path = f"{self._target}.part{self._number if self._number > 1 else ''}"
+        self._parts.append(GrowingRecording(path, stretch.columns, {**stretch.metadata, **self._metadata},
+                                            "rdpi record had not ended"))
+
+    def _work(self) -> None:
+        while not self._over.wait(SAVE_S):
+            self.save()
+
+
+def is_part(path: Path, target: Path) -> bool:
+    """Whether a recording to `target` may keep its samples in this file while it goes on."""
+    number = path.name.removeprefix(f"{target.name}.part")
+    return number != path.name and (not number or number.isdecimal()) and path.parent == target.parent
+
+
+def record(decoder: Decoder, baud: int, duration_s: float | None, timeout_s: float, safe: Safe,
            report: Callable[[Decoder], None], stopped: list[int]) -> End:
     """Feed `decoder` with telemetry from the port that it is named after, until something is on the list `stopped`, the
     target has finished, or `duration_s` of its time have passed.
@@ -62,15 +165,13 @@ def record(decoder: Decoder, baud: int, duration_s: float | None, timeout_s: flo
     The first frame is waited for without limit, for a board may have to be flashed or reset first: what a target says
     that had finished before is none. It also ends when nothing valid comes for `timeout_s` after that, or for so long
     nothing but bytes that are no telemetry, or infos without a sample; when NO_INFO samples came without any info; when
-    the target refuses to run, or sends what Decoder.complaint finds; or the port is gone. The port is a device or a URL
+    the target refuses to run, or sends what Decoder.complaint finds; the port is gone; or
+    samples cannot be saved. The port is a device or a URL
     that pyserial knows, socket://localhost:1234 for instance.
     Raises BadInput for a port that cannot be opened.
     """
-    try:
-        with _open(decoder.where, baud) as line:
-            return _take(decoder, line, duration_s, timeout_s, raw, report, stopped)
-    finally:
-        raw.close()
+    with _open(decoder.where, baud) as line:
+        return _take(decoder, line, duration_s, timeout_s, safe, report, stopped)
 
 
 @contextmanager
@@ -108,7 +209,7 @@ def _open(port: str, baud: int) -> Any:
                        ) from None
 
 
-def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: float, raw: Raw,
+def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: float, safe: Safe,
           report: Callable[[Decoder], None], stopped: list[int]) -> End:
     counts, frames = decoder.counts, 0
     listening = over = False  # to a target at work; or only to one that had finished before
@@ -121,7 +222,7 @@ def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: floa
             data = line.read(CHUNK)  # what there is; an error drops nothing, it is told when there is nothing else
         except OSError as error:
             return End(f"the port is gone ({error.strerror or error})", False)
-        raw.write(data)
+        safe.raw.take(data)
         decoder.feed(data)
         now = time.monotonic()
         run = decoder.runs[-1]
@@ -147,6 +248,8 @@ def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: floa
         if duration_s is not None and decoder.info is not None \
                 and counts.samples + counts.missing >= duration_s * decoder.info.rate_hz:
             return End(f"{duration_s:g} s recorded", True)
+        if safe.failure:
+            return End(safe.failure, False)
         if decoder.info is None and counts.samples > NO_INFO:
             return End(f"no info frame, which says rate and scale, in the first {NO_INFO} samples", False)
         if received - noisy > timeout_s:

@@ -5,6 +5,7 @@ Column names carry their units. Sampling is uniform, and that is checked, not as
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import io
 import os
@@ -12,6 +13,7 @@ import re
 import stat
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,6 +28,9 @@ GRID_TOLERANCE = 0.25  # of a sample time; a lost sample moves some time by at l
 RATE_TOLERANCE = 1e-3  # relative, between stated and measured rate
 RATES_HZ = (1e-6, 1e8)  # samples per second; times are written in whole nanoseconds
 
+UNFINISHED = "unfinished"  # first key of a recording that still grows; what it is set to is for people
+
+_CANNOT_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF, errno.EACCES, errno.EPERM)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 _NAME = re.compile(r'(?!#)[^,"\r\n\ud800-\udfff]+')  # surrogates stand for bytes that are no UTF-8
@@ -85,14 +90,15 @@ def read_recording(path: str | os.PathLike[str], required: Sequence[str] = RUN_C
 
     `required` names the columns that must be there; `time_s` always must. Every other column is kept as a covariate.
     UTF-8 with or without a byte-order mark, any line ends, blank lines ignored. A metadata key given on several
-    lines is one value of several lines; `#` lines without a colon are comments and are dropped.
+    lines is one value of several lines; `#` lines without a colon are comments and are dropped. Of a recording that was
+    cut off while it grew, all whole lines are read.
 
     Raises BadInput for a file that cannot be read, missing or repeated columns, text, NaN or infinity in a number,
     rows of unequal length, an unknown `memory`, and everything `check_samples` checks.
     """
     path = os.fspath(path)
     data = read_bytes(path)
-    text = _decode(path, data)
+    text = _decode(path, whole_lines(data))
     metadata, key_lines, header_line, header, body = _split_header(path, text)
     names = _column_names(path, header_line, header, dict.fromkeys(("time_s", *required)))
     place = line_of_row(path, body, header_line + 1)
@@ -115,27 +121,60 @@ def write_recording(path: str | os.PathLike[str], columns: Mapping[str, np.ndarr
     Columns and metadata keep the order they are given in. Raises ValueError for columns of unequal length, NaN or
     infinity, and names that the format cannot hold.
     """
-    arrays = [np.asarray(column, dtype=np.float64) for column in columns.values()]
-    if not arrays or any(array.ndim != 1 or len(array) != len(arrays[0]) for array in arrays):
-        raise ValueError("columns must be 1-D and equally long")
-    for name, array in zip(columns, arrays):
-        if not is_column_name(name):
-            raise ValueError(f"column name {name!r} cannot be written")
-        if not np.isfinite(array).all():
-            raise ValueError(f"column {name} holds NaN or infinity")
-    lines = []
-    for key, value in metadata.items():
-        if key != key.strip() or not key or re.search(r"[:\r\n]", key):
-            raise ValueError(f"metadata key {key!r} cannot be written")
-        lines += [f"# {key}: {line.strip()}".rstrip() for line in str(value).splitlines() or [""]]
-    lines.append(",".join(columns))
-    atomic_write(path, "\n".join(lines) + "\n" + "".join(_format_rows(arrays)))
+    arrays = _checked(columns)
+    atomic_write(path, _head(columns, metadata) + "".join(_format_rows(arrays)))
+
+
+class GrowingRecording:
+    """A recording that is on disk up to the last `append`, and that `read_recording` reads wherever it is cut off.
+
+    Its first line has the key UNFINISHED: where that is, a last line without its end is no sample. A number that has
+    lost its last digits is another number. The file is there from its first samples on, of which there must be enough.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], columns: Mapping[str, np.ndarray], metadata: Mapping[str, object],
+                 note: str) -> None:
+        """`note` is the value of UNFINISHED. Raises as `write_recording` does."""
+        self.path = Path(path)
+        self.names = tuple(columns)
+        self.samples = len(columns["time_s"])
+        write_recording(path, columns, {UNFINISHED: note, **metadata})
+        self._file = open(path, "ab", buffering=0)
+
+    def append(self, columns: Mapping[str, np.ndarray]) -> None:
+        """Further samples, of the same columns. Returns when they are on disk. Raises OSError, which names the file."""
+        try:
+            write_all(self._file, "".join(_format_rows(_checked(columns))).encode())
+        except OSError as error:
+            error.filename = os.fspath(self.path)
+            raise
+        self.samples += len(columns["time_s"])
+
+    def close(self) -> None:
+        self._file.close()
+
+    def remove(self) -> None:
+        self.close()
+        with suppress(OSError):
+            self.path.unlink()
+
+
+def whole_lines(data: bytes) -> bytes:
+    """A recording that was cut off while it grew, up to the last whole line; any other file as it is.
+
+    A file system may have made the file longer than what it had written of it: then zeros follow.
+    """
+    if not data.startswith(f"# {UNFINISHED}:".encode()):
+        return data
+    data = data.partition(b"\0")[0]
+    return data[:data.rfind(b"\n") + 1]
 
 
 def atomic_write(path: str | os.PathLike[str], data: str | bytes) -> None:
     """Replace a file's content in one step: readers see the old file or the new one, never a part of either.
 
-    Text is written as UTF-8 with "\\n". A link is followed; a device or pipe is simply written to.
+    So do those who read after a power failure; of what this has returned from, the new one, as far as the file system
+    keeps its word. Text is written as UTF-8 with "\n". A link is followed; a device or pipe is simply written to.
     Raises OSError, which names `path`.
     """
     try:
@@ -145,14 +184,43 @@ def atomic_write(path: str | os.PathLike[str], data: str | bytes) -> None:
         raise
 
 
+def write_all(file: io.RawIOBase, data: bytes) -> None:
+    """Write, and return when it is on disk; to a device or pipe, when it is written."""
+    rest = memoryview(data)
+    while rest:
+        rest = rest[file.write(rest):]
+    _sync(file.fileno())
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring a folder's names to disk, those of its files too: a file that is on disk without its name is lost."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # may be written to, but not read; on Windows no folder can be opened
+        return
+    try:
+        _sync(handle)
+    finally:
+        os.close(handle)
+
+
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Make a folder and those above it, where they are not there. A power failure does not undo it."""
+    folder = Path(path)
+    if not folder.is_dir():
+        make_folder(folder.parent)
+        folder.mkdir(exist_ok=True)
+        sync_folder(folder.parent)
+
+
 def is_column_name(name: str) -> bool:
     """Whether a column of a recording can have this name."""
     return name == name.strip() and _NAME.fullmatch(name) is not None
 
 
-def sample_times(count: int, rate_hz: float) -> np.ndarray:
-    """Times of `count` uniform samples from 0, in whole nanoseconds so that they print short."""
-    return np.round(np.arange(count) / rate_hz, 9)
+def sample_times(count: int, rate_hz: float, first: int = 0) -> np.ndarray:
+    """Times of `count` uniform samples from number `first` on, in whole nanoseconds so that they print short."""
+    return np.round(np.arange(first, first + count) / rate_hz, 9)
 
 
 def read_bytes(path: str) -> bytes:
@@ -213,7 +281,7 @@ def check_samples(path: str, columns: Mapping[str, np.ndarray], place: Place, fi
     check_rising(time_s, place)
     steps = np.diff(time_s)
     sample_time_s, deviation = _grid(time_s)
-    if not 1 / RATES_HZ[1] <= sample_time_s <= 1 / RATES_HZ[0]:
+    if not 1 - RATE_TOLERANCE < sample_time_s * RATES_HZ[1] or not sample_time_s * RATES_HZ[0] < 1 + RATE_TOLERANCE:
         raise BadInput(f"{place(1)}: time_s steps by {sample_time_s:.6g} s; a recording has {RATES_HZ[0]:g} to "
                        f"{RATES_HZ[1]:g} samples per second: give times in seconds")
     if deviation > GRID_TOLERANCE * sample_time_s:
@@ -360,6 +428,29 @@ def _lines(body: str, first_line: int) -> Iterator[tuple[int, str]]:
             yield line, text
 
 
+def _checked(columns: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+    """The columns as float64. Raises ValueError for those that the format cannot hold."""
+    arrays = [np.asarray(column, dtype=np.float64) for column in columns.values()]
+    if not arrays or any(array.ndim != 1 or len(array) != len(arrays[0]) for array in arrays):
+        raise ValueError("columns must be 1-D and equally long")
+    for name, array in zip(columns, arrays):
+        if not is_column_name(name):
+            raise ValueError(f"column name {name!r} cannot be written")
+        if not np.isfinite(array).all():
+            raise ValueError(f"column {name} holds NaN or infinity")
+    return arrays
+
+
+def _head(names: Iterable[str], metadata: Mapping[str, object]) -> str:
+    """The lines above the numbers."""
+    lines = []
+    for key, value in metadata.items():
+        if key != key.strip() or not key or re.search(r"[:\r\n]", key):
+            raise ValueError(f"metadata key {key!r} cannot be written")
+        lines += [f"# {key}: {line.strip()}".rstrip() for line in str(value).splitlines() or [""]]
+    return "\n".join([*lines, ",".join(names)]) + "\n"
+
+
 def _format_rows(arrays: Sequence[np.ndarray]) -> Iterator[str]:
     # Codes and counts look like integers in the file; 2^53 is where float64 stops telling integers apart.
     whole = [bool((np.abs(array) < 2.0**53).all() and (array == np.rint(array)).all()) for array in arrays]
@@ -380,13 +471,24 @@ def _replace(path: Path, data: bytes) -> None:
     target = Path(os.path.realpath(path))
     handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=".rdpi.", suffix=".part")
     try:
-        with open(handle, "wb") as stream:
-            stream.write(data)
-        os.chmod(temporary, _default_mode() if mode is None else stat.S_IMODE(mode))
+        with open(handle, "wb", buffering=0) as stream:
+            os.chmod(temporary, _default_mode() if mode is None else stat.S_IMODE(mode))
+            write_all(stream, data)  # before the rename, which may reach the disk first and leave an empty file
         os.replace(temporary, target)
     except BaseException:
-        os.unlink(temporary)
+        with suppress(FileNotFoundError):  # stopped when it was renamed already
+            os.unlink(temporary)
         raise
+    sync_folder(target.parent)
+
+
+def _sync(handle: int) -> None:
+    """To disk, if that is a thing that the file system, or the device or pipe, can do."""
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in _CANNOT_SYNC:
+            raise
 
 
 def _default_mode() -> int:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import binascii
 import struct
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import NamedTuple
 
@@ -350,26 +351,96 @@ def stretches(decoder: Decoder, um_per_count: float | None = None, count_0_um: f
     found = []
     for run in decoder.runs:
         if len(samples := run.samples):
-            found += _stretches(samples, decoder.info_of(run), um_per_count, count_0_um)
+            read = bool((samples["adc_counts"] != NO_READING).any())
+            found += [part for _, part in _stretches(samples, decoder.info_of(run), um_per_count, count_0_um, read)]
     counts = {f"telemetry_{name}": count for name, count in asdict(decoder.counts).items() if name != "corrupt_at_end"}
     return [stretch._replace(metadata=stretch.metadata | counts) for stretch in found]
 
 
-def _stretches(samples: np.ndarray, info: Info, um_per_count: float | None,
-               count_0_um: float | None) -> list[Stretch]:
-    whole = _step(samples, "sequence", 1) & (_ticks(samples) == 1)  # nothing between a sample and the next
+class Following:
+    """The same stretches while the stream still comes, with what can be known by then.
+
+    Not known are the counts, and that a stretch will lack a column: a sample without a reference begins another.
+    """
+
+    def __init__(self, decoder: Decoder, um_per_count: float | None = None, count_0_um: float | None = None) -> None:
+        self._decoder = decoder
+        self._scale = um_per_count, count_0_um
+        self._run = -1
+        self._begin_run()
+
+    def new(self) -> Iterator[tuple[bool, Stretch]]:
+        """What has come since the last call: whether it goes on with the stretch before, and the samples.
+
+        May be called from another thread than the decoder's: that only appends, to runs, pieces and infos.
+        """
+        while self._decoder.info is not None:  # without rate and scale it is no recording yet
+            over = self._run + 1 < len(self._decoder.runs)  # asked before its pieces are taken: then none is to come
+            yield from self._take(self._decoder.runs[self._run])
+            if not over:
+                return
+            self._begin_run()
+
+    def _begin_run(self) -> None:
+        self._run += 1
+        self._pieces = 0  # taken of those of the run
+        self._rest = np.empty(0, BODY)  # of them what may be needed again
+        self._read = False  # whether any had a reading
+        self._info: Info | None = None
+        self._open: tuple[str, ...] = ()  # columns of the stretch of which the rest is the last sample
+        self._samples = 0  # of it
+
+    def _take(self, run: Run) -> Iterator[tuple[bool, Stretch]]:
+        pieces = run.pieces[self._pieces:]
+        if not pieces:
+            return
+        self._pieces += len(pieces)
+        samples = np.concatenate([self._rest, *pieces])
+        self._read |= bool((samples["adc_counts"] != NO_READING).any())
+        if not self._open or self._info is None:
+            self._info = self._decoder.info_of(run)
+        before, self._open = self._open, ()
+        for start, part in _stretches(samples, self._info, *self._scale, self._read, goes_on=bool(before)):
+            columns = part.columns
+            goes_on = start == 0 and bool(before) and columns.keys() >= set(before)
+            if goes_on:
+                columns = {name: columns[name][1:] for name in before}
+                columns["time_s"] = sample_times(part.samples - 1, self._info.rate_hz, self._samples)
+                self._samples += part.samples - 1
+            elif part.samples >= MIN_SAMPLES:
+                self._samples = part.samples
+            else:
+                continue
+            if len(columns["time_s"]):
+                yield goes_on, part._replace(columns=columns)
+            if start + part.samples == len(samples):
+                self._open = tuple(columns)
+        if self._open:
+            self._rest = samples[-1:].copy()
+            self._rest["dac_code"] = _output(samples)[-1]  # where the DAC is, should it not take the next codes
+            self._rest["flags"] &= ~np.uint16(HELD)
+        else:  # from the last break on, and a start-up sweep before it
+            starts = _starts(samples, self._info, self._read)
+            swept = len(starts) > 1 and samples["flags"][starts[-2]] & SWEEP
+            self._rest = samples[starts[-2 if swept else -1]:]
+
+
+def _stretches(samples: np.ndarray, info: Info, um_per_count: float | None, count_0_um: float | None, read: bool,
+               goes_on: bool = False) -> list[tuple[int, Stretch]]:
+    """Stretches and where they start. `read`: there are readings, so that a sample needs one.
+
+    `goes_on`: the first sample is the last of a stretch before; what goes on with it may be of any length.
+    """
+    starts = _starts(samples, info, read)
+    ends = np.r_[starts[1:], len(samples)]
     sweeping = samples["flags"] & SWEEP != 0
-    last_code = 2**info.dac_bits - 1
     held = samples["flags"] & HELD != 0
-    output = samples["dac_code"][np.maximum.accumulate(np.where(held, 0, np.arange(len(samples))))]
-    read = samples["adc_counts"] != NO_READING
-    usable = (samples["dac_code"] <= last_code) & (read if read.any() else True)
+    last_code = 2**info.dac_bits - 1
+    output, usable = _output(samples), _usable(samples, info, read)
     swept = int(np.argmin(sweeping))  # samples of the sweep, if all of them are there
-    if samples["tick"][0] != 1 or sweeping[swept] or not whole[:swept].all():
+    if samples["tick"][0] != 1 or sweeping[swept] or not _whole(samples)[:swept].all():
         swept = 0
     no_sweep = "the start-up sweep was not received whole to its end" if sweeping.any() else ""
-    starts = np.r_[0, np.flatnonzero(~whole | np.diff(sweeping) | ~usable[1:] | ~usable[:-1]) + 1]
-    ends = np.r_[starts[1:], len(samples)]
     wanted = ~sweeping[starts] & usable[starts]
     found = []
     for start, end in zip(starts[wanted].tolist(), ends[wanted].tolist()):
@@ -380,7 +451,7 @@ def _stretches(samples: np.ndarray, info: Info, um_per_count: float | None,
         if held[start]:  # which code it was is not known
             start += int(np.argmin(np.r_[held[start:end], False]))
             reset, why = False, "the DAC did not take the code at the sweep's end" if reset else why
-        if end - start < MIN_SAMPLES:
+        if end - start < (1 if goes_on and start == 0 else MIN_SAMPLES):
             continue
         if reset and abs(int(output[start]) - int(output[swept - 1])) > STILL * last_code:
             reset, why = False, "the drive jumps at the sweep's end"
@@ -391,8 +462,30 @@ def _stretches(samples: np.ndarray, info: Info, um_per_count: float | None,
         columns = _columns(samples[start:end], output[start:end], info, um_per_count, count_0_um)
         if info.numbers != NO_REFERENCE and "reference_um" not in columns:
             metadata["without_reference"] = int((~np.isfinite(references_um(info, samples[start:end]))).sum())
-        found.append(Stretch(columns, metadata, why))
+        found.append((start, Stretch(columns, metadata, why)))
     return found
+
+
+def _starts(samples: np.ndarray, info: Info, read: bool) -> np.ndarray:
+    """Samples that do not go on from the one before, or of which one of the two is of the sweep, or not usable."""
+    sweeping, usable = samples["flags"] & SWEEP != 0, _usable(samples, info, read)
+    return np.r_[0, np.flatnonzero(~_whole(samples) | np.diff(sweeping) | ~usable[1:] | ~usable[:-1]) + 1]
+
+
+def _whole(samples: np.ndarray) -> np.ndarray:
+    """Whether nothing is between a sample and the next."""
+    return _step(samples, "sequence", 1) & (_ticks(samples) == 1)
+
+
+def _usable(samples: np.ndarray, info: Info, read: bool) -> np.ndarray:
+    possible = samples["dac_code"] <= 2**info.dac_bits - 1
+    return possible & (samples["adc_counts"] != NO_READING) if read else possible
+
+
+def _output(samples: np.ndarray) -> np.ndarray:
+    """The codes that the DAC was at: where it held one, that of the last sample which it took."""
+    held = samples["flags"] & HELD != 0
+    return samples["dac_code"][np.maximum.accumulate(np.where(held, 0, np.arange(len(samples))))]
 
 
 def amid(end: float, lowest: float, highest: float) -> bool:

@@ -13,6 +13,7 @@ import click.testing
 import hypothesis
 import numpy as np
 import pytest
+from boards import Board
 
 from rdpi.cli import main
 from rdpi.recording import sample_times
@@ -82,6 +83,14 @@ def refused(rdpi: Callable[..., click.testing.Result], tmp_path: Path) -> Callab
 
     run.output = output
     return run
+
+
+@pytest.fixture
+def board() -> Iterator[Board]:
+    board = Board()
+    yield board
+    if board.line >= 0:
+        board.unplug()
 
 
 def shared(folder: Path) -> Path:
