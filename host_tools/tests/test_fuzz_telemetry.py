@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import streams
 from hypothesis import example, given
@@ -21,8 +22,8 @@ from streams import Sample, frame, samples, stream
 
 from rdpi import telemetry
 from rdpi.errors import BadInput
-from rdpi.recording import read_recording, write_recording
-from rdpi.telemetry import Decoder
+from rdpi.recording import MIN_SAMPLES, read_recording, sample_times, write_recording
+from rdpi.telemetry import Decoder, Following
 
 SAMPLE_LAYOUT, INFO_LAYOUT = "<BHIIIIiH", "<BBBBIBB7d10I"
 
@@ -152,6 +153,36 @@ def whatever_is_written_is_a_recording(path: Path, data: bytes, info: streams.In
         telemetry.notes(decoder, found, found[:1])
 
 
+@given(info=INFOS, runs=st.lists(RUNS, min_size=1, max_size=3), cuts=st.lists(st.integers(0, 5000), max_size=6))
+def what_is_followed_is_what_is_found(info: streams.Info, runs: list[bytes], cuts: list[int]) -> None:
+    """While the stream comes the same stretches as in the end, but for what only the end can tell."""
+    data = b"".join(info.frame() + run for run in runs)
+    decoder = Decoder("board")
+    following, got = Following(decoder), []
+    for start, end in zip([0, *sorted(cuts)], [*sorted(cuts), len(data)]):
+        decoder.feed(data[start:end])
+        for goes_on, part in following.new():
+            if goes_on:
+                assert got[-1].columns.keys() == part.columns.keys()
+                columns = {name: np.r_[got[-1].columns[name], part.columns[name]] for name in part.columns}
+                got[-1] = got[-1]._replace(columns=columns)
+            else:
+                got.append(part)
+    for part in got:
+        assert part.samples >= MIN_SAMPLES
+        assert part.columns["time_s"].tolist() == sample_times(part.samples, info.rate_hz).tolist()
+    late_reading = any(run.samples["adc_counts"][0] == streams.NO_READING and
+                       (run.samples["adc_counts"] != streams.NO_READING).any() for run in decoder.runs if run.pieces)
+    found = telemetry.stretches(decoder)
+    if not late_reading and not any(part.metadata.get("without_reference") for part in found):
+        assert [_contents(part) for part in got] == [_contents(part) for part in found]
+
+
+def _contents(part: telemetry.Stretch) -> tuple:
+    return (part.metadata["first_tick"], part.metadata["memory"],
+            {name: column.tolist() for name, column in part.columns.items()})
+
+
 def test_every_frame_of_any_stream_is_counted(rounds: Iterator[int]) -> None:
     for _ in rounds:
         every_frame_is_counted()
@@ -165,3 +196,8 @@ def test_good_frames_beside_any_others_are_kept(rounds: Iterator[int]) -> None:
 def test_whatever_is_written_of_any_stream_is_a_recording(rounds: Iterator[int], tmp_path: Path) -> None:
     for _ in rounds:
         whatever_is_written_is_a_recording(tmp_path / "run.csv")
+
+
+def test_a_stream_that_is_followed_gives_the_same_stretches(rounds: Iterator[int]) -> None:
+    for _ in rounds:
+        what_is_followed_is_what_is_found()
