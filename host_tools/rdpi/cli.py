@@ -13,13 +13,14 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
 import click
 
 from . import version
+from .__main__ import stopped
 from .errors import BadInput
 
 PROGRESS_DELAY_S = 2.0
@@ -55,7 +56,17 @@ class Number(click.ParamType):
         return number
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+class Program(click.Group):
+    """Ends by Ctrl-C with one line and status 130; click's own is 1, which means a missed gate."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise click.exceptions.Exit(stopped()) from None
+
+
+@click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(version(), prog_name="rdpi")
 def main() -> None:
     """Rate-dependent hysteresis of piezoelectric actuators: record, identify, simulate, compensate.
@@ -83,19 +94,17 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
         def run(json_path: str | None, **options: Any) -> None:
             try:
                 _check_paths(click.get_current_context())
-                result = function(**options)
+                with redirect_stdout(sys.stderr) if json_path == "-" else nullcontext():
+                    result = function(**options)
                 if json_path is not None:
                     from .recording import atomic_write
 
-                    text = json.dumps(result, indent=2, allow_nan=False, default=lambda value: value.tolist())
-                    atomic_write(json_path, text + "\n")
+                    text = json.dumps(result, indent=2, allow_nan=False, default=lambda value: value.tolist()) + "\n"
+                    click.echo(text, nl=False) if json_path == "-" else atomic_write(json_path, text)
                 if result.get("gate_failed"):
                     raise click.exceptions.Exit(1)
             except BadInput as error:
                 _fail(str(error))
-            except KeyboardInterrupt:
-                click.echo("rdpi: stopped", err=True)
-                raise click.exceptions.Exit(128 + signal.SIGINT) from None
             except BrokenPipeError:
                 raise  # `rdpi … | head`: click ends quietly
             except OSError as error:
@@ -103,7 +112,8 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
                 _fail(f"{where}{error.strerror or error}; check the path and permissions")
 
         run.params.append(click.Option(["--json", "json_path"], type=click.Path(dir_okay=False), metavar="FILE",
-                                       help="Also write the result as JSON."))
+                                       help="Also write the result as JSON. -: to standard output, and the rest "
+                                            "to standard error."))
         return run
 
     return decorate
@@ -115,6 +125,10 @@ def _check_paths(context: click.Context) -> None:
     for parameter in context.command.params:
         if isinstance(parameter.type, click.Path) and (value := context.params.get(parameter.name)):
             kind = "out" if parameter.name in ("output", "json_path", "report", "raw") else "in"
+            if value == "-" and parameter.name == "json_path":
+                continue
+            if value == "-" and kind == "out":
+                raise BadInput(f"{parameter.opts[0]} -: standard output is only for --json; name a file")
             names = [value] if isinstance(value, str) else list(value)
             if parameter.name == "report":
                 files = ("gap.json", "index.html") if context.command.name == "gap" else ("fit.json",)

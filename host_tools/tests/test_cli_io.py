@@ -5,15 +5,19 @@ from __future__ import annotations
 import json
 import os
 import pty
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click
+import click.testing
 import pytest
 
 import rdpi.cli
+from rdpi.cli import main
 from rdpi.errors import BadInput
 
 HOST_TOOLS = Path(__file__).resolve().parents[1]
@@ -58,7 +62,6 @@ def test_starts_without_numpy() -> None:
 
 
 def test_every_command_has_help_and_json(rdpi: Callable) -> None:
-    from rdpi.cli import main
     for name, command in main.commands.items():
         result = rdpi(name, "--help")
         assert result.exit_code == 0 and "--json FILE" in result.output
@@ -177,4 +180,69 @@ def test_ctrl_c_is_no_missed_gate(tmp_path: Path, rdpi: Callable, monkeypatch: p
     monkeypatch.setattr("rdpi.excite.make_drive", stopped)
     done = rdpi("excite", "sine", "-o", tmp_path / "drive.csv")
     assert (done.exit_code, done.output) == (130, "rdpi: stopped\n")
+    assert not list(tmp_path.iterdir())
+
+
+LOADED = 0.1, 0.2, 0.3, 0.5, 0.7, 0.9  # of the time that a command takes
+
+
+def test_ctrl_c_while_modules_are_loaded(tmp_path: Path) -> None:
+    """At any time from the program's first line: modules are loaded for longer than small work takes."""
+    code = "import time; print(flush=True); start = time.monotonic(); from rdpi.__main__ import main; main()"
+    (tmp_path / "run.csv").write_text("time_s,command_V,displacement_um\n"
+                                      + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(40)))
+    arguments = [sys.executable, "-c", code, "fit", "run.csv", "-o", "model.json"]
+    begun = time.monotonic()
+    subprocess.run(arguments, env=ENVIRONMENT, cwd=tmp_path, capture_output=True)
+    took_s = time.monotonic() - begun
+    told = []
+    for share in LOADED:
+        child = subprocess.Popen(arguments, env=ENVIRONMENT, cwd=tmp_path, text=True, stdout=subprocess.PIPE,
+                                 stderr=subprocess.PIPE)
+        child.stdout.readline()
+        time.sleep(share * took_s)
+        child.send_signal(signal.SIGINT)
+        told.append((child.communicate()[1], child.returncode))
+    stopped = ("rdpi: stopped\n", 130)
+    assert told[0] == stopped and all(each == stopped or "Traceback" not in each[0] for each in told), told
+
+
+# --- --json - ------------------------------------------------------------------------------------------------------
+
+def test_json_to_standard_output_and_nothing_else(tmp_path: Path) -> None:
+    done = program("excite", "startup", "-o", "drive.csv", "--json", "-", cwd=tmp_path)
+    assert json.loads(done.stdout)["kind"] == "startup" and "drive.csv: startup" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["drive.csv"]
+
+
+def test_json_to_standard_output_of_every_command(scratch: Callable, tmp_path: Path,
+                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a command prints goes elsewhere; a missed gate and bad input keep their status."""
+    monkeypatch.chdir(tmp_path)
+    runner = click.testing.CliRunner(**({"mix_stderr": False} if click.__version__ < "8.2" else {}))
+
+    def missed() -> dict:
+        click.echo("for people")
+        return {"gate_failed": True}
+
+    def bad() -> dict:
+        click.echo("for people")
+        raise BadInput("run.csv: bad")
+
+    for function, code, output in ((missed, 1, '{\n  "gate_failed": true\n}\n'), (bad, 2, "")):
+        scratch(function)
+        result = runner.invoke(main, ["scratch", "--json", "-"])
+        assert (result.exit_code, result.stdout) == (code, output) and "for people" in result.stderr
+        main.commands.pop("scratch")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["excite", "import", "header", "fit", "gap", "compensate", "simulate", "plot",
+                                  "profile", "record"])
+def test_other_outputs_are_files(name: str, rdpi: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    needed = {"excite": ["startup"], "compensate": ["m", "r"], "gap": ["m", "r"], "simulate": ["m", "r"],
+              "plot": ["m", "r"]}
+    result = rdpi(name, *needed.get(name, ["m"]), "-o", "-")
+    assert result.exit_code == 2 and result.output == "rdpi: -o -: standard output is only for --json; name a file\n"
     assert not list(tmp_path.iterdir())
