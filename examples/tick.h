@@ -6,6 +6,10 @@
 #include "rdpi_port.h"
 #include "telemetry.h"
 
+#ifndef TICK_MAX_OVERRUNS
+#define TICK_MAX_OVERRUNS 0 /* go on, however many are lost */
+#endif
+
 #define INFO_EVERY 1000u    /* samples */
 #define END_INFO_EVERY 100u /* after the last: the host waits for one to get through */
 
@@ -19,11 +23,27 @@ static bool advance(uint32_t ticks);
 
 static bool send_info(void);
 
+/* Whether as many ticks were lost, with none in time between them, as the build allows. */
+static bool too_many_lost(uint32_t ticks)
+{
+#if TICK_MAX_OVERRUNS > 0
+    static uint32_t in_a_row;
+    in_a_row = ticks > 1u ? in_a_row + (ticks - 1u) : 0u;
+    return in_a_row >= TICK_MAX_OVERRUNS;
+#else
+    (void)ticks;
+    return false;
+#endif
+}
+
 /* Outputs the next code, and only then sends the sample before: no code is late for telemetry's sake. */
 static void take_sample(uint32_t ticks, int32_t adc_counts)
 {
     rdpi_telemetry_sample_t before = sample;
-    if (!advance(ticks)) {
+    if (too_many_lost(ticks)) {
+        rdpi_port_safe();
+        counts.state = RDPI_TELEMETRY_SAFE;
+    } else if (!advance(ticks)) {
         counts.state = RDPI_TELEMETRY_FINISHED;
     } else if (!rdpi_port_write_dac(sample.dac_code)) {
         sample.flags |= RDPI_TELEMETRY_HELD; /* taken as output all the same; the next brings both together */
@@ -35,7 +55,7 @@ static void take_sample(uint32_t ticks, int32_t adc_counts)
     }
 }
 
-/* The timer interrupt. At the end the last code stays, and the host is told so again and again. */
+/* The timer interrupt. At the end the last code, or the safe one, stays, and the host is told so again and again. */
 static void tick(void)
 {
     uint32_t began = rdpi_port_cycles();
@@ -45,7 +65,7 @@ static void tick(void)
     counts.overruns += ticks - 1u;
     if (!finished) {
         take_sample(ticks, adc_counts);
-        at_end = finished = counts.state == RDPI_TELEMETRY_FINISHED;
+        at_end = finished = counts.state != RDPI_TELEMETRY_RUNNING;
     }
     sample.tick += ticks;
     if (at_end || sample.tick % (finished ? END_INFO_EVERY : INFO_EVERY) < ticks) {
@@ -55,6 +75,25 @@ static void tick(void)
     if (took > counts.longest_tick_cycles) {
         counts.longest_tick_cycles = took;
     }
+}
+
+/* Tells the host, outputs the first code and starts the timer. False, and the safe code is out, where it does not run. */
+static bool start_ticks(uint32_t rate_hz, uint32_t first_code)
+{
+    (void)send_info();
+    if (rdpi_port_watchdog_reset()) {
+        counts.state = RDPI_TELEMETRY_RESET;
+    } else {
+        (void)rdpi_port_write_dac(first_code);
+        counts.state = RDPI_TELEMETRY_RUNNING;
+        if (rdpi_port_start(rate_hz, tick)) {
+            return true;
+        }
+        rdpi_port_safe();
+        counts.state = RDPI_TELEMETRY_REFUSED; /* with status ok: no timer of that rate */
+    }
+    (void)send_info();
+    return false;
 }
 
 #endif

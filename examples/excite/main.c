@@ -40,12 +40,7 @@ static bool advance(uint32_t ticks)
 
 int main(void)
 {
-    (void)send_info();
-    (void)rdpi_port_write_dac(rdpi_profile_codes[0]);
-    counts.state = RDPI_TELEMETRY_RUNNING;
-    if (!rdpi_port_start(RDPI_PROFILE_RATE_HZ, tick)) {
-        counts.state = RDPI_TELEMETRY_REFUSED; /* with status ok: no timer of that rate */
-        (void)send_info();
+    if (!start_ticks(RDPI_PROFILE_RATE_HZ, rdpi_profile_codes[0])) {
         return 1;
     }
     while (!finished) {

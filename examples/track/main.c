@@ -102,27 +102,19 @@ static bool advance(uint32_t ticks)
     return true;
 }
 
-/* Why it does not run, for the host to see; the DAC stays as the board's start-up left it, or at the first code. */
-static int refuse(rdpi_status_t status)
-{
-    counts.state = RDPI_TELEMETRY_REFUSED;
-    counts.status = (int8_t)status;
-    (void)send_info();
-    SAY("track: %s\n", status == RDPI_OK ? "this board has no timer of that rate" : rdpi_status_text(status));
-    return 1;
-}
-
 int main(void)
 {
     rdpi_status_t status = RDPI(init)(&axis, &PARAMS, SAMPLE_TIME);
-    if (status != RDPI_OK) {
-        return refuse(status);
+    if (status != RDPI_OK) { /* the DAC stays at the safe code of the board's start-up */
+        counts.state = RDPI_TELEMETRY_REFUSED;
+        counts.status = (int8_t)status;
+        (void)send_info();
+        SAY("track: %s\n", rdpi_status_text(status));
+        return 1;
     }
-    (void)send_info();
-    (void)rdpi_port_write_dac(axis.dac_code); /* the drive at which the model's memory begins */
-    counts.state = RDPI_TELEMETRY_RUNNING;
-    if (!rdpi_port_start(TRACK_RATE_HZ, tick)) {
-        return refuse(RDPI_OK);
+    if (!start_ticks(TRACK_RATE_HZ, axis.dac_code)) { /* the drive at which the model's memory begins */
+        SAY("track: this board has no timer of that rate\n");
+        return 1;
     }
     while (!finished) {
         rdpi_port_idle();

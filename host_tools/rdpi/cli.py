@@ -313,7 +313,7 @@ def _stretches(decoder: Any, scale: tuple[float | None, float | None]) -> list[A
 
     found = telemetry.stretches(decoder, *scale)
     if not found:
-        if decoder.info is not None and decoder.info.state == telemetry.REFUSED:
+        if decoder.info is not None and decoder.info.state >= telemetry.REFUSED:
             raise BadInput(f"{decoder.where}: {_how_it_ended(decoder)}")
         raise BadInput(f"{decoder.where}: {telemetry.summary(decoder.counts)}: no {telemetry.MIN_SAMPLES} samples "
                        "without a gap after the start-up sweep; record for longer, or see to the line")
@@ -327,7 +327,7 @@ def _how_it_ended(decoder: Any) -> str:
 
     if decoder.runs[-1].finished:
         return "the target had finished"
-    if decoder.info is not None and decoder.info.state == REFUSED:
+    if decoder.info is not None and decoder.info.state >= REFUSED:
         return f"the target refuses to run: {refusal(decoder.info)}"
     return "note: the stream ends before the target had finished"
 
@@ -558,7 +558,7 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
         why = "" if end.good else end.why
         try:
             if not decoder.counts.samples:
-                refuses = decoder.info is not None and decoder.info.state == REFUSED
+                refuses = decoder.info is not None and decoder.info.state >= REFUSED
                 decoder.check()
                 raise BadInput(f"{port}: {end.why}" if refuses else f"{port}: no samples: {end.why}")
             try:

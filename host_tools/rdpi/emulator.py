@@ -140,7 +140,7 @@ def _run(image: Path, board: str, rate_hz: int, samples: int,
     with emulate(image, board, "-serial", f"file:{stream}", "-icount", f"shift={shift},sleep=off") as process, \
             open(stream, "rb") as file:
         heard, frames = time.monotonic(), 0
-        while decoder.info is None or decoder.info.state not in (telemetry.FINISHED, telemetry.REFUSED):
+        while decoder.info is None or decoder.info.state < telemetry.FINISHED:
             data = file.read(1 << 20)
             decoder.feed(data)
             decoder.check()
@@ -161,7 +161,7 @@ def _run(image: Path, board: str, rate_hz: int, samples: int,
 def _steps(decoder: telemetry.Decoder, board: str, rate_hz: int, samples: int) -> Steps:
     info, counts, frames = decoder.info, decoder.counts, decoder.runs[-1].samples
     frames = frames[frames["flags"] & telemetry.SWEEP == 0]
-    if info.state == telemetry.REFUSED:
+    if info.state >= telemetry.REFUSED:
         raise BadInput(f"{board}: the firmware refuses to run: {refusal(info)}")
     if info.overruns or counts.missing or counts.corrupt or info.held_count or len(frames) != samples:
         raise BadInput(f"{board}: the run is not whole: {len(frames)} of {samples} samples, {info.overruns} ticks lost "

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from . import firmware
 from .errors import BadInput
 from .recording import GrowingRecording, sync_folder, write_all
-from .telemetry import FINISHED, REFUSED, Decoder, Following, Info, Stretch
+from .telemetry import FINISHED, REFUSED, RESET, SAFE, Decoder, Following, Info, Stretch
 
 POLL_S = 0.005  # a terminal buffers 4096 bytes: 14 ms at 3 Mbaud
 REPORT_S = 0.2
@@ -241,7 +241,7 @@ def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: floa
             if now - idle > timeout_s:
                 return End(f"no sample for {timeout_s:g} s, though the target says that it runs; is it reset again and "
                            "again?", False)
-        if info is not None and info.state == REFUSED:
+        if info is not None and info.state >= REFUSED:
             return End(f"the target refuses to run: {refusal(info)}", False)
         if run.finished:
             return End("the target has finished", True)
@@ -268,7 +268,11 @@ def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: floa
 
 
 def refusal(info: Info) -> str:
-    """Why a target does not run, in words."""
+    """Why a target does not run, or no longer, in words."""
+    if info.state == SAFE:
+        return f"too many ticks lost in a row, {info.overruns} in all; its safe code is out"
+    if info.state == RESET:
+        return "its watchdog has reset it; its safe code is out"
     if info.status == 0:
         return f"the board has no timer for {info.rate_hz} samples per second"
     return f"{firmware.status_text(info.status)} (status {info.status})"

@@ -25,7 +25,7 @@ from .recording import MIN_SAMPLES, sample_times
 
 VERSION = 1
 SAMPLE, INFO = 1, 2  # frame types
-STARTING, RUNNING, FINISHED, REFUSED = range(4)  # rdpi_telemetry_state_t
+STARTING, RUNNING, FINISHED, REFUSED, SAFE, RESET = range(6)  # rdpi_telemetry_state_t; from REFUSED on: no sample more
 NO_REFERENCE, FLOAT, INT32 = range(3)  # rdpi_telemetry_number_t
 SWEEP, HELD = 0x100, 0x200  # among the flags: start-up sweep; the DAC held the code before
 NO_READING = NO_VALUE = np.int32(-(2**31))  # of the sensor; in place of an int32 reference
@@ -83,7 +83,7 @@ class Info(NamedTuple):
 
     def fault(self) -> str:
         """What makes it unusable, or nothing."""
-        if self.numbers > INT32 or self.state > REFUSED:
+        if self.numbers > INT32 or self.state > RESET:
             return f"an info of numbers {self.numbers} and state {self.state}{UNKNOWN}"
         if not 1 <= self.rate_hz <= 10**8:
             return f"the firmware says {self.rate_hz} samples per second; check rate_hz, with which it was built"

@@ -2,12 +2,14 @@
  * Of the linker script: where the stack ends and what has to be copied and cleared. */
 #include <stdint.h>
 
+#include "../include/rdpi_port.h" /* by its place: not every port's folder of headers is known here */
 #include "cortex_m.h"
 
 extern uint32_t stack_end[], data_begin[], data_end[], data_image[], bss_begin[], bss_end[];
 
 int main(void);
 void reset(void);
+void stay_safe(void);
 void SystemInit(void);
 
 /* Clocks, before variables have values; a port's function of this name takes the place of this one. */
@@ -30,17 +32,24 @@ void reset(void)
         *to++ = 0;
     }
     (void)main();
-    for (;;) { /* interrupts go on: the timer, what is still to be sent. Awake: see rdpi_port_idle in port/qemu_mps2 */
+    for (;;) { /* interrupts go on: the timer, what is still to be sent */
+        rdpi_port_idle();
     }
 }
 
-/* A fault, or an exception that nothing here raises: no interrupt runs any more, the DAC holds its code. */
-static void stop(void)
+__attribute__((used)) void stay_safe(void)
 {
-    __asm__ volatile("cpsid i" ::: "memory");
+    rdpi_port_safe();
     for (;;) {
         cortex_m_sleep();
     }
+}
+
+/* A fault, or an exception that nothing here raises: no interrupt runs any more, and the DAC gets its safe code. The stack
+ * begins anew: to have left its memory may have been the fault, and a second one in here would lock the processor up. */
+__attribute__((naked)) static void stop(void)
+{
+    __asm__ volatile("cpsid i\n\tldr r0, =stack_end\n\tmov sp, r0\n\tldr r0, =stay_safe\n\tbx r0");
 }
 
 /* The interrupts' come behind these, from the port. */

@@ -12,13 +12,24 @@
 #define CONTROL_REFERENCE_OFF (1u << 12)
 #define CONTROL_GAIN_2 (1u << 11)
 
-static void send(rdpi_ad5683r_t *self, uint32_t command, uint32_t data)
+static void put(uint8_t *frame, uint32_t command, uint32_t data)
 {
     uint32_t word = command << 20 | data << 4;
-    self->bytes[0] = (uint8_t)(word >> 16);
-    self->bytes[1] = (uint8_t)(word >> 8 & 0xFFu);
-    self->bytes[2] = (uint8_t)(word & 0xFFu);
+    frame[0] = (uint8_t)(word >> 16);
+    frame[1] = (uint8_t)(word >> 8 & 0xFFu);
+    frame[2] = (uint8_t)(word & 0xFFu);
+}
+
+static void send(rdpi_ad5683r_t *self, uint32_t command, uint32_t data)
+{
+    put(self->bytes, command, data);
     rdpi_spi_write(self->bytes, 1);
+}
+
+/* The control register without reset, in the place of the code. */
+static uint32_t control(const rdpi_ad5683r_config_t *config)
+{
+    return (config->external_reference ? CONTROL_REFERENCE_OFF : 0u) | (config->gain_2 ? CONTROL_GAIN_2 : 0u);
 }
 
 static void count(uint32_t *counter)
@@ -52,8 +63,7 @@ bool rdpi_ad5683r_start(rdpi_ad5683r_t *self)
         send(self, WRITE_CONTROL, CONTROL_RESET);
         break;
     case 1:
-        send(self, WRITE_CONTROL, (self->config.external_reference ? CONTROL_REFERENCE_OFF : 0u) |
-                                      (self->config.gain_2 ? CONTROL_GAIN_2 : 0u));
+        send(self, WRITE_CONTROL, control(&self->config));
         break;
     default:
         self->ready = true;
@@ -75,4 +85,10 @@ bool rdpi_ad5683r_write(rdpi_ad5683r_t *self, uint32_t code)
     }
     send(self, self->config.ldac_driven ? WRITE_INPUT : WRITE_INPUT_AND_DAC, code);
     return true;
+}
+
+void rdpi_ad5683r_safe_frames(const rdpi_ad5683r_config_t *config, uint32_t code, uint8_t *bytes)
+{
+    put(bytes, WRITE_CONTROL, control(config));
+    put(bytes + RDPI_SPI_FRAME_BYTES, WRITE_INPUT_AND_DAC, code & RDPI_AD5683R_MAX_CODE);
 }

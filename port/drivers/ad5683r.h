@@ -92,6 +92,14 @@ bool rdpi_ad5683r_start(rdpi_ad5683r_t *self);
  * such a code is no drive that anybody computed. Both at once counts as busy. From the tick; time is bounded. */
 bool rdpi_ad5683r_write(rdpi_ad5683r_t *self, uint32_t code);
 
+/* Bytes that rdpi_ad5683r_safe_frames writes. */
+#define RDPI_AD5683R_SAFE_BYTES 6
+
+/* Two frames that bring the output to a code whatever the DAC got before, LDAC or not: control register, then code. For
+ * rdpi_port_safe, which sends them itself, because after a fault neither an rdpi_ad5683r_t nor an interrupt can be
+ * trusted; nothing is sent here. Any context. */
+void rdpi_ad5683r_safe_frames(const rdpi_ad5683r_config_t *config, uint32_t code, uint8_t *bytes);
+
 #ifdef __cplusplus
 }
 #endif

@@ -118,3 +118,9 @@ bool rdpi_dac8562_write_channel(rdpi_dac8562_t *self, rdpi_dac8562_channel_t cha
     rdpi_spi_write(self->bytes, 1);
     return true;
 }
+
+void rdpi_dac8562_safe_frames(uint32_t code_a, uint32_t code_b, uint8_t *bytes)
+{
+    put(bytes, WRITE_INPUT, code_a & RDPI_DAC8562_MAX_CODE);
+    put(bytes + RDPI_SPI_FRAME_BYTES, WRITE_INPUT_UPDATE_BOTH + CHANNEL_B, code_b & RDPI_DAC8562_MAX_CODE);
+}

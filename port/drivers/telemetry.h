@@ -55,7 +55,9 @@ typedef enum {
     RDPI_TELEMETRY_STARTING = 0, /* before the first tick */
     RDPI_TELEMETRY_RUNNING = 1,
     RDPI_TELEMETRY_FINISHED = 2, /* the reference is at its end; no sample follows */
-    RDPI_TELEMETRY_REFUSED = 3   /* the parameters, see the status, or with RDPI_OK the rate; no sample follows */
+    RDPI_TELEMETRY_REFUSED = 3,  /* the parameters, see the status, or with RDPI_OK the rate; no sample follows */
+    RDPI_TELEMETRY_SAFE = 4,     /* too many ticks were lost in a row: the safe code is out; no sample follows */
+    RDPI_TELEMETRY_RESET = 5     /* the watchdog has reset the board: the safe code is out; no sample follows */
 } rdpi_telemetry_state_t;
 
 /* What `reference` and `rate` of a sample are. */

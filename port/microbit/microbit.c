@@ -1,8 +1,9 @@
 /* The port contract on a BBC micro:bit of the first generation (nRF51822): TIMER0 counts the 16 MHz that core and timer
  * share, and calls the tick where it compares; UART0 sends telemetry, 1 MBd at the USB interface's pin.
  *
- * The board has no DAC, and this port reads no sensor: a code is kept. A function of the same name in the application
- * takes the place of rdpi_port_write_dac, for instance for one of port/drivers on the SPI, or of rdpi_port_read_adc.
+ * The board has no DAC, and this port reads no sensor: a code is kept. Functions of the same names in the application
+ * take the place of rdpi_port_write_dac and rdpi_port_safe, for instance for one of port/drivers on the SPI, or of
+ * rdpi_port_read_adc.
  *
  * Registers: nRF51 Series Reference Manual 3.0, CLOCK, GPIO, TIMER and UART; an interrupt has the number of its
  * peripheral. The manual was not at hand: confirmed in Nordic's nrf51.h and nrf51_bitfields.h as others quote them and
@@ -50,6 +51,10 @@
 #define UART0_IRQ 2u
 #define TIMER0_IRQ 8u
 
+#if RDPI_SAFE_CODE > LAST_CODE
+#error "RDPI_SAFE_CODE: 1048575 at most"
+#endif
+
 void SystemInit(void);
 
 static rdpi_port_tick_t on_tick;
@@ -57,7 +62,7 @@ static uint32_t period;            /* cycles between ticks */
 static uint32_t due;               /* cycle of the last tick accounted for */
 static volatile uint32_t called;   /* ticks; this and the next are written by the interrupt, read anywhere */
 static volatile uint32_t overruns;
-static volatile uint32_t dac_code; /* for a debugger */
+static volatile uint32_t dac_code = RDPI_SAFE_CODE; /* for a debugger */
 static ring_t telemetry;
 static bool sending; /* a byte is in the UART */
 
@@ -174,6 +179,16 @@ __attribute__((weak)) bool rdpi_port_write_dac(uint32_t code)
     }
     dac_code = code;
     return true;
+}
+
+__attribute__((weak)) void rdpi_port_safe(void)
+{
+    dac_code = RDPI_SAFE_CODE;
+}
+
+bool rdpi_port_watchdog_reset(void)
+{
+    return false;
 }
 
 __attribute__((weak)) int32_t rdpi_port_read_adc(void)

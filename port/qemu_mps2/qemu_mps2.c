@@ -51,6 +51,10 @@ typedef struct {
 #define UART1_RX_IRQ 2u
 #define TIMER0_IRQ 8u
 
+#if RDPI_SAFE_CODE > LAST_CODE
+#error "RDPI_SAFE_CODE: 1048575 at most"
+#endif
+
 void SystemInit(void);
 
 static rdpi_port_tick_t on_tick;
@@ -58,7 +62,7 @@ static uint32_t period;            /* cycles between ticks */
 static uint32_t due;               /* cycle of the last tick accounted for */
 static volatile uint32_t called;   /* ticks; this and the next are written by the interrupt, read anywhere */
 static volatile uint32_t overruns;
-static volatile uint32_t dac_code; /* for the bench, or a debugger */
+static volatile uint32_t dac_code = RDPI_SAFE_CODE; /* for the bench, or a debugger */
 static ring_t telemetry;
 
 /* Before main, and before variables have values: uses none. */
@@ -223,6 +227,16 @@ bool rdpi_port_write_dac(uint32_t code)
     }
     dac_code = code;
     return true;
+}
+
+void rdpi_port_safe(void)
+{
+    dac_code = RDPI_SAFE_CODE;
+}
+
+bool rdpi_port_watchdog_reset(void)
+{
+    return false;
 }
 
 int32_t rdpi_port_read_adc(void)

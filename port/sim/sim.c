@@ -253,6 +253,16 @@ bool rdpi_port_write_dac(uint32_t code)
     return true;
 }
 
+void rdpi_port_safe(void)
+{
+    dac.code = RDPI_SAFE_CODE;
+}
+
+bool rdpi_port_watchdog_reset(void)
+{
+    return false;
+}
+
 uint32_t rdpi_port_overruns(void)
 {
     return 0; /* the loop waits for the tick */

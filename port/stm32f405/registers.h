@@ -11,6 +11,7 @@
  *     RCC_CFGR         SW 1:0, SWS 3:2, HPRE 7:4, PPRE1 12:10, PPRE2 15:13          [3] [5]
  *     RCC enable and   GPIOA 0; TIM2 0, PWR 28; USART1 4, ADC1 8, SPI1 12           [3]
  *     reset registers
+ *     RCC_CSR          at 0x74; RMVF 24, IWDGRSTF 29                                [1]; bits [5]
  *     FLASH_ACR        LATENCY 2:0, PRFTEN 8, ICEN 9, DCEN 10                       ICEN, DCEN [3]; all [6]
  *                      five wait states for 168 MHz                                 [6]
  *     PWR_CR           VOS 14: full speed, as after reset                           [5]
@@ -46,7 +47,8 @@ typedef struct {
 } flash_t;
 
 typedef struct {
-    uint32_t cr, pllcfgr, cfgr, unused_0c[5], apb1rstr, apb2rstr, unused_28[2], ahb1enr, unused_34[3], apb1enr, apb2enr;
+    uint32_t cr, pllcfgr, cfgr, unused_0c[5], apb1rstr, apb2rstr, unused_28[2], ahb1enr, unused_34[3], apb1enr, apb2enr,
+        unused_48[11], csr;
 } rcc_t;
 
 typedef struct {
@@ -78,6 +80,10 @@ typedef struct {
 } adc_common_t;
 
 typedef struct {
+    uint32_t kr, pr, rlr, sr;
+} iwdg_t;
+
+typedef struct {
     uint32_t ctrl, cyccnt;
 } dwt_t;
 
@@ -92,6 +98,7 @@ AT(rcc_t, apb1rstr, 0x20);
 AT(rcc_t, ahb1enr, 0x30);
 AT(rcc_t, apb1enr, 0x40);
 AT(rcc_t, apb2enr, 0x44);
+AT(rcc_t, csr, 0x74);
 AT(tim_t, dier, 0x0C);
 AT(tim_t, sr, 0x10);
 AT(tim_t, arr, 0x2C);
@@ -105,10 +112,12 @@ AT(usart_t, cr1, 0x0C);
 AT(adc_t, cr2, 0x08);
 AT(adc_t, smpr2, 0x10);
 AT(adc_t, dr, 0x4C);
+AT(iwdg_t, sr, 0x0C);
 AT(dwt_t, cyccnt, 0x04);
 #undef AT
 
 #define TIM2_BASE 0x40000000u
+#define IWDG_BASE 0x40003000u
 #define PWR_BASE 0x40007000u
 #define USART1_BASE 0x40011000u
 #define ADC1_BASE 0x40012000u
@@ -152,6 +161,9 @@ AT(dwt_t, cyccnt, 0x04);
 #define RCC_APB2_USART1 (1u << 4)
 #define RCC_APB2_ADC1 (1u << 8)
 #define RCC_APB2_SPI1 (1u << 12)
+
+#define RCC_CSR_RMVF (1u << 24)
+#define RCC_CSR_IWDGRSTF (1u << 29)
 
 #define PWR_CR_VOS (1u << 14)
 
@@ -210,6 +222,7 @@ static struct {
     usart_t usart1;
     adc_t adc1;
     adc_common_t adc_common;
+    iwdg_t iwdg;
     dwt_t dwt;
     demcr_t demcr;
 } fake;
@@ -222,6 +235,7 @@ static struct {
 #define USART1 (&fake.usart1)
 #define ADC1 (&fake.adc1)
 #define ADC_COMMON (&fake.adc_common)
+#define IWDG (&fake.iwdg)
 #define DWT (&fake.dwt)
 #define DEMCR (&fake.demcr)
 
@@ -246,6 +260,7 @@ static void cortex_m_sleep(void);
 #define USART1 ((usart_t *)USART1_BASE)
 #define ADC1 ((adc_t *)ADC1_BASE)
 #define ADC_COMMON ((adc_common_t *)ADC_COMMON_BASE)
+#define IWDG ((iwdg_t *)IWDG_BASE)
 #define DWT ((dwt_t *)DWT_BASE)
 #define DEMCR ((demcr_t *)DEMCR_BASE)
 

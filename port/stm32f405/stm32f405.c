@@ -10,6 +10,8 @@
 #include "../include/rdpi_spi.h"
 #include "registers.h"
 
+#include "../stm32/watchdog.h" /* with those registers */
+
 #ifndef RDPI_HSE_HZ
 #define RDPI_HSE_HZ 8000000 /* the crystal */
 #endif
@@ -26,6 +28,10 @@
 #if BAUD_DIVIDER < 16 || BAUD_DIVIDER > 65535 || \
     BAUD_DIVIDER * RDPI_BAUD > APB2_HZ / 100 * 102 || BAUD_DIVIDER * RDPI_BAUD < APB2_HZ / 100 * 98
 #error "RDPI_BAUD: not to be made of 84 MHz by a divider of 16 to 65535 within 2 %"
+#endif
+
+#if RDPI_SAFE_CODE > RDPI_AD5683R_MAX_CODE
+#error "RDPI_SAFE_CODE: 65535 at most, the DAC has 16 bits"
 #endif
 
 #define LAST_RATE_HZ 100000u /* a frame takes 4 us; the divider is then exact to 0.06 % */
@@ -121,31 +127,43 @@ static bool clock_start(void)
     return reached(&RCC->cfgr, RCC_CFGR_SWS, RCC_CFGR_SWS_PLL);
 }
 
-/* Peripherals as after reset, whatever a boot loader did with them. */
-static void peripherals_start(void)
+/* SPI and its pins, whatever was done with them. SYNC goes high first: of a frame that was being sent the DAC discards what
+ * it has. */
+static void spi_start(void)
 {
-    const uint32_t apb2 = RCC_APB2_USART1 | RCC_APB2_ADC1 | RCC_APB2_SPI1;
-    change(&RCC->apb1rstr, 0, RCC_APB1_TIM2);
-    change(&RCC->apb1rstr, RCC_APB1_TIM2, 0);
-    change(&RCC->apb2rstr, 0, apb2);
-    change(&RCC->apb2rstr, apb2, 0);
     change(&RCC->ahb1enr, 0, RCC_AHB1_GPIOA);
-    change(&RCC->apb1enr, 0, RCC_APB1_TIM2);
-    change(&RCC->apb2enr, 0, apb2);
-    (void)reg_read(&RCC->apb2enr);
-
+    change(&RCC->apb2enr, 0, RCC_APB2_SPI1);
+    (void)reg_read(&RCC->apb2enr); /* the clocks are on two cycles after the write */
     reg_write(&GPIOA->bsrr, GPIO_HIGH(SYNC_PIN));
     change(&GPIOA->afr[0], GPIO_4(5u, 15u) | GPIO_4(7u, 15u), GPIO_4(5u, 5u) | GPIO_4(7u, 5u));
-    change(&GPIOA->afr[1], GPIO_4(9u, 15u), GPIO_4(9u, 7u));
-    change(&GPIOA->ospeedr, GPIO_2(SYNC_PIN, 3u) | GPIO_2(5u, 3u) | GPIO_2(7u, 3u) | GPIO_2(9u, 3u),
-           GPIO_2(SYNC_PIN, GPIO_FAST) | GPIO_2(5u, GPIO_FAST) | GPIO_2(7u, GPIO_FAST) | GPIO_2(9u, GPIO_FAST));
-    change(&GPIOA->moder, GPIO_2(0u, 3u) | GPIO_2(SYNC_PIN, 3u) | GPIO_2(5u, 3u) | GPIO_2(7u, 3u) | GPIO_2(9u, 3u),
-           GPIO_2(0u, GPIO_ANALOG) | GPIO_2(SYNC_PIN, GPIO_OUTPUT) | GPIO_2(5u, GPIO_ALTERNATE) |
-               GPIO_2(7u, GPIO_ALTERNATE) | GPIO_2(9u, GPIO_ALTERNATE));
+    change(&GPIOA->ospeedr, GPIO_2(SYNC_PIN, 3u) | GPIO_2(5u, 3u) | GPIO_2(7u, 3u),
+           GPIO_2(SYNC_PIN, GPIO_FAST) | GPIO_2(5u, GPIO_FAST) | GPIO_2(7u, GPIO_FAST));
+    change(&GPIOA->moder, GPIO_2(SYNC_PIN, 3u) | GPIO_2(5u, 3u) | GPIO_2(7u, 3u),
+           GPIO_2(SYNC_PIN, GPIO_OUTPUT) | GPIO_2(5u, GPIO_ALTERNATE) | GPIO_2(7u, GPIO_ALTERNATE));
+    change(&RCC->apb2rstr, 0, RCC_APB2_SPI1);
+    change(&RCC->apb2rstr, RCC_APB2_SPI1, 0);
 
     /* Mode 1, 10.5 MHz; chip select is the port's. */
     reg_write(&SPI1->cr1, SPI_CR1_CPHA | SPI_CR1_MSTR | SPI_CR1_BR_8 | SPI_CR1_SSI | SPI_CR1_SSM);
     change(&SPI1->cr1, 0, SPI_CR1_SPE);
+    pause_ns(80);
+}
+
+/* Peripherals as after reset, whatever a boot loader did with them. */
+static void peripherals_start(void)
+{
+    const uint32_t apb2 = RCC_APB2_USART1 | RCC_APB2_ADC1;
+    change(&RCC->apb1rstr, 0, RCC_APB1_TIM2);
+    change(&RCC->apb1rstr, RCC_APB1_TIM2, 0);
+    change(&RCC->apb2rstr, 0, apb2);
+    change(&RCC->apb2rstr, apb2, 0);
+    change(&RCC->apb1enr, 0, RCC_APB1_TIM2);
+    change(&RCC->apb2enr, 0, apb2);
+    (void)reg_read(&RCC->apb2enr);
+
+    change(&GPIOA->afr[1], GPIO_4(9u, 15u), GPIO_4(9u, 7u));
+    change(&GPIOA->ospeedr, GPIO_2(9u, 3u), GPIO_2(9u, GPIO_FAST));
+    change(&GPIOA->moder, GPIO_2(0u, 3u) | GPIO_2(9u, 3u), GPIO_2(0u, GPIO_ANALOG) | GPIO_2(9u, GPIO_ALTERNATE));
 
     reg_write(&USART1->brr, BAUD_DIVIDER);
     reg_write(&USART1->cr1, USART_CR1_UE | USART_CR1_TE);
@@ -168,6 +186,7 @@ static void adc_start(void)
 /* Before main, and before variables have values: uses none. */
 void SystemInit(void)
 {
+    rdpi_port_safe();
     (void)clock_start(); /* rdpi_port_start looks at what came of it */
     peripherals_start();
     if (clock_is_modelled()) {
@@ -175,6 +194,27 @@ void SystemInit(void)
     }
     change(&DEMCR->demcr, 0, DEMCR_TRCENA);
     change(&DWT->ctrl, 0, DWT_CTRL_CYCCNTENA);
+}
+
+/* By polling. A bus that does not answer costs 10 ms a byte. */
+void rdpi_port_safe(void)
+{
+    uint8_t bytes[RDPI_AD5683R_SAFE_BYTES];
+    rdpi_ad5683r_safe_frames(&wiring, RDPI_SAFE_CODE, bytes);
+    spi_start();
+    for (unsigned k = 0; k < sizeof bytes; k++) {
+        if (k % RDPI_SPI_FRAME_BYTES == 0u) {
+            reg_write(&GPIOA->bsrr, GPIO_LOW(SYNC_PIN));
+        }
+        reg_write(&SPI1->dr, bytes[k]);
+        (void)reached(&SPI1->sr, SPI_SR_RXNE, SPI_SR_RXNE);
+        (void)reg_read(&SPI1->dr);
+        if (k % RDPI_SPI_FRAME_BYTES == RDPI_SPI_FRAME_BYTES - 1u) {
+            reg_write(&GPIOA->bsrr, GPIO_HIGH(SYNC_PIN));
+            pause_ns(80);
+        }
+    }
+    spi_left = 0; /* of the frame that was given up */
 }
 
 /* For every byte that is out: the next, or the end of the frame. */
@@ -262,6 +302,7 @@ static void tick_interrupt(void)
     lose(now - served - 1u);
     served = now;
     on_tick();
+    watchdog_feed();
     now = updates;
     lose(now - served);
     served = now;
@@ -270,7 +311,8 @@ static void tick_interrupt(void)
 bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
 {
     if (tick == NULL || rate_hz == 0u || rate_hz > LAST_RATE_HZ ||
-        (clock_is_modelled() && (reg_read(&RCC->cfgr) & RCC_CFGR_SWS) != RCC_CFGR_SWS_PLL) || !dac_start()) {
+        (clock_is_modelled() && (reg_read(&RCC->cfgr) & RCC_CFGR_SWS) != RCC_CFGR_SWS_PLL) || !dac_start() ||
+        !watchdog_start(rate_hz)) {
         return false;
     }
     on_tick = tick;
@@ -320,6 +362,7 @@ bool rdpi_port_send(const uint8_t *bytes, size_t count)
 
 void rdpi_port_idle(void)
 {
+    main_came_by = true;
     cortex_m_sleep();
 }
 

@@ -18,6 +18,7 @@
  *                      16 MHz / 4 * 85 / 2 = 170 MHz                              [3] [6]
  *     RCC_AHB2ENR      GPIOAEN 0, ADC12EN 13, DAC1EN 16                           [1] [3]; ADC12EN [13]
  *     RCC_APB1ENR1     TIM2EN 0, TIM6EN 4, USART2EN 17, PWREN 28                  [3] [4]; USART2EN [13]
+ *     RCC_CSR          at 0x94; RMVF 23, IWDGRSTF 29                              [2]; bits [15]
  *     RCC_AHB2RSTR     at 0x2C, APB1RSTR1 at 0x38, bits as in the enable registers [14]
  *     PWR_CR5          R1MODE 8, 0 = boost, for more than 150 MHz (table 38)      [3] [7]; [1] [6]
  *     order            AHB / 2, R1MODE, wait states, switch, 1 us, AHB / 1        [1] [8]
@@ -50,7 +51,8 @@
  * [10] programs for STM32L4, F3 and G4 with this converter, with sections of their manuals as comments;
  * [12] ST, DS12288 Rev 6, features: two 32-bit timers, buffered DAC channels 1 MSPS;
  * [13] ST's headers of chips with the same ADC, USART and RCC, as they turn up in public projects;
- * [14] from memory of RM0440 and DS12288: to be checked against them.
+ * [14] from memory of RM0440 and DS12288: to be checked against them;
+ * [15] NuttX, arch/arm/src/stm32/hardware/stm32g4xxxx_rcc.h.
  *
  * Prefetch (FLASH_ACR 8) stays off as after reset; the caches are on then. Nothing was run on silicon here. */
 #ifndef RDPI_STM32G474_REGISTERS_H
@@ -65,7 +67,7 @@ typedef struct {
 
 typedef struct {
     uint32_t cr, icscr, cfgr, pllcfgr, unused_10[7], ahb2rstr, unused_30[2], apb1rstr1, unused_3c[4], ahb2enr,
-        unused_50[2], apb1enr1;
+        unused_50[2], apb1enr1, unused_5c[14], csr;
 } rcc_t;
 
 typedef struct {
@@ -89,6 +91,10 @@ typedef struct {
 } adc_t;
 
 typedef struct {
+    uint32_t kr, pr, rlr, sr;
+} iwdg_t;
+
+typedef struct {
     uint32_t ccr;
 } adc_common_t;
 
@@ -106,6 +112,7 @@ AT(rcc_t, ahb2rstr, 0x2C);
 AT(rcc_t, apb1rstr1, 0x38);
 AT(rcc_t, ahb2enr, 0x4C);
 AT(rcc_t, apb1enr1, 0x58);
+AT(rcc_t, csr, 0x94);
 AT(pwr_t, cr5, 0x80);
 AT(tim_t, cr1, 0x00);
 AT(tim_t, dier, 0x0C);
@@ -129,10 +136,12 @@ AT(adc_t, dr, 0x40);
 AT(usart_t, brr, 0x0C);
 AT(usart_t, isr, 0x1C);
 AT(usart_t, tdr, 0x28);
+AT(iwdg_t, sr, 0x0C);
 #undef AT
 
 #define TIM2_BASE 0x40000000u
 #define TIM6_BASE 0x40001000u
+#define IWDG_BASE 0x40003000u
 #define USART2_BASE 0x40004400u
 #define PWR_BASE 0x40007000u
 #define RCC_BASE 0x40021000u
@@ -171,6 +180,9 @@ AT(usart_t, tdr, 0x28);
 #define RCC_APB1_TIM6 (1u << 4)
 #define RCC_APB1_USART2 (1u << 17)
 #define RCC_APB1_PWR (1u << 28)
+
+#define RCC_CSR_RMVF (1u << 23)
+#define RCC_CSR_IWDGRSTF (1u << 29)
 
 #define PWR_CR5_R1MODE (1u << 8)
 
@@ -228,6 +240,7 @@ static struct {
     adc_t adc1;
     adc_common_t adc_common;
     usart_t usart2;
+    iwdg_t iwdg;
 } fake;
 #define FLASH (&fake.flash)
 #define RCC (&fake.rcc)
@@ -239,6 +252,7 @@ static struct {
 #define ADC1 (&fake.adc1)
 #define ADC_COMMON (&fake.adc_common)
 #define USART2 (&fake.usart2)
+#define IWDG (&fake.iwdg)
 
 typedef void (*cortex_m_handler_t)(void);
 #define CORTEX_M_VECTORS static const cortex_m_handler_t device_vectors
@@ -262,6 +276,7 @@ static void cortex_m_sleep(void);
 #define ADC1 ((adc_t *)ADC1_BASE)
 #define ADC_COMMON ((adc_common_t *)ADC_COMMON_BASE)
 #define USART2 ((usart_t *)USART2_BASE)
+#define IWDG ((iwdg_t *)IWDG_BASE)
 
 static inline uint32_t reg_read(const uint32_t *reg)
 {

@@ -5,6 +5,8 @@
 #include "../include/rdpi_port.h"
 #include "registers.h"
 
+#include "../stm32/watchdog.h" /* with those registers */
+
 #ifndef RDPI_BAUD
 #define RDPI_BAUD 3000000
 #endif
@@ -21,6 +23,10 @@
 #define PRIORITY_TICK 0x00u
 #define PRIORITY_USART 0xC0u
 #define PATIENCE 100000u /* reads until a bit is given up, some 10 ms: what is waited for takes less than 0.1 ms */
+
+#if RDPI_SAFE_CODE > LAST_CODE
+#error "RDPI_SAFE_CODE: 4095 at most, the DAC has 12 bits"
+#endif
 
 void SystemInit(void);
 
@@ -109,18 +115,20 @@ static void peripherals_start(void)
     change(&RCC->ahb2rstr, RCC_AHB2_ADC12, 0);
     change(&RCC->apb1rstr1, 0, RCC_APB1_USART2);
     change(&RCC->apb1rstr1, RCC_APB1_USART2, 0);
-    change(&RCC->ahb2enr, 0, RCC_AHB2_GPIOA | RCC_AHB2_ADC12 | RCC_AHB2_DAC1);
+    change(&RCC->ahb2enr, 0, RCC_AHB2_ADC12);
     change(&RCC->apb1enr1, 0, RCC_APB1_TIM2 | RCC_APB1_TIM6 | RCC_APB1_USART2);
     (void)reg_read(&RCC->apb1enr1);
 }
 
-/* Code 0 from here on until main writes one. */
+/* The safe code from here on until main writes one. */
 static void dac_start(void)
 {
+    change(&RCC->ahb2enr, 0, RCC_AHB2_GPIOA | RCC_AHB2_DAC1);
+    (void)reg_read(&RCC->ahb2enr); /* the clock is on two cycles after the write */
     change(&GPIOA->moder, 0, GPIO_MODER_4_ANALOG);
     change(&DAC1->cr, DAC_CR_EN1 | DAC_CR_TEN1, 0);
     change(&DAC1->mcr, DAC_MCR_HFSEL | DAC_MCR_MODE1, DAC_MCR_HFSEL_160_MHZ);
-    reg_write(&DAC1->dhr12r1, 0);
+    reg_write(&DAC1->dhr12r1, RDPI_SAFE_CODE);
     change(&DAC1->cr, 0, DAC_CR_EN1);
     (void)reached(&DAC1->sr, DAC_SR_DAC1RDY, DAC_SR_DAC1RDY); /* a code written earlier would only come out later */
 }
@@ -163,9 +171,9 @@ static void usart_start(void)
 /* Before main, and before variables have values: uses none. */
 void SystemInit(void)
 {
+    dac_start();
     (void)clock_start(); /* rdpi_port_start looks at what came of it */
     peripherals_start();
-    dac_start();
     adc_start();
     usart_start();
 }
@@ -196,6 +204,7 @@ static void tim6_interrupt(void)
     }
     lose(ticks - 1u); /* entered late, more than a period */
     on_tick();
+    watchdog_feed();
     if ((reg_read(&TIM6->sr) & TIM_SR_UIF) != 0u) {
         reg_write(&TIM6->sr, 0);
         lose(ticks_due());
@@ -212,7 +221,7 @@ bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
     uint32_t steps_hz = rate_hz * prescaler; /* below 2 MHz */
     uint32_t counts = (CORE_HZ + steps_hz / 2u) / steps_hz;
     uint32_t made_hz = steps_hz * counts; /* the core's frequency at which the rate would be exact */
-    if ((made_hz > CORE_HZ ? made_hz - CORE_HZ : CORE_HZ - made_hz) > CORE_HZ / 1000u) {
+    if ((made_hz > CORE_HZ ? made_hz - CORE_HZ : CORE_HZ - made_hz) > CORE_HZ / 1000u || !watchdog_start(rate_hz)) {
         return false;
     }
 
@@ -243,6 +252,16 @@ bool rdpi_port_write_dac(uint32_t code)
     }
     reg_write(&DAC1->dhr12r1, code);
     return true;
+}
+
+/* The DAC is on from start-up; should it be off after all, as before. */
+void rdpi_port_safe(void)
+{
+    if ((reg_read(&DAC1->cr) & (DAC_CR_EN1 | DAC_CR_TEN1)) == DAC_CR_EN1) {
+        reg_write(&DAC1->dhr12r1, RDPI_SAFE_CODE);
+    } else {
+        dac_start();
+    }
 }
 
 /* None if the converter could not be started. */
@@ -280,6 +299,7 @@ bool rdpi_port_send(const uint8_t *bytes, size_t count)
 
 void rdpi_port_idle(void)
 {
+    main_came_by = true;
     cortex_m_sleep();
 }
 

@@ -14,6 +14,10 @@
 
 #define LAST_CODE 0xFFFFu /* BOARD: of the DAC */
 
+#if RDPI_SAFE_CODE > LAST_CODE
+#error "RDPI_SAFE_CODE: a code of the DAC"
+#endif
+
 static rdpi_port_tick_t on_tick;
 static volatile uint32_t updates;  /* of the timer since the start; wraps */
 static uint32_t served;            /* of them, those that had their tick or were lost */
@@ -25,8 +29,9 @@ void SystemInit(void);
 /* Before main, and before variables have values: uses none. The application begins with the board running. */
 void SystemInit(void)
 {
+    rdpi_port_safe();
     /* BOARD: clocks, waiting for each bit with a limit, so that a dead crystal ends in rdpi_port_start returning false
-     * and not here; pins; DAC, at a code that the amplifier may have at power up; converter, converting without end;
+     * and not here; pins; converter, converting without end;
      * UART's baud rate and transmitter. */
     cortex_m_enable(UART_IRQ, CORTEX_M_LOWEST);
 }
@@ -84,6 +89,19 @@ bool rdpi_port_write_dac(uint32_t code)
     }
     /* BOARD: start the transfer and return, true if it was started. For a DAC on the SPI take port/drivers, which needs
      * the two functions of rdpi_spi.h. */
+    return false;
+}
+
+/* First of all after reset, and after a fault: interrupts do not run, and no variable may be relied on. */
+void rdpi_port_safe(void)
+{
+    /* BOARD: clock and pins of the DAC, and of its bus, from anew; RDPI_SAFE_CODE to the DAC, waiting for it with a limit.
+     * Chip select goes high first, so that a frame half sent is discarded; port/stm32f405 is an example. */
+}
+
+bool rdpi_port_watchdog_reset(void)
+{
+    /* BOARD: whether the chip's flags say so; clear them here. See port/stm32/watchdog.h. */
     return false;
 }
 

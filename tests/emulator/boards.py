@@ -56,7 +56,7 @@ class Builder:
 
 def over(decoder: telemetry.Decoder) -> bool:
     """Whether the target says that it has come to its end, or refuses to run."""
-    return decoder.info is not None and decoder.info.state in (telemetry.FINISHED, telemetry.REFUSED)
+    return decoder.info is not None and decoder.info.state >= telemetry.FINISHED
 
 
 def run(image: Path, board: str, silent_s: float = 30) -> telemetry.Decoder:

@@ -194,3 +194,15 @@ void test_counters_saturate(void)
     TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, dac.busy_count);
     TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, dac.code_count);
 }
+
+void test_the_safe_frames_set_the_control_register_without_reset_and_then_output_the_code(void)
+{
+    const rdpi_ad5683r_config_t wirings[] = {{.gain_2 = true}, {.external_reference = true, .ldac_driven = true}};
+    const uint8_t expected[][RDPI_AD5683R_SAFE_BYTES] = {{0x40, 0x80, 0x00, 0x3a, 0xbc, 0xd0},
+                                                         {0x41, 0x00, 0x00, 0x3a, 0xbc, 0xd0}};
+    for (int k = 0; k < 2; k++) {
+        uint8_t bytes[RDPI_AD5683R_SAFE_BYTES];
+        rdpi_ad5683r_safe_frames(&wirings[k], 0xabcd, bytes); /* the mocked bus expects nothing */
+        TEST_ASSERT_EQUAL_HEX8_ARRAY(expected[k], bytes, RDPI_AD5683R_SAFE_BYTES);
+    }
+}

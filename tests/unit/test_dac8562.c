@@ -246,3 +246,11 @@ void test_counters_saturate(void)
     TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, dac.busy_count);
     TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, dac.code_count);
 }
+
+void test_the_safe_frames_are_those_that_update_both(void)
+{
+    const uint8_t expected[RDPI_DAC8562_SAFE_BYTES] = {0x00, 0x12, 0x34, 0x11, 0xab, 0xcd};
+    uint8_t bytes[RDPI_DAC8562_SAFE_BYTES];
+    rdpi_dac8562_safe_frames(0x1234, 0xabcd, bytes); /* the mocked bus expects nothing */
+    TEST_ASSERT_EQUAL_HEX8_ARRAY(expected, bytes, RDPI_DAC8562_SAFE_BYTES);
+}

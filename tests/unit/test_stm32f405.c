@@ -9,11 +9,14 @@
 #include "ad5683r.h"
 
 #define RDPI_STM32F405_FAKE
+#define RDPI_SAFE_CODE 0x1234u
+#define RDPI_WATCHDOG_MS watchdog_ms
+static unsigned watchdog_ms; /* 0: none */
 #include "../../port/stm32f405/stm32f405.c"
 
 TEST_SOURCE_FILE("port/drivers/ad5683r.c")
 
-#define WRITES 128
+#define WRITES 256
 
 static struct {
     const uint32_t *reg;
@@ -25,7 +28,12 @@ static bool has_crystal, has_pll, has_clock, spi_at_once;
 /* The bus as the DAC sees it. */
 static uint8_t spi_bytes[16];
 static unsigned spi_count, spi_frames, reads_high, adc_waited; /* reads of some 12 ns: SYNC high, converter on */
-static bool spi_low, spi_shifting, in_interrupt;
+static unsigned spi_frame_bytes, spi_sr_reads;
+static bool spi_low, spi_shifting, spi_dead, in_interrupt, masked; /* masked: no interrupt runs, as in a fault */
+static bool cut_allowed; /* a frame that was begun may be given up */
+
+/* The AD5683R: what its last whole frames of either kind said. */
+static uint32_t dac_code, dac_control;
 
 static uint8_t usart_bytes[2048];
 static unsigned usart_count, usart_room;
@@ -86,10 +94,10 @@ static void check_enabled(const uint32_t *reg)
 /* A byte is out: the flag, and the interrupt if it is wanted. */
 static void spi_shifted(void)
 {
-    if (spi_shifting && !in_interrupt) {
+    if (spi_shifting && !spi_dead && !in_interrupt) {
         spi_shifting = false;
         fake.spi1.sr |= 1u;
-        if ((fake.spi1.cr2 & 1u << 6) != 0u) {
+        if ((fake.spi1.cr2 & 1u << 6) != 0u && !masked) {
             in_interrupt = true;
             device_vectors[35]();
             in_interrupt = false;
@@ -102,6 +110,8 @@ static uint32_t reg_read(const uint32_t *reg)
     if (reg == &fake.gpioa.odr) { /* time passes */
         reads_high += !spi_low;
         adc_waited++;
+        spi_shifted();
+    } else if (reg == &fake.spi1.sr && ++spi_sr_reads > 10u) { /* polled */
         spi_shifted();
     } else if (reg == &fake.spi1.dr) {
         fake.spi1.sr &= ~1u;
@@ -120,16 +130,34 @@ static void write_rcc_cr(uint32_t value)
     fake.rcc.cr = has_clock ? value : 0u;
 }
 
+static uint8_t spi_frame[3];
+
+/* The table of ad5683r.h. */
+static void dac_take(const uint8_t *frame)
+{
+    uint32_t data = (uint32_t)(frame[0] & 15u) << 12 | (uint32_t)frame[1] << 4 | frame[2] >> 4;
+    if (frame[0] >> 4 == 3u) {
+        dac_code = data;
+    } else if (frame[0] >> 4 == 4u) {
+        dac_control = data;
+        dac_code = (data & 1u << 15) != 0u ? 0u : dac_code;
+    }
+}
+
 static void write_bsrr(uint32_t value)
 {
     fake.gpioa.odr = (fake.gpioa.odr | (value & 0xFFFFu)) & ~(value >> 16);
     bool low = (fake.gpioa.odr & 1u << 4) == 0u;
-    TEST_ASSERT_FALSE(spi_shifting); /* an edge amid a byte */
+    TEST_ASSERT_TRUE(!spi_shifting || cut_allowed); /* an edge amid a byte */
     if (low && !spi_low) {
         TEST_ASSERT_TRUE(spi_frames == 0u || reads_high >= 7u); /* 80 ns and more */
         spi_frames++;
+        spi_frame_bytes = 0;
     } else if (!low && spi_low) {
-        TEST_ASSERT_EQUAL_UINT(0, spi_count % 3u); /* whole frames only */
+        TEST_ASSERT_TRUE(spi_frame_bytes == 3u || cut_allowed); /* whole frames only */
+        if (spi_frame_bytes == 3u && !spi_shifting) {
+            dac_take(spi_frame);
+        }
         reads_high = 0;
     }
     spi_low = low;
@@ -138,8 +166,11 @@ static void write_bsrr(uint32_t value)
 static void write_spi_dr(uint32_t value)
 {
     TEST_ASSERT_TRUE(spi_low);
-    TEST_ASSERT_FALSE(spi_shifting);
+    TEST_ASSERT_TRUE(!spi_shifting || spi_dead);
     TEST_ASSERT_BITS_HIGH(1u << 6, fake.spi1.cr1);
+    TEST_ASSERT_TRUE(spi_frame_bytes < 3u);
+    spi_frame[spi_frame_bytes++] = (uint8_t)value;
+    spi_sr_reads = 0;
     if (spi_count < sizeof spi_bytes) {
         spi_bytes[spi_count] = (uint8_t)value;
     }
@@ -154,6 +185,8 @@ static void write_usart_dr(uint32_t value)
     usart_room--;
     usart_bytes[usart_count++ % sizeof usart_bytes] = (uint8_t)value;
 }
+
+#include "../support/stm32_watchdog.inc"
 
 static void reg_write(uint32_t *reg, uint32_t value)
 {
@@ -176,8 +209,13 @@ static void reg_write(uint32_t *reg, uint32_t value)
         write_spi_dr(value);
     } else if (reg == &fake.usart1.dr) {
         write_usart_dr(value);
+    } else if (reg == &fake.rcc.apb2rstr && (value & 1u << 12) != 0u) {
+        memset(&fake.spi1, 0, sizeof fake.spi1);
+        spi_shifting = false;
+        *reg = value;
     } else if (reg == &fake.tim2.sr) {
         *reg &= value;
+    } else if (watchdog_takes(reg, value)) {
     } else if (reg == &fake.adc1.cr2) {
         adc_waited = (*reg & 1u) != 0u ? adc_waited : 0u;
         *reg = value & ~(1u << 30);
@@ -220,7 +258,9 @@ void setUp(void)
     fake.rcc.pllcfgr = 0x24003010;
     fake.gpioa.moder = 0xA8000000;
     has_crystal = has_pll = has_clock = true;
-    dac_prepared = spi_at_once = spi_low = spi_shifting = in_interrupt = false;
+    dac_prepared = spi_at_once = spi_low = spi_shifting = spi_dead = in_interrupt = masked = cut_allowed = false;
+    dac_code = dac_control = 0; /* power up */
+    watchdog_power_up();
     count_writes = sleeps = ticks = pending = 0;
     spi_count = spi_frames = reads_high = usart_count = spi_left = 0;
     usart_room = UINT32_MAX;
@@ -264,6 +304,7 @@ static void update(void)
 static void tick(void)
 {
     ticks++;
+    fed_in_tick = watchdog_fed;
     for (uint32_t k = 0; k < tick_updates; k++) {
         update();
     }
@@ -291,6 +332,13 @@ static void refuses(uint32_t rate_hz)
     TEST_ASSERT_BITS_LOW(1u, fake.tim2.cr1);
 }
 
+/* What start-up sends is out and forgotten. */
+static void booted(void)
+{
+    SystemInit();
+    spi_count = spi_frames = 0;
+}
+
 /* Lets all that is being sent go out. */
 static void spi_drain(void)
 {
@@ -309,7 +357,9 @@ void test_the_addresses(void)
     TEST_ASSERT_EQUAL_HEX32(0x4001300C, SPI1_BASE + offsetof(spi_t, dr));
     TEST_ASSERT_EQUAL_HEX32(0x40020018, GPIOA_BASE + offsetof(gpio_t, bsrr));
     TEST_ASSERT_EQUAL_HEX32(0x40023844, RCC_BASE + offsetof(rcc_t, apb2enr));
+    TEST_ASSERT_EQUAL_HEX32(0x40023874, RCC_BASE + offsetof(rcc_t, csr));
     TEST_ASSERT_EQUAL_HEX32(0x40023C00, FLASH_BASE);
+    TEST_ASSERT_EQUAL_HEX32(0x4000300C, IWDG_BASE + offsetof(iwdg_t, sr));
     TEST_ASSERT_EQUAL_HEX32(0xE0001004, DWT_BASE + offsetof(dwt_t, cyccnt));
     TEST_ASSERT_EQUAL_HEX32(0xE000EDFC, DEMCR_BASE);
 }
@@ -352,7 +402,9 @@ void test_peripherals_left_by_a_boot_loader_are_reset(void)
 {
     SystemInit();
     written(&fake.rcc.apb1rstr, 1, 0, written(&fake.rcc.apb1rstr, 1, 1, 0));
-    written(&fake.rcc.apb2rstr, 0x1110, 0, written(&fake.rcc.apb2rstr, 0x1110, 0x1110, 0));
+    for (unsigned bit = 4; bit <= 12; bit += 4) { /* USART1, ADC1, SPI1 */
+        written(&fake.rcc.apb2rstr, 1u << bit, 0, written(&fake.rcc.apb2rstr, 1u << bit, 1u << bit, 0));
+    }
 }
 
 void test_without_a_crystal_start_is_refused(void)
@@ -406,7 +458,7 @@ void test_the_spi_is_a_master_in_mode_1_at_10_5_MHz(void)
 void test_the_first_code_starts_the_dac_and_is_sent(void)
 {
     const uint8_t expected[] = {0x48, 0x00, 0x00, 0x40, 0x80, 0x00, 0x3A, 0xBC, 0xD0};
-    SystemInit();
+    booted();
     TEST_ASSERT_TRUE(rdpi_port_write_dac(0xABCD));
     TEST_ASSERT_TRUE(rdpi_spi_busy());
     spi_drain();
@@ -421,7 +473,7 @@ void test_the_first_code_starts_the_dac_and_is_sent(void)
 void test_in_qemu_frames_go_out_without_interrupts(void)
 {
     in_qemu();
-    SystemInit();
+    booted();
     TEST_ASSERT_TRUE(rdpi_port_write_dac(0xABCD));
     TEST_ASSERT_FALSE(rdpi_spi_busy());
     TEST_ASSERT_EQUAL_UINT(9, spi_count);
@@ -432,7 +484,7 @@ void test_in_qemu_frames_go_out_without_interrupts(void)
 void test_two_frames_have_chip_select_high_between_them(void)
 {
     const uint8_t bytes[] = {1, 2, 3, 4, 5, 6};
-    SystemInit();
+    booted();
     rdpi_spi_write(bytes, 2);
     spi_drain();
     TEST_ASSERT_EQUAL_HEX8_ARRAY(bytes, spi_bytes, 6);
@@ -444,7 +496,7 @@ void test_two_frames_have_chip_select_high_between_them(void)
 
 void test_a_code_while_the_one_before_is_sent_is_refused(void)
 {
-    SystemInit();
+    booted();
     TEST_ASSERT_TRUE(rdpi_port_write_dac(1));
     TEST_ASSERT_FALSE(rdpi_port_write_dac(2));
     spi_drain();
@@ -455,13 +507,142 @@ void test_a_code_while_the_one_before_is_sent_is_refused(void)
 
 void test_a_code_beyond_16_bits_outputs_nothing(void)
 {
-    SystemInit();
+    booted();
     TEST_ASSERT_TRUE(rdpi_port_write_dac(0xFFFF));
     spi_drain();
     TEST_ASSERT_FALSE(rdpi_port_write_dac(0x10000));
     TEST_ASSERT_FALSE(rdpi_port_write_dac(UINT32_MAX));
     TEST_ASSERT_EQUAL_UINT(9, spi_count);
     TEST_ASSERT_EQUAL_UINT32(2, dac.code_count);
+}
+
+void test_after_reset_the_safe_code_is_out_before_anything_else(void)
+{
+    const uint8_t expected[] = {0x40, 0x80, 0x00, 0x31, 0x23, 0x40}; /* gain 2, then the code */
+    SystemInit();
+    TEST_ASSERT_EQUAL_UINT(6, spi_count);
+    TEST_ASSERT_EQUAL_HEX8_ARRAY(expected, spi_bytes, 6);
+    TEST_ASSERT_EQUAL_HEX32(RDPI_SAFE_CODE, dac_code);
+    /* before the clock, which may have no crystal */
+    unsigned last = written(&fake.spi1.dr, 0xFF, 0x40, written(&fake.spi1.dr, 0xFF, 0x23, 0));
+    written(&fake.rcc.cr, 1u << 16, 1u << 16, last);
+    for (unsigned k = 0; k < last; k++) {
+        TEST_ASSERT_NOT_EQUAL(&fake.rcc.cr, writes[k].reg);
+    }
+}
+
+void test_a_warm_start_leads_a_dac_that_kept_its_code_to_the_safe_one(void)
+{
+    dac_code = 0xABCD;
+    dac_control = 1u << 11;
+    SystemInit();
+    TEST_ASSERT_EQUAL_HEX32(RDPI_SAFE_CODE, dac_code);
+    TEST_ASSERT_EQUAL_HEX32(1u << 11, dac_control);
+}
+
+/* A fault when so many bytes of a frame are out and perhaps the next is on its way; what variables hold may be lost. */
+static void faults_after(unsigned bytes, bool amid, bool lost)
+{
+    setUp();
+    started(10000);
+    spi_drain();
+    TEST_ASSERT_TRUE(rdpi_port_write_dac(0xABCD));
+    for (unsigned k = 0; k < bytes; k++) {
+        spi_shifted();
+    }
+    TEST_ASSERT_EQUAL(bytes < 3u, spi_low);
+    spi_shifting = spi_shifting && amid;
+    if (lost) {
+        memset(&dac, 0xA5, sizeof dac);
+        spi_left = 0xA5A5A5A5u;
+        spi_next = NULL;
+    }
+    cut_allowed = masked = true;
+    rdpi_port_safe();
+    TEST_ASSERT_EQUAL_HEX32(RDPI_SAFE_CODE, dac_code);
+    TEST_ASSERT_EQUAL_HEX32(1u << 11, dac_control);
+    TEST_ASSERT_FALSE(spi_low);
+    TEST_ASSERT_FALSE(rdpi_spi_busy());
+}
+
+void test_a_fault_at_any_point_of_a_frame_ends_in_the_safe_code_with_chip_select_high(void)
+{
+    for (unsigned bytes = 0; bytes <= 3; bytes++) {
+        for (unsigned how = 0; how < 4; how++) {
+            faults_after(bytes, how % 2u == 0, how / 2u == 0);
+        }
+    }
+}
+
+void test_a_fault_before_start_up_has_prepared_anything_ends_in_the_safe_code(void)
+{
+    rdpi_port_safe();
+    TEST_ASSERT_EQUAL_HEX32(RDPI_SAFE_CODE, dac_code);
+}
+
+void test_the_safe_state_is_given_up_on_a_bus_that_does_not_answer(void)
+{
+    spi_dead = cut_allowed = true;
+    fake.rcc.apb2rstr = 0;
+    rdpi_port_safe();
+    TEST_ASSERT_FALSE(spi_low);
+}
+
+void test_a_code_after_the_safe_one_is_sent_again(void)
+{
+    faults_after(1, true, false);
+    masked = cut_allowed = false;
+    device_vectors[35](); /* pending all the same */
+    TEST_ASSERT_TRUE(rdpi_port_write_dac(0x4321));
+    spi_drain();
+    TEST_ASSERT_EQUAL_HEX32(0x4321, dac_code);
+}
+
+void test_without_a_watchdog_its_registers_are_left_alone(void)
+{
+    watchdog_is_left_alone();
+}
+
+void test_the_watchdog_has_the_time_that_was_asked_for(void)
+{
+    watchdog_has_its_time();
+}
+
+void test_the_watchdog_is_started_in_the_order_of_the_manual_before_the_timer(void)
+{
+    watchdog_starts_before(&fake.tim2.cr1);
+}
+
+void test_a_rate_that_would_not_feed_the_watchdog_is_refused(void)
+{
+    watchdog_refuses_slow_rates();
+}
+
+void test_a_watchdog_that_does_not_start_is_told(void)
+{
+    watchdog_does_not_start();
+}
+
+static void one_tick(void)
+{
+    update();
+    device_vectors[55]();
+}
+
+void test_only_a_tick_that_has_returned_feeds_the_watchdog_and_only_while_main_lives(void)
+{
+    watchdog_is_fed_by(one_tick);
+    rdpi_port_idle();
+    unsigned fed = watchdog_fed;
+    device_vectors[28](); /* the timer alone, and a tick that was dropped */
+    served = updates;
+    device_vectors[55]();
+    TEST_ASSERT_EQUAL_UINT(fed, watchdog_fed);
+}
+
+void test_a_reset_by_the_watchdog_is_told_once(void)
+{
+    watchdog_tells_of_its_reset(1u << 24);
 }
 
 void test_rates(void)

@@ -7,6 +7,9 @@
 #include <string.h>
 
 #define RDPI_STM32G474_FAKE
+#define RDPI_SAFE_CODE 0x123u
+#define RDPI_WATCHDOG_MS watchdog_ms
+static unsigned watchdog_ms; /* 0: none */
 #include "../../port/stm32g474/stm32g474.c"
 
 #define WRITES 128
@@ -126,6 +129,8 @@ static void write_usart_tdr(uint32_t value)
     usart_bytes[usart_count++ % sizeof usart_bytes] = (uint8_t)value;
 }
 
+#include "../support/stm32_watchdog.inc"
+
 static void reg_write(uint32_t *reg, uint32_t value)
 {
     check_enabled(reg);
@@ -154,6 +159,7 @@ static void reg_write(uint32_t *reg, uint32_t value)
         tim_t *timer = reg == &fake.tim6.egr ? &fake.tim6 : &fake.tim2;
         timer->cnt = 0;
         timer->sr |= (timer->cr1 & 1u << 2) == 0; /* URS */
+    } else if (watchdog_takes(reg, value)) {
     } else if (reg == &fake.adc1.cr) {
         write_adc_cr(value);
     } else if (reg == &fake.usart2.tdr) {
@@ -205,6 +211,7 @@ void setUp(void)
     count_writes = cfgr_reads = sleeps = ticks = pending = usart_count = 0;
     usart_room = UINT32_MAX;
     tick_cycles = 0;
+    watchdog_power_up();
 }
 
 void tearDown(void)
@@ -236,6 +243,7 @@ static void elapse(uint32_t cycles)
 static void tick(void)
 {
     ticks++;
+    fed_in_tick = watchdog_fed;
     TEST_ASSERT_EQUAL_HEX32(0, fake.tim6.sr); /* acknowledged */
     elapse(tick_cycles);
 }
@@ -273,6 +281,8 @@ void test_the_addresses(void)
     TEST_ASSERT_EQUAL_HEX32(0x40001000, TIM6_BASE);
     TEST_ASSERT_EQUAL_HEX32(0x40007080, PWR_BASE + offsetof(pwr_t, cr5));
     TEST_ASSERT_EQUAL_HEX32(0x40021000, RCC_BASE);
+    TEST_ASSERT_EQUAL_HEX32(0x40021094, RCC_BASE + offsetof(rcc_t, csr));
+    TEST_ASSERT_EQUAL_HEX32(0x4000300C, IWDG_BASE + offsetof(iwdg_t, sr));
     TEST_ASSERT_EQUAL_HEX32(0x40022000, FLASH_BASE);
     TEST_ASSERT_EQUAL_HEX32(0x48000000, GPIOA_BASE);
     TEST_ASSERT_EQUAL_HEX32(0x50000808, DAC1_BASE + offsetof(dac_t, dhr12r1));
@@ -330,7 +340,7 @@ void test_without_the_oscillator_start_is_refused(void)
     TEST_ASSERT_FALSE(rdpi_port_start(10000, tick));
 }
 
-void test_the_dac_is_on_before_main_at_code_0(void)
+void test_the_dac_is_on_before_main_at_the_safe_code(void)
 {
     fake.gpioa.moder = 0xABFFFCFF;
     fake.dac1.mcr = 0x00070007;
@@ -339,9 +349,81 @@ void test_the_dac_is_on_before_main_at_code_0(void)
     TEST_ASSERT_BITS_HIGH(3u << 8, fake.gpioa.moder); /* PA4 analogue */
     TEST_ASSERT_EQUAL_HEX32(0x00078000, fake.dac1.mcr); /* channel 2 as it was */
     TEST_ASSERT_EQUAL_HEX32(0x00010001, fake.dac1.cr);
-    TEST_ASSERT_EQUAL_HEX32(0, fake.dac1.dhr12r1);
+    TEST_ASSERT_EQUAL_HEX32(RDPI_SAFE_CODE, fake.dac1.dhr12r1);
     unsigned mode = written(&fake.dac1.mcr, 0xC000, 0x8000, 0);
-    written(&fake.dac1.cr, 1, 1, written(&fake.dac1.dhr12r1, 0xFFFFFFFF, 0, mode));
+    unsigned on = written(&fake.dac1.cr, 1, 1, written(&fake.dac1.dhr12r1, 0xFFFFFFFF, RDPI_SAFE_CODE, mode));
+    for (unsigned k = 0; k < on; k++) { /* before the clock is touched */
+        TEST_ASSERT_TRUE(writes[k].reg != &fake.rcc.cr && writes[k].reg != &fake.rcc.cfgr);
+    }
+}
+
+void test_a_fault_ends_in_the_safe_code(void)
+{
+    started(10000);
+    TEST_ASSERT_TRUE(rdpi_port_write_dac(0xABC));
+    count_writes = 0;
+    rdpi_port_safe();
+    TEST_ASSERT_EQUAL_HEX32(RDPI_SAFE_CODE, fake.dac1.dhr12r1);
+    TEST_ASSERT_EQUAL_UINT(1, count_writes); /* the output goes there without being switched off */
+    TEST_ASSERT_TRUE(rdpi_port_write_dac(0xDEF));
+    TEST_ASSERT_EQUAL_HEX32(0xDEF, fake.dac1.dhr12r1);
+}
+
+void test_a_fault_with_the_dac_off_switches_it_on_at_the_safe_code(void)
+{
+    rdpi_port_safe(); /* start-up has not come so far */
+    TEST_ASSERT_EQUAL_HEX32(1, fake.dac1.cr & 3u);
+    TEST_ASSERT_EQUAL_HEX32(RDPI_SAFE_CODE, fake.dac1.dhr12r1);
+    fake.dac1.cr |= 2u; /* waiting for a trigger that does not come */
+    rdpi_port_safe();
+    TEST_ASSERT_EQUAL_HEX32(1, fake.dac1.cr & 3u);
+}
+
+void test_without_a_watchdog_its_registers_are_left_alone(void)
+{
+    watchdog_is_left_alone();
+}
+
+void test_the_watchdog_has_the_time_that_was_asked_for(void)
+{
+    watchdog_has_its_time();
+}
+
+void test_the_watchdog_is_started_in_the_order_of_the_manual_before_the_timer(void)
+{
+    watchdog_starts_before(&fake.tim6.cr1);
+}
+
+void test_a_rate_that_would_not_feed_the_watchdog_is_refused(void)
+{
+    watchdog_refuses_slow_rates();
+}
+
+void test_a_watchdog_that_does_not_start_is_told(void)
+{
+    watchdog_does_not_start();
+}
+
+static void one_tick(void)
+{
+    elapse(cycles_per_tick);
+    device_vectors[54]();
+}
+
+void test_only_a_tick_that_has_returned_feeds_the_watchdog_and_only_while_main_lives(void)
+{
+    watchdog_is_fed_by(one_tick);
+    rdpi_port_idle();
+    unsigned fed = watchdog_fed;
+    device_vectors[54](); /* no update */
+    fake.tim6.sr = 1;
+    device_vectors[54](); /* one that was accounted for */
+    TEST_ASSERT_EQUAL_UINT(fed, watchdog_fed);
+}
+
+void test_a_reset_by_the_watchdog_is_told_once(void)
+{
+    watchdog_tells_of_its_reset(1u << 23);
 }
 
 void test_a_code_is_written(void)

@@ -11,6 +11,7 @@ TEST_SOURCE_FILE("lib/src/rdpi_f32.c")
 TEST_SOURCE_FILE("lib/src/status.c")
 TEST_SOURCE_FILE("port/drivers/telemetry.c")
 
+#define TICK_MAX_OVERRUNS 5
 #define TRACK_RATE_HZ 10000
 #define TRACK_Q31 0
 #define TRACK_SWEEP 0
@@ -26,9 +27,9 @@ static rdpi_f32_t expected; /* what the application should do, step by step */
 static rdpi_port_tick_t timer;
 static float references_um[TICKS];
 static uint32_t codes[TICKS + 1];
-static int ticks, asked, written, samples, infos, last_state;
+static int ticks, asked, written, samples, infos, last_state, made_safe;
 static uint32_t lost, cycles;
-static bool line_full;
+static bool line_full, was_reset;
 
 static bool start(uint32_t rate_hz, rdpi_port_tick_t tick_function, int calls)
 {
@@ -64,6 +65,19 @@ static bool write_dac(uint32_t code, int calls)
     TEST_ASSERT_TRUE(code < 1u << RDPI_PARAMS_DAC_BITS);
     codes[written++] = code;
     return true;
+}
+
+/* Nothing is written after it. */
+static void safe(int calls)
+{
+    (void)calls;
+    made_safe = written;
+}
+
+static bool watchdog_reset(int calls)
+{
+    (void)calls;
+    return was_reset;
 }
 
 static int32_t read_adc(int calls)
@@ -140,7 +154,8 @@ void setUp(void)
     ticks = asked = written = samples = infos = 0;
     last_state = -1;
     lost = cycles = 0;
-    line_full = false;
+    line_full = was_reset = false;
+    made_safe = -1;
     TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_f32_init(&expected, &rdpi_params, 1.0f / TRACK_RATE_HZ));
     float rest_um = rdpi_f32_predict(&expected, expected.drive_V, 0);
     for (int k = 0; k < TICKS; k++) {
@@ -149,6 +164,8 @@ void setUp(void)
     rdpi_port_start_StubWithCallback(start);
     rdpi_port_idle_StubWithCallback(idle);
     rdpi_port_write_dac_StubWithCallback(write_dac);
+    rdpi_port_safe_StubWithCallback(safe);
+    rdpi_port_watchdog_reset_StubWithCallback(watchdog_reset);
     rdpi_port_read_adc_StubWithCallback(read_adc);
     rdpi_port_overruns_StubWithCallback(overruns);
     rdpi_port_cycles_StubWithCallback(count_cycles);
@@ -328,5 +345,73 @@ void test_nothing_runs_on_a_board_without_such_a_timer(void)
     TEST_ASSERT_EQUAL_INT(1, track_main());
     TEST_ASSERT_EQUAL_INT(0, ticks);
     TEST_ASSERT_EQUAL_INT(1, written);
+    TEST_ASSERT_EQUAL_INT(1, made_safe);
     TEST_ASSERT_EQUAL_INT(RDPI_TELEMETRY_REFUSED, last_state);
+}
+
+void test_after_a_reset_by_the_watchdog_nothing_moves_and_the_host_is_told(void)
+{
+    was_reset = true;
+    TEST_ASSERT_EQUAL_INT(1, track_main());
+    TEST_ASSERT_EQUAL_INT(0, written);
+    TEST_ASSERT_EQUAL_INT(0, ticks);
+    TEST_ASSERT_EQUAL_INT(2, infos); /* a start, for the decoder to begin anew, and what came of it */
+    TEST_ASSERT_EQUAL_INT(RDPI_TELEMETRY_RESET, last_state);
+}
+
+static int lose_each, lose_for; /* ticks lost before each of so many */
+
+static void lose_some(int calls)
+{
+    idle(calls);
+    lost += ticks >= 10 && ticks < 10 + lose_for ? (uint32_t)lose_each : 0u;
+}
+
+static void loses(int each, int for_ticks)
+{
+    lose_each = each;
+    lose_for = for_ticks;
+    rdpi_port_idle_StubWithCallback(lose_some);
+    rdpi_port_send_StubWithCallback(count_frames);
+    TEST_ASSERT_EQUAL_INT(0, track_main());
+}
+
+void test_too_many_ticks_lost_in_a_row_lead_to_the_safe_state_and_the_host_is_told(void)
+{
+    loses(2, 100);
+    TEST_ASSERT_EQUAL_INT(1 + 12, written); /* with the tick that makes it 6 none is */
+    TEST_ASSERT_EQUAL_INT(written, made_safe);
+    TEST_ASSERT_EQUAL_INT(12, samples);
+    TEST_ASSERT_EQUAL_INT(RDPI_TELEMETRY_SAFE, counts.state);
+    TEST_ASSERT_EQUAL_UINT32(6, counts.overruns);
+    int told = infos;
+    for (int k = 0; k < 200; k++) {
+        timer();
+    }
+    TEST_ASSERT_EQUAL_INT(made_safe, written);
+    TEST_ASSERT_EQUAL_INT(told + 2, infos);
+    TEST_ASSERT_EQUAL_INT(RDPI_TELEMETRY_SAFE, counts.state);
+}
+
+void test_fewer_lost_in_a_row_are_missed_samples(void)
+{
+    loses(2, 2);
+    TEST_ASSERT_EQUAL_INT(-1, made_safe);
+    TEST_ASSERT_EQUAL_UINT32(4, counts.missed_count);
+    TEST_ASSERT_EQUAL_INT(RDPI_TELEMETRY_FINISHED, counts.state);
+}
+
+static void lose_every_other(int calls)
+{
+    idle(calls);
+    lost += ticks % 2 == 0 ? 4u : 0u;
+}
+
+void test_a_tick_in_time_ends_the_row(void)
+{
+    rdpi_port_idle_StubWithCallback(lose_every_other);
+    rdpi_port_send_StubWithCallback(count_frames);
+    TEST_ASSERT_EQUAL_INT(0, track_main());
+    TEST_ASSERT_EQUAL_INT(-1, made_safe);
+    TEST_ASSERT_GREATER_THAN_UINT32(TICK_MAX_OVERRUNS, counts.overruns);
 }
