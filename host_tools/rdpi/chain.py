@@ -12,7 +12,7 @@ from . import effects, firmware, operators, signals
 from .errors import BadInput
 from .firmware import Firmware, Steps
 from .model import LARGEST, Drive, Memory, Model
-from .recording import Recording
+from .recording import Recording, check_sizes
 
 Engine = Callable[[Model, np.ndarray], Steps]
 MAX_REFERENCE_UM = operators.MAX_REFERENCE_UM
@@ -21,6 +21,7 @@ DEPTH, MIX = 6, 0.5  # sweeps remembered and damping of Anderson's mixing
 # rms change that one more sweep would bring, as a share of the stroke: sought, and at most called settled
 SOUGHT, SETTLED = 1e-5, 3e-4
 MAX_SMOOTHINGS = 7
+WORST = 1e9  # strokes of error: more is no prediction
 PATIENCE = 5  # sweeps without a better one, after which the best is taken
 
 
@@ -54,7 +55,7 @@ def score(predicted_um: np.ndarray, measured_um: np.ndarray, remove_offset: bool
     if remove_offset:
         error = error - offset
     rms, peak, stroke = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.ptp(measured_um))
-    if not stroke > 0 or not np.isfinite(rms):
+    if not stroke > 0 or not rms <= WORST * stroke:  # NaN neither
         raise BadInput(f"{where}: what was measured spans {stroke:g} and is missed by {rms:g}: "
                        "no percentage can be given; check the data")
     scale = 100 / stroke
@@ -74,6 +75,7 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
     unknown = any(one.effect.name == "initial_memory" for one in acting)
     predictions: list[Prediction] = []
     for run in runs:
+        check_sizes(run.columns, lambda row, path=run.path: f"{path}, sample {row}")
         run = replace(run, columns={**run.columns, "command_V": effects.driven(acting, run.command_V, run, model)})
         kind = run.memory if memory == "auto" else memory
         if unknown and run.displacement_um is not None:
@@ -155,6 +157,8 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     offset in um that was removed from the reference: with `remove_offset` the mean error of the model's prediction of
     this run.
     """
+    recorded = {name: values for name, values in run.columns.items() if name != column}
+    check_sizes(recorded, lambda row: f"{run.path}, sample {row}")
     reference = run.columns[column]
     usable = reference[np.abs(reference) <= MAX_REFERENCE_UM]
     if not len(usable):

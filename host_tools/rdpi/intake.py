@@ -13,6 +13,7 @@ from .model import MAX_OFFSET, Model
 from .recording import RATE_TOLERANCE, Recording
 
 LARGEST_INPUT = 1e6  # V or um
+LEAST_RANGE = 1e-12  # V or um; below, it is rounding that moves
 MONITOR_SLOPE = 0.3, 2.0  # V of monitor per V of command
 AT_ONCE = 0.8  # correlation of a monitor with the command from which it is not slow
 LATEST_S = 0.05  # by which a displacement may follow and still be of this drive
@@ -34,10 +35,10 @@ def check_run(run: Recording, related: bool = True) -> None:
         largest = float(np.max(np.abs(values)))
         if largest > LARGEST_INPUT:
             raise BadInput(f"{run.path}: {name} reaches {largest:g}; check its unit")
-    if np.ptp(command) == 0:
+    if np.ptp(command) < LEAST_RANGE:
         raise BadInput(f"{run.path}: command_V is constant at {command[0]:g} V; "
                        "identification needs a drive that moves: leave this run out, or see `rdpi excite`")
-    if np.ptp(displacement) == 0:
+    if np.ptp(displacement) < LEAST_RANGE:
         raise BadInput(f"{run.path}: displacement_um is constant at {displacement[0]:g} um; "
                        "check the sensor and its column")
     together = late_correlations(run, displacement)

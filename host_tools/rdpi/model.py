@@ -390,7 +390,7 @@ class _Reader:
     def number(self, document: dict[str, Any], key: str, where: str = "", **default: Any) -> Any:
         value = document.pop(key, default.get("default", ...))
         if value is ...:
-            self.refuse(where + key, "missing; fit again, or restore it: `rdpi fit` writes every key")
+            self.refuse(where + key, "missing; fit again, or add it as `rdpi fit` writes it")
         if value is None and "default" in default and default["default"] is None:
             return None
         if not _is_number(value):
@@ -406,7 +406,7 @@ class _Reader:
     def numbers(self, document: dict[str, Any], key: str, where: str = "", **default: Any) -> np.ndarray:
         value = document.pop(key, default.get("default", ...))
         if value is ...:
-            self.refuse(where + key, "missing; fit again, or restore it: `rdpi fit` writes every key")
+            self.refuse(where + key, "missing; fit again, or add it as `rdpi fit` writes it")
         if not isinstance(value, list) or not all(map(_is_number, value)):
             self.refuse(where + key, "must be a list of finite numbers")
         if not value and "default" not in default:

@@ -26,6 +26,8 @@ MEMORY = ("reset", "carried", "unknown")
 RUN_COLUMNS = ("time_s", "command_V", "displacement_um")
 GRID_TOLERANCE = 0.25  # of a sample time; a lost sample moves some time by at least 0.5
 RATE_TOLERANCE = 1e-3  # relative, between stated and measured rate
+LARGEST = 1e12  # V or um; no actuator has as much, and squares stay far from overflow
+LARGEST_OTHER = 1e100  # of covariates, whose units are unknown
 RATES_HZ = (1e-6, 1e8)  # samples per second; times are written in whole nanoseconds
 
 UNFINISHED = "unfinished"  # first key of a recording that still grows; what it is set to is for people
@@ -291,6 +293,16 @@ def check_samples(path: str, columns: Mapping[str, np.ndarray], place: Place, fi
                        f"{usual:.6g} as a rule; resample it with `rdpi import --resample`, cut it at a gap (`rdpi import "
                        f"--rows`; this is row {first_row + row}), or rebuild times that are merely inaccurate with "
                        "`rdpi import --rate`")
+
+
+def check_sizes(columns: Mapping[str, np.ndarray], place: Place) -> None:
+    """Raise BadInput for numbers that are no measurements, and with which no arithmetic is possible."""
+    for name, values in columns.items():
+        limit = LARGEST if name.endswith(("_V", "_um")) else LARGEST_OTHER
+        row = int(np.argmax(np.abs(values)))
+        if np.abs(values[row]) > limit and name != "time_s":
+            raise BadInput(f"{place(row)}: {name} is {values[row]:g}, beyond ±{limit:g}; check its unit, or cut the "
+                           "recording there, or take the column out")
 
 
 def check_count(path: str, samples: Sequence[float] | np.ndarray) -> None:

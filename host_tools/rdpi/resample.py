@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .errors import BadInput
-from .recording import RATES_HZ, Place, check_count, check_rising
+from .recording import RATES_HZ, Place, check_count, check_rising, check_sizes
 
 GAP = 1.5  # steps of the usual size from which samples are missing
 MOST = 10  # times the recorded rate: more says nothing new
@@ -44,6 +44,7 @@ def resample(path: str, columns: Mapping[str, np.ndarray], rate_hz: float, place
     time_s = columns["time_s"]
     check_count(path, time_s)
     check_rising(time_s, place)
+    check_sizes(columns, place)
     steps = np.diff(time_s)
     usual, recorded_hz = float(np.median(steps)), float((len(time_s) - 1) / (time_s[-1] - time_s[0]))
     if steps.max() > GAP * usual:
@@ -61,8 +62,9 @@ def resample(path: str, columns: Mapping[str, np.ndarray], rate_hz: float, place
     found = {"time_s": np.round(time_s[0] + np.arange(count) / rate_hz, 9)}
     for name, values in columns.items():
         if name != "time_s":
-            even = PchipInterpolator(time_s, values)(fine)
-            found[name] = even if taps is None else _filtered(even, taps)[::times]
+            size = float(np.abs(values).max()) or 1.0  # its quotients of steps neither overflow nor vanish
+            even = PchipInterpolator(time_s, values / size)(fine)
+            found[name] = size * (even if taps is None else _filtered(even, taps)[::times])
     return Resampled(found, recorded_hz, float(np.std(steps) / np.mean(steps)),
                      (float(steps.min()), float(steps.max())), taps is not None)
 
