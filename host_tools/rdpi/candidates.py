@@ -321,8 +321,8 @@ def bounded(effect: Effect, values: dict[str, float], move: dict[str, float]) ->
 def _slope(change: Callable[[dict[str, float]], np.ndarray], at: np.ndarray, values: dict[str, float],
            parameter: effects.Parameter, stroke_um: float) -> np.ndarray:
     """Derivative of the change by one parameter: a difference over a step that moves the prediction by PROBE."""
-    value, (low, high) = values[parameter.name], parameter.ends
-    above, below = high - value, value - low
+    value = values[parameter.name]
+    above, below = parameter.high - value, value - parameter.low
     sign, room = (1.0, above) if above >= below else (-1.0, below)
     step = min(0.01 * (abs(value) or 1.0), room)
     for _ in range(4):
