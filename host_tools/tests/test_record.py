@@ -186,9 +186,10 @@ def test_a_port_that_vanishes_leaves_what_there_is(board: Board, run_csv: Path, 
 
 
 def test_a_target_that_refuses(board: Board, rdpi: Callable, run_csv: Path) -> None:
-    for status, words in ((-8, f"{firmware.status_text(-8)} (status -8)"),
-                          (0, "the board has no timer for 10000 samples per second")):
-        board.later(lambda: board.send(Info(streams.REFUSED, status).frame()))
+    for info, words in ((Info(streams.REFUSED, -8), f"{firmware.status_text(-8)} (status -8)"),
+                        (Info(streams.REFUSED, 0), "the board has no timer for 10000 samples per second"),
+                        (Info(streams.RESET), "its watchdog has reset it; its safe code is out")):
+        board.later(lambda: board.send(info.frame()))
         done = rdpi("record", board.port, "-o", run_csv)
         assert (done.exit_code, done.output) == (2, f"rdpi: {board.port}: the target refuses to run: {words}\n")
         assert not run_csv.exists()
@@ -196,6 +197,9 @@ def test_a_target_that_refuses(board: Board, rdpi: Callable, run_csv: Path) -> N
 
 @pytest.mark.parametrize("last, why", [
     (Info(streams.REFUSED, -8).frame(), "the target refuses to run: "),
+    (Info(streams.SAFE, counts=(0, 7, *(0,) * 7)).frame(),
+     "the target refuses to run: too many ticks lost in a row, 7 in all; its safe code is out"),
+    (Info(streams.RESET).frame(), "the target refuses to run: its watchdog has reset it; its safe code is out"),
     (Info(um_per_count=1e306).frame() * 2, "the firmware says that um_per_count is 1e+306; check RDPI_UM_PER_COUNT"),
     (Info().frame(version=9) * 2, "telemetry of version 9, which this version of rdpi does not know"),
 ])

@@ -39,13 +39,14 @@ static bool reached(const uint32_t *reg, uint32_t mask, uint32_t value); /* the 
  * started it cannot be stopped. */
 static bool watchdog_start(uint32_t rate_hz)
 {
-    uint32_t ms = RDPI_WATCHDOG_MS, clocks = ms * WATCHDOG_KHZ, divider = 0;
-    if (ms == 0u) {
+    if (RDPI_WATCHDOG_MS == 0) {
         return true;
     }
-    if (rate_hz < (WATCHDOG_LEAST_TICKS * 1000u + ms - 1u) / ms) {
+    const uint32_t ms = RDPI_WATCHDOG_MS, clocks = ms * WATCHDOG_KHZ;
+    if ((uint64_t)rate_hz * ms < WATCHDOG_LEAST_TICKS * 1000u) {
         return false;
     }
+    uint32_t divider = 0;
     while (clocks >> (divider + 2u) > WATCHDOG_COUNTS) {
         divider++;
     }
