@@ -7,6 +7,7 @@ import os
 import re
 import unicodedata
 from collections.abc import Callable
+from importlib import resources
 from typing import Any
 
 import jinja2
@@ -82,7 +83,7 @@ Q31_SCALARS = {
     "sweep_end": ("", "drive at which the start-up sweep ends"),
 }
 
-# Of C and C++ to date and of GNU's compilers; types and macros of the headers that rdpi.h includes.
+# Of C and C++ to date and of GNU's compilers; names of the standard headers are in templates/c_names.txt.
 KEYWORDS = frozenset("""
     NULL alignas alignof and and_eq asm auto bitand bitor bool break case catch char class co_await co_return co_yield
     compl concept const const_cast consteval constexpr constinit continue decltype default delete do double dynamic_cast
@@ -92,7 +93,7 @@ KEYWORDS = frozenset("""
     true try typedef typeid typename typeof typeof_unqual union unix unsigned using virtual void volatile while xor
     xor_eq
 """.split())
-RESERVED = re.compile(r"\w+_t|U?INT\w*_(MIN|MAX|WIDTH|C)|(PTRDIFF|SIG_ATOMIC|SIZE|WCHAR|WINT)_(MIN|MAX|WIDTH)")
+RESERVED = re.compile(r"\w+_t|\w*__\w*|U?INT\w*_(MIN|MAX|WIDTH|C)|(PTRDIFF|SIG_ATOMIC|SIZE|WCHAR|WINT)_(MIN|MAX|WIDTH)")
 
 TEMPLATES = jinja2.Environment(loader=jinja2.PackageLoader(__package__), undefined=jinja2.StrictUndefined,
                                 trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
@@ -181,9 +182,17 @@ def comment(text: str, length: int = 100) -> str:
 def _check_name(name: str) -> None:
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", name) or name in KEYWORDS or RESERVED.fullmatch(name):
         raise BadInput(f"name {name[:60]!r}: must be a C identifier of at most 40 letters, digits and _, starting with "
-                       "a letter, and no keyword, standard macro or type (..._t) of C or C++")
+                       "a letter, without __, and no keyword, standard macro or type (..._t) of C or C++")
+    if name in standard_names():
+        raise BadInput(f"name {name!r}: a standard header of C, of POSIX or of a compiler's library has this name; use "
+                       f"another, or {NAME}_…")
     if re.match(r"rdpi_(?!params_)", name + "_", re.IGNORECASE):
         raise BadInput(f"name {name!r}: names that start with rdpi_ belong to the library; use another, or {NAME}_…")
+
+
+def standard_names() -> frozenset[str]:
+    """What the C libraries of GNU, newlib and picolibc declare at file scope in the headers of standard C."""
+    return frozenset(resources.files(__package__).joinpath("templates", "c_names.txt").read_text("ascii").split())
 
 
 def file_name(path: str) -> str:

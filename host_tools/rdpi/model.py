@@ -29,6 +29,8 @@ LARGEST, LEAST_SLOPE, MIN_SPAN_V = 1e7, 1e-7, 1e-9  # MAX_NUMBER, MIN_SLOPE and 
 TINY, EPSILON = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).eps)
 MAX_OFFSET = 1000.0  # in ranges; leaves 0.01 % of the range to rounding
 MAX_PLAYS, MAX_DEADZONES = 129, 65  # of the library as firmware_build.py compiles it
+MAX_EFFECTS = 100  # each takes part in every simulation
+MAX_FILE_BYTES, MAX_DEPTH = 16_000_000, 50
 SECTIONS = "rate", "drive", "memory"
 NOT_NUMBERS = {*SECTIONS, "source", "extra", "actuator", "fit", "effects", "passport", "dac_bits", "sweep_cycles",
                "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
@@ -331,15 +333,20 @@ def read_model(path: str | os.PathLike[str]) -> Model:
     """Read and validate a model file. Raises BadInput naming file, key and remedy."""
     path = str(path)
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        data = Path(path).read_bytes()
+        if len(data) > MAX_FILE_BYTES:
+            raise BadInput(f"{path}: has {len(data)} bytes; a model has at most {MAX_FILE_BYTES}: is it another file?")
+        text = data.decode("utf-8-sig")
         if not text.lstrip().startswith("{"):
             raise BadInput(f"{path}: line 1: this is no JSON object; a model file is what `rdpi fit` writes")
-        document = json.loads(text, parse_constant=_refuse_constant)
+        document = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_once_each)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; check the path") from None
     except (ValueError, RecursionError) as error:
         raise BadInput(f"{path}: not a complete JSON document ({error}); "
                        "the file may be cut short or edited: fit again or restore it") from None
+    if _deeper(document, MAX_DEPTH):
+        raise BadInput(f"{path}: objects and lists are nested more than {MAX_DEPTH} deep; fit again or restore it")
     model = _Reader(path).model(document)
     model.validate(path)
     return model
@@ -353,6 +360,24 @@ def write_model(path: str | os.PathLike[str], model: Model) -> None:
 
 def _refuse_constant(name: str) -> None:
     raise ValueError(f"{name} is not a JSON number")
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    document = dict(pairs)
+    if len(document) < len(pairs):
+        keys = sorted(key for key, _ in pairs)
+        twice = next(one for one, other in zip(keys, keys[1:]) if one == other)
+        raise ValueError(f"the key {twice[:40]!r} is there twice in one object")
+    return document
+
+
+def _deeper(value: Any, most: int) -> bool:
+    """Whether objects and lists are nested more than `most` deep; what is written recurses further than what is read."""
+    level = [value]
+    for _ in range(most + 1):
+        level = [item for one in level if isinstance(one, (dict, list))
+                 for item in (one.values() if isinstance(one, dict) else one)]
+    return bool(level)
 
 
 def _section_to_json(section: Rate | Drive | Memory) -> dict[str, Any]:
@@ -419,6 +444,12 @@ class _Reader:
             self.refuse(key, f"must be {'an object' if kind is dict else 'a list'}, as `rdpi fit` writes it")
         return value
 
+    def effects(self, document: dict[str, Any]) -> list[Any]:
+        effects = self.section(document, "effects", list, [])
+        if len(effects) > MAX_EFFECTS:
+            self.refuse("effects", f"has {len(effects)} entries, at most {MAX_EFFECTS}; take those out that do not belong")
+        return effects
+
     def model(self, document: dict[str, Any]) -> Model:
         document = dict(document)
         schema = document.pop("schema", None)
@@ -455,7 +486,7 @@ class _Reader:
                           extra=memory),
             actuator=str(document.pop("actuator", "")),
             fit=self.section(document, "fit", dict, {}),
-            effects=self.section(document, "effects", list, []),
+            effects=self.effects(document),
             passport=passport,
             extra=document,
         )

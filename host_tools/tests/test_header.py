@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import re
+import shutil
 import struct
 import subprocess
 import zlib
@@ -20,7 +21,7 @@ from rdpi import firmware, operators, parameters
 from rdpi._f32 import lib
 from rdpi.errors import BadInput
 from rdpi.firmware import FixedPoint
-from rdpi.header import (Q31_SCALARS, Q31_TABLES, SCALARS, SCHEMA, TABLES, comment, literal, render,
+from rdpi.header import (Q31_SCALARS, Q31_TABLES, SCALARS, SCHEMA, TABLES, _check_name, comment, literal, render,
                          write_header)
 from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
 
@@ -359,6 +360,88 @@ def test_two_actuators_in_one_firmware(model: Model, compiled: Callable) -> None
 def test_names_that_c_cannot_use_are_refused(model: Model, name: str) -> None:
     with pytest.raises(BadInput, match="^name "):
         render(model, name=name)
+
+
+STANDARD = """assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg stdbool
+    stddef stdint stdio stdlib string tgmath time wchar wctype""".split()
+
+
+def includes(compiler: list[str], more: tuple[str, ...] = ()) -> str:
+    """Lines that include every header of standard C that a compiler has."""
+    lines = [f"#include <{name}.h>\n" for name in (*STANDARD, *more)]
+    return "".join(line for line in lines if syntax(compiler, line).returncode == 0)
+
+
+def syntax(compiler: list[str], source: str) -> subprocess.CompletedProcess:
+    return subprocess.run([*compiler, "-fsyntax-only", "-fmax-errors=0", "-I", ROOT / "lib/include", "-"],
+                          input=source, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "arm-none-eabi-gcc"])
+@pytest.mark.parametrize("standard", ["c99", "c11"])
+def test_names_of_the_standard_headers_are_refused(compiler: str, standard: str) -> None:
+    """The compiler is asked which of all words in its headers cannot be the name of parameters."""
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler}")
+    command = [compiler, "-x", "c", f"-std={standard}", "-w"]
+    head = '#include "rdpi/rdpi.h"\n' + includes(command)
+    seen = subprocess.run([*command, "-E", "-dD", "-P", "-I", ROOT / "lib/include", "-"], input=head,
+                          capture_output=True, text=True, check=True).stdout
+    words = sorted(set(re.findall(r"\b[A-Za-z]\w{0,39}\b", re.sub(r'"(\\.|[^"\\])*"', "", seen))))
+    words = [word for word in words if not word.lower().startswith("rdpi_")]
+    first = head.count("\n") + 1
+    told = syntax(command, head + "".join(f"static const rdpi_f32_params_t {word} = {{0}};\n" for word in words)).stderr
+    lines = {int(line) for line in re.findall(r"^<stdin>:(\d+):\d+: (?:fatal )?error", told, re.MULTILINE)}
+    bad = {words[line - first] for line in lines if line >= first}
+    assert {"errno", "EOF", "INFINITY", "FILE", "printf"} <= bad
+    assert [word for word in sorted(bad) if not refused_name(word)] == []
+
+
+def refused_name(name: str) -> bool:
+    try:
+        _check_name(name)
+    except BadInput:
+        return True
+    return False
+
+
+KEYWORDS_OF = {  # what no header has; the compiler says that each is one
+    "c -std=c99": "auto inline restrict sizeof typedef volatile",
+    "c -std=gnu17": "asm typeof linux unix",
+    "c++ -std=c++11": "and_eq bitor class compl decltype friend mutable noexcept private template this throw xor",
+    "c++ -std=c++20": "char8_t co_await co_yield concept consteval constinit requires",
+}
+
+
+@pytest.mark.parametrize("language", KEYWORDS_OF)
+def test_keywords_are_refused(language: str) -> None:
+    for word in KEYWORDS_OF[language].split():
+        source = f"struct s {{ int a; }};\nstatic struct s {word} = {{0}};\n"
+        done = syntax(["gcc", "-x", *language.split()], source)
+        assert done.returncode != 0 and "unrecognized" not in done.stderr, f"{word} is no keyword of {language}"
+        assert refused_name(word)
+
+
+@pytest.mark.parametrize("name", ["errno", "EOF", "INFINITY", "M_PI", "FILE", "NULL", "j0", "index", "a__b", "i386",
+                                  "nullptr", "constexpr", "typeof_unqual", "alignas", "thread_local"])
+def test_names_of_libraries_are_refused(name: str, model: Model) -> None:
+    with pytest.raises(BadInput, match="^name "):
+        render(model, name=name)
+
+
+GOOD_NAMES = """x y z x_axis stage piezo actuator left right tip tilt focus mirror fine coarse stack lens axis1 params
+    main_axis STAGE P_885_91 model scanner cantilever gain_stage top is_x memory strain""".split()
+
+
+@pytest.mark.parametrize("compiler", ["gcc -x c", "gcc -x c -std=c99", "gcc -x c++", "arm-none-eabi-gcc -x c"])
+def test_plain_names_are_accepted_and_compile(compiler: str, model: Model) -> None:
+    """Beside every header of standard C."""
+    command = compiler.split()
+    if shutil.which(command[0]) is None:
+        pytest.skip(f"no {command[0]}")
+    source = includes(command, ("stdatomic", "threads", "uchar") if "c++" not in compiler else ())
+    done = syntax(command, source + "".join(render(model, name=name) for name in GOOD_NAMES))
+    assert done.returncode == 0, done.stderr[:2000]
 
 
 @pytest.mark.parametrize("key, value, message", [

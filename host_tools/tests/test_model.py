@@ -17,7 +17,7 @@ from models import MODELS, SAMPLE_TIME_S, SEEDS, random_model
 
 from rdpi.errors import BadInput
 from rdpi.firmware import Firmware, FixedPoint
-from rdpi.model import Memory, Model, guard_rates, read_model, write_model
+from rdpi.model import MAX_DEPTH, MAX_EFFECTS, MAX_FILE_BYTES, Memory, Model, guard_rates, read_model, write_model
 
 GOOD: dict[str, Any] = {
     "schema": "rdpi-model/1", "tool": "rdpi 0.0.1", "actuator": "P-885.91",
@@ -166,6 +166,34 @@ def test_no_json(data: bytes, tmp_path: Path) -> None:
     path.write_bytes(data)
     with pytest.raises(BadInput, match=r"model\.json: not a complete JSON document .* fit again or restore it"):
         read_model(path)
+
+
+def test_too_many_effects(complaint: Callable) -> None:
+    effect = {"name": "gain_change", "stage": "sensor", "parameters": {}, "origin": "gap"}
+    message = complaint(changed("effects", (MAX_EFFECTS + 1) * [effect]))
+    assert message.startswith(f"effects: has {MAX_EFFECTS + 1} entries, at most {MAX_EFFECTS}")
+
+
+def test_keys_that_are_there_twice(written: Callable, tmp_path: Path) -> None:
+    """JSON leaves open which of the two counts."""
+    text = written(changed("gain_um_per_V", 0.1)).read_text()
+    for doubled in (text.replace("{", '{"stroke_um": 1, ', 1), text.replace('"min_V"', '"max_V": 1, "min_V"')):
+        (tmp_path / "twice.json").write_text(doubled)
+        with pytest.raises(BadInput, match="twice.json: .*the key '(stroke_um|max_V)' is there twice"):
+            read_model(tmp_path / "twice.json")
+
+
+def test_nested_too_deep(complaint: Callable) -> None:
+    nest: object = 1
+    for _ in range(MAX_DEPTH + 1):
+        nest = [nest]
+    assert f"nested more than {MAX_DEPTH} deep" in complaint(changed("fit.more", nest))
+
+
+def test_a_file_too_large_for_a_model(tmp_path: Path) -> None:
+    (tmp_path / "large.json").write_bytes(b"{" + bytes(MAX_FILE_BYTES))
+    with pytest.raises(BadInput, match="large.json: has .* bytes; a model has at most"):
+        read_model(tmp_path / "large.json")
 
 
 def test_no_file(tmp_path: Path) -> None:
