@@ -415,8 +415,9 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
             count_0_um: float | None, **columns: str | None) -> dict[str, Any]:
     """Bring other formats to a recording.
 
-    SOURCE is a table (comma, semicolon, tab or white space; with or without names; text above the table is skipped), a
-    MATLAB .mat (up to v7), or a NumPy .npy or .npz. A COLUMN is a name or a number from 0. UNIT may also be a factor:
+    SOURCE is a table (comma, semicolon, tab or white space; with or without names), what an oscilloscope or LabVIEW
+    (.lvm) writes, with its names, units and sample interval above the table, a MATLAB .mat (up to v7), or a NumPy .npy
+    or .npz. A COLUMN is a name or a number from 0. UNIT may also be a factor:
     `--displacement 4:0.5` multiplies by 0.5 to get um. Units in names (pos_nm, "disp [um]") are understood, and obvious
     names are recognised without options; what was taken for what is printed. In a matrix the longer side is time.
 

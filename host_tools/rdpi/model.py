@@ -372,7 +372,7 @@ def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _deeper(value: Any, most: int) -> bool:
-    """Whether objects and lists are nested more than `most` deep; what is written recurses further than what is read."""
+    """Whether objects and lists are nested more than `most` deep: to write them takes more recursion than to read."""
     level = [value]
     for _ in range(most + 1):
         level = [item for one in level if isinstance(one, (dict, list))
@@ -447,7 +447,7 @@ class _Reader:
     def effects(self, document: dict[str, Any]) -> list[Any]:
         effects = self.section(document, "effects", list, [])
         if len(effects) > MAX_EFFECTS:
-            self.refuse("effects", f"has {len(effects)} entries, at most {MAX_EFFECTS}; take those out that do not belong")
+            self.refuse("effects", f"has {len(effects)} entries, at most {MAX_EFFECTS}; take out those too many")
         return effects
 
     def model(self, document: dict[str, Any]) -> Model:

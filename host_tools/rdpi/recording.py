@@ -290,9 +290,9 @@ def check_samples(path: str, columns: Mapping[str, np.ndarray], place: Place, fi
         usual = float(np.median(steps))
         row = int(np.argmax(np.abs(steps - usual))) + 1
         raise BadInput(f"{place(row)}: sampling is not uniform: time_s steps by {steps[row - 1]:.6g} here and by "
-                       f"{usual:.6g} as a rule; resample it with `rdpi import --resample`, cut it at a gap (`rdpi import "
-                       f"--rows`; this is row {first_row + row}), or rebuild times that are merely inaccurate with "
-                       "`rdpi import --rate`")
+                       f"{usual:.6g} as a rule; for a clock that jitters `rdpi import --resample`, at a gap cut the "
+                       f"recording (`rdpi import --rows`; this is row {first_row + row}), and rebuild times that are "
+                       "merely inaccurate with `rdpi import --rate`")
 
 
 def check_sizes(columns: Mapping[str, np.ndarray], place: Place) -> None:

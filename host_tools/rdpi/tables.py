@@ -1,7 +1,8 @@
 """Tables of numbers in text files, whatever wrote them: the separators, and what the lines above the numbers say.
 
 Oscilloscopes and loggers put there names, units below the names or in lines of their own ("Vertical Units,V,V"), and
-settings ("Sample Interval,4e-9"), some of them beside the names ("X,CH1,Start,Increment" over "Sequence,Volt,-0.1,1e-5").
+settings ("Sample Interval,4e-9"), some of them beside the names ("X,CH1,Start,Increment" over
+"Sequence,Volt,-0.1,1e-5").
 """
 
 from __future__ import annotations
@@ -207,7 +208,7 @@ def _units(row: Sequence[str], count: int) -> list[str] | None:
 
 
 def _numbered(row: Sequence[str], count: int) -> list[str] | None:
-    """Names of which some are the channels' numbers, such as "x-axis,1,2"; only units below tell that they are names."""
+    """Names of which some are the channels' numbers, such as "x-axis,1,2"; only units below tell that."""
     if not count <= len(row) <= count + _MAX_EXTRA or not row[0] or _NUMBER.fullmatch(row[0]):
         return None
     numbers = [value for value in row[1:count] if _NUMBER.fullmatch(value)]

@@ -114,22 +114,25 @@ TABLES = [
     CSV.decode(),
     "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-2e-2,1e-3\n"
     + "".join(f"{k},{line.partition(',')[2]},\n" for k, line in enumerate(ROWS.split("\n")[:-1])),
-    "CH1(V),CH2(V),t0 = -2e-2, tInc = 1e-3,\n" + "".join(f"{line.partition(',')[2]},,\n" for line in ROWS.split("\n")[:-1]),
+    "CH1(V),CH2(V),t0 = -2e-2, tInc = 1e-3,\n"
+    + "".join(f"{line.partition(',')[2]},,\n" for line in ROWS.split("\n")[:-1]),
     "x-axis,1,2\nsecond,Volt,Volt\n" + ROWS,
     "Model,M\nHorizontal Units,s\nSample Interval,1e-3\nVertical Units,V,V\n\nTIME,CH1,CH2\n" + ROWS,
     "Time (s)  Drive Voltage (V)  Disp (um)\n" + ROWS.replace(",", "  "),
     LVM, LVM.replace(".", ","),
     "Zeit;Spannung;Weg [µm]\n" + ROWS.replace(",", ";").replace(".", ","),
 ]
-SPECS = st.none() | st.sampled_from(["0", "1", "2", "3", "CH1", "CH2:0.25", "1:mV", "2:nm", "x", "1:1e300", "1:nan", ""])
+SPECS = st.none() | st.sampled_from(["0", "1", "2", "3", "CH1", "CH2:0.25", "1:mV", "2:nm", "x", "1:1e300", "1:nan",
+                                      ""])
 ROW = st.none() | st.integers(-30, 30)
 REQUESTS = st.builds(
     lambda time, command, displacement, rate, rows, resample, gain, purpose: Request(
         columns={key: spec for key, spec in (("time", time), ("command", command), ("displacement", displacement))
                  if spec is not None},
         rate_hz=rate, rows=rows, resample_hz=resample, command_gain=gain, purpose=purpose),
-    SPECS, SPECS, SPECS, st.none() | st.sampled_from([1000.0, 1.0, 1e-300, 1e300, math.nan]), st.builds(slice, ROW, ROW),
-    st.none() | st.sampled_from([1000.0, 900.0, 1e-7, 5e3, 1e308]), st.sampled_from([1.0, 15.0, 1e300, 0.0, math.nan]),
+    SPECS, SPECS, SPECS, st.none() | st.sampled_from([1000.0, 1.0, 1e-300, 1e300, math.nan]),
+    st.builds(slice, ROW, ROW), st.none() | st.sampled_from([1000.0, 900.0, 1e-7, 5e3, 1e308]),
+    st.sampled_from([1.0, 15.0, 1e300, 0.0, math.nan]),
     st.sampled_from(list(importer.PURPOSES)))
 
 
@@ -242,7 +245,8 @@ def test_models(fuzzed: Callable, tmp_path: Path) -> None:
             refuses(path, lambda: header.render(model, source=str(path)))
 
     edits = st.lists(st.tuples(st.sampled_from(places), VALUES), max_size=3)
-    fuzzed(check, 150, data=edits.map(changed) | damaged(text, b"1e999", b"NaN", b"{", b"[", b'"', b"-", b"0", b"\\ud800"))
+    fuzzed(check, 150, data=edits.map(changed)
+           | damaged(text, b"1e999", b"NaN", b"{", b"[", b'"', b"-", b"0", b"\\ud800"))
 
 
 def keys(value: Any, where: tuple[Any, ...] = ()) -> Iterable[tuple[Any, ...]]:

@@ -166,7 +166,8 @@ INSTRUMENTS = {
                        ["--command", "CH1"], "X"),
     "Rigol, step beside the names": ("CH1(V),CH2(V),t0 = -2.000000e-02, tInc = 1.000000e-03,\n"
                                      + table(*VOLTS).replace("\n", ",,,\n"), ["--command", "CH1"], ""),
-    "Keysight": ("x-axis,1,2\nsecond,Volt,Volt\n" + table(TIME_S, *VOLTS, form="{:+.6E}"), ["--command", "1"], "x-axis"),
+    "Keysight": ("x-axis,1,2\nsecond,Volt,Volt\n" + table(TIME_S, *VOLTS, form="{:+.6E}"), ["--command", "1"],
+                 "x-axis"),
     "Tektronix": ("Model,MSO44\nFirmware Version,1.2\n\nHorizontal Units,s\nSample Interval,1e-03\nRecord Length,40\n"
                   "Probe Attenuation,10,10\nVertical Units,V,V\nVertical Offset,0,0\nLabel,,\n\nTIME,CH1,CH2\n"
                   + table(TIME_S, *VOLTS), ["--command", "CH1"], "TIME"),
