@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Puts every fault of mutants.txt into a copy of lib/ and requires that a test fails. One line per fault.
+"""Puts every fault of mutants.txt into a copy of lib/ and port/ and requires that a test fails. One line per fault.
 
     tests/mutation/mutate.py [WORD...]    all faults, or those whose first line contains every word
 
-Unit tests, then property tests, with sanitizers; a test that hangs has failed, one that does not compile has not.
-Needs what tests/support/setup.sh tests installs.
+A fault must be seen in both builds, with the short way of the float step and without (RDPI_QUICK_STEP), but for one
+where its object code is the same as without the fault. Unit tests, then property tests, with sanitizers; a test that
+hangs has failed, one that does not compile has not. Needs what tests/support/setup.sh tests installs.
 """
 
 from __future__ import annotations
@@ -18,21 +19,23 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from threading import get_ident
 
 ROOT = Path(__file__).resolve().parents[2]
 WORK = ROOT / "build" / "mutation"
-[UNITY] = (ROOT / ".gems" / "gems").glob("ceedling-*/vendor/unity")
-TESTS = ROOT / "tests"
-FLAGS = (
-    "-std=c99 -O0 -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all "
-    f"-DUNITY_INCLUDE_DOUBLE -I{UNITY}/src -I{TESTS}/support"
-).split()
-SECONDS = 180
-SOURCES = sorted((ROOT / "lib" / "src").glob("*.c"))
-# Those with mocks, or that look elsewhere, test examples and ports.
-ELSEWHERE = re.compile(r'#include "(mock_|\.\./|ring\.h)')
-UNIT = [path for path in sorted((TESTS / "unit").glob("*.c")) if not ELSEWHERE.search(path.read_text("utf-8"))]
-ALL = UNIT + sorted((TESTS / "property").glob("*.c"))
+[VENDOR] = (ROOT / ".gems" / "gems").glob("ceedling-*/vendor")
+UNITY, CMOCK = VENDOR / "unity", VENDOR / "cmock"
+BUILDS = "1", "0"  # values of RDPI_QUICK_STEP
+LANGUAGE = "-std=c99 -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -DCMOCK_MEM_DYNAMIC".split()
+SANITIZED = "-O0 -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all".split()
+MUTATED = "lib", "port"  # folders
+INCLUDES = "lib/include", "lib/src", "port/include", "port/drivers", "port/cortex_m"
+SECONDS = 600  # of one test, however loaded the machine is
+LIBRARY = sorted((ROOT / "lib" / "src").glob("*.c"))
+# Those that look elsewhere by a relative path test examples and boards.
+ELSEWHERE = re.compile(r'#include "(\.\./|track)')
+UNIT = [path for path in sorted((ROOT / "tests" / "unit").glob("*.c")) if not ELSEWHERE.search(path.read_text("utf-8"))]
+ALL = UNIT + sorted((ROOT / "tests" / "property").glob("*.c"))
 
 
 class Unseen(Exception):
@@ -46,6 +49,10 @@ class Fault:
     before: str
     after: str
 
+    @property
+    def path(self) -> Path:
+        return Path(self.file) if "/" in self.file else Path("lib/src") / self.file
+
 
 def read_faults() -> list[Fault]:
     faults = []
@@ -58,57 +65,157 @@ def read_faults() -> list[Fault]:
     return faults
 
 
-def compile_(library: Path, *arguments: str | Path) -> None:
-    command = ["gcc", *FLAGS, f"-I{library}/include", f"-I{library}/src", *map(str, arguments)]
+def gcc(tree: Path, build: str, *arguments: str | Path) -> str:
+    """What gcc writes. `tree` holds lib/ and port/."""
+    includes = [tree / folder for folder in INCLUDES] + [ROOT / "tests" / "support", UNITY / "src", CMOCK / "src", WORK]
+    command = ["gcc", *LANGUAGE, *(f"-I{folder}" for folder in includes), f"-DRDPI_QUICK_STEP={build}", *arguments]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
-        raise Unseen("does not compile: " + next(line for line in done.stderr.splitlines() if "error" in line))
+        errors = [line for line in done.stderr.splitlines() if "error" in line or "undefined" in line]
+        raise Unseen(f"does not compile: {(errors or ['?'])[0]}")
+    return done.stdout
+
+
+# ---- what a test is made of ----
 
 
 @cache
-def parts(source: Path) -> str:
-    """The files that a source is made of."""
-    command = ["gcc", "-MM", f"-I{ROOT}/lib/include", source]
-    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+def parts(source: Path) -> set[Path]:
+    """The files of this checkout that a source is made of."""
+    names = gcc(ROOT, BUILDS[0], "-MM", "-MG", source).replace("\\\n", " ").split()[1:]
+    return {Path(name).resolve().relative_to(ROOT) for name in names if Path(name).resolve().is_relative_to(ROOT)}
 
 
-def fails(test: Path, library: Path, folder: Path, file: str = "") -> bool:
-    """Whether the test fails with that library, which differs from lib/ in `file`."""
-    program = folder / test.stem
-    sources = [test]
-    for source in SOURCES:
-        other = file and f"/src/{file}" in parts(source)
-        sources.append(library / "src" / source.name if other else WORK / f"{source.stem}.o")
-    if test in UNIT:
+@cache
+def varies(source: Path) -> bool:
+    """Whether a source is another one in the other build."""
+    return len({gcc(ROOT, build, "-E", "-P", source) for build in BUILDS}) > 1
+
+
+@cache
+def sources(test: Path) -> list[Path]:
+    """The test, what it uses of the library, and the drivers that it names."""
+    headers = {path.stem for path in parts(test) if path.parent == Path("lib/include/rdpi")}
+    used = [path for path in LIBRARY if path.stem.removeprefix("rdpi_") in headers | {"status"}]
+    drivers = re.findall(r'^TEST_SOURCE_FILE\("(port/.*)"\)', test.read_text("utf-8"), re.MULTILINE)
+    return [test, *used, *(ROOT / driver for driver in drivers)]
+
+
+@cache
+def mocks(test: Path) -> list[str]:
+    return re.findall(r'^#include "(mock_\w+)\.h"', test.read_text("utf-8"), re.MULTILINE)
+
+
+def make_support() -> None:
+    """Objects that no fault changes: Unity, the tests' main functions and mocks."""
+    files = [UNITY / "src" / "unity.c", CMOCK / "src" / "cmock.c"]
+    for mock in sorted({mock for test in UNIT for mock in mocks(test)}):
+        header = ROOT / "port" / "include" / f"{mock.removeprefix('mock_')}.h"
+        generator = ["ruby", CMOCK / "lib" / "cmock.rb", f"-o{ROOT}/project.yml", f"--mock_path={WORK}", header]
+        subprocess.run(generator, check=True, capture_output=True)
+        files.append(WORK / f"{mock}.c")
+    for test in UNIT:
         runner = WORK / f"{test.stem}_runner.c"
-        sources += [runner, WORK / "unity.o"]
-    compile_(library, *sources, "-lm", "-o", program)
-    try:
-        return subprocess.run([program], capture_output=True, timeout=SECONDS).returncode != 0
-    except subprocess.TimeoutExpired:
-        return True
+        generator = ["ruby", UNITY / "auto" / "generate_test_runner.rb", test, runner]
+        subprocess.run(generator, check=True, capture_output=True)
+        files.append(runner)
+    for file in files:
+        gcc(ROOT, BUILDS[0], *SANITIZED, "-c", file, "-o", WORK / f"{file.stem}.o")
 
 
-def killer(fault: Fault) -> str:
-    """The name of the test that sees it."""
-    folder = WORK / re.sub(r"\W+", "-", f"{fault.file}-{fault.what}")
-    shutil.copytree(ROOT / "lib", folder / "lib")
-    path = folder / "lib" / "src" / fault.file
+def support(test: Path) -> list[Path]:
+    names = ["unity", f"{test.stem}_runner"] if test in UNIT else []
+    names += ["cmock", *mocks(test)] if mocks(test) else []
+    return [WORK / f"{name}.o" for name in names]
+
+
+# ---- one fault ----
+
+
+@dataclass
+class Tree:
+    """lib/ and port/, with a fault in `changed` or without any."""
+
+    folder: Path
+    changed: Path | None = None
+
+    def affects(self, source: Path) -> bool:
+        return self.changed is None or self.changed in parts(source)
+
+    def compiled(self, source: Path, build: str, *options: str) -> Path:
+        """The object of a source: that without a fault where there is no difference."""
+        if not self.affects(source):
+            return UNHARMED.compiled(source, build, *options)
+        build = build if varies(source) else BUILDS[0]
+        target = self.folder / "objects" / build / "".join(options[:1]) / f"{source.stem}.o"
+        if not target.exists():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            inside = source.relative_to(ROOT)
+            path = self.folder / inside if self.changed and inside.parts[0] in MUTATED else source
+            temporary = target.with_suffix(f".{get_ident()}.o")
+            gcc(self.folder if self.changed else ROOT, build, *options, "-c", path, "-o", temporary)
+            temporary.replace(target)
+        return target
+
+    def fails(self, test: Path, build: str) -> bool:
+        program = self.folder / f"{test.stem}-{build}"
+        objects = [self.compiled(source, build, *SANITIZED) for source in sources(test)]
+        gcc(ROOT, build, *SANITIZED, *objects, *support(test), "-lm", "-o", program)
+        processor_s = 10 if test in UNIT else 100  # the longest take 0.3 and 15
+        command = ["sh", "-c", f'ulimit -t {processor_s}; exec "$0"', program]
+        try:
+            return subprocess.run(command, capture_output=True, timeout=SECONDS).returncode != 0
+        except subprocess.TimeoutExpired:
+            return True
+
+    def differs(self, test: Path, build: str) -> bool:
+        """Whether the fault makes the test another program."""
+        objects = ([tree.compiled(source, build, "-O1") for source in sources(test)] for tree in (self, UNHARMED))
+        return any(mine.read_bytes() != theirs.read_bytes() for mine, theirs in zip(*objects))
+
+
+UNHARMED = Tree(WORK)
+
+
+def seen_by(tree: Tree, tests: list[Path], build: str) -> Path | None:
+    """The first test that fails; None where the fault changes nothing."""
+    for k, test in enumerate(tests):
+        if (k == 0 or tree.differs(test, build)) and tree.fails(test, build):
+            return test
+    if any(tree.differs(test, build) for test in tests):
+        raise Unseen(f"no test sees it where RDPI_QUICK_STEP is {build}")
+    return None
+
+
+def killers(fault: Fault) -> list[str]:
+    """The names of the tests that see it: one for each build where it changes something."""
+    tree = Tree(WORK / re.sub(r"\W+", "-", f"{fault.file}-{fault.what}"), fault.path)
+    for folder in MUTATED:
+        shutil.copytree(ROOT / folder, tree.folder / folder)
+    path = tree.folder / fault.path
     text = path.read_text(encoding="utf-8")
     if text.count(fault.before) != 1 or not fault.before:
         raise Unseen(f"its text occurs {text.count(fault.before)} times")
     path.write_text(text.replace(fault.before, fault.after), encoding="utf-8")
-    nearest = "test_" + re.sub(r"^rdpi_|\.[ch]$", "", fault.file)
-    for test in sorted(ALL, key=lambda test: test.stem != nearest):
-        if fails(test, folder / "lib", folder, fault.file):
-            shutil.rmtree(folder)
-            return test.stem
-    raise Unseen("no test sees it")
+    nearest = "test_" + path.stem.removeprefix("rdpi_")
+    tests = [test for test in ALL if any(tree.affects(source) for source in sources(test))]
+    tests.sort(key=lambda test: test.stem != nearest)
+    seen: list[str] = []
+    for build in BUILDS:
+        test = seen_by(tree, tests, build)
+        if test and test.stem not in seen:
+            seen.append(test.stem)
+        if test and not any(varies(source) for source in sources(test)):
+            break  # it is the same program in the other build
+    if not seen:
+        raise Unseen("changes nothing in any build")
+    shutil.rmtree(tree.folder)
+    return seen
 
 
 def outcome(fault: Fault) -> tuple[bool, str]:
     try:
-        return True, f"seen by {killer(fault)}"
+        return True, f"seen by {', '.join(killers(fault))}"
     except Unseen as error:
         return False, str(error)
 
@@ -117,16 +224,14 @@ def main() -> int:
     faults = [one for one in read_faults() if all(word in f"{one.file}: {one.what}" for word in sys.argv[1:])]
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)
-    for source in (UNITY / "src" / "unity.c", *SOURCES):
-        compile_(ROOT / "lib", "-c", source, "-o", WORK / f"{source.stem}.o")
-    for test in UNIT:
-        generator = UNITY / "auto" / "generate_test_runner.rb"
-        subprocess.run(["ruby", generator, test, WORK / f"{test.stem}_runner.c"], check=True, capture_output=True)
+    make_support()
+    programs = [(test, build) for build in BUILDS for test in ALL]
+    programs = [(test, build) for test, build in programs if build == BUILDS[0] or any(map(varies, sources(test)))]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        unharmed = pool.map(lambda test: fails(test, ROOT / "lib", WORK), ALL)
-        broken = [test.stem for test, failed in zip(ALL, unharmed) if failed]
+        unharmed = pool.map(lambda program: UNHARMED.fails(*program), programs)
+        broken = [f"{test.stem} ({build})" for (test, build), failed in zip(programs, unharmed) if failed]
         if broken:
-            sys.exit(f"mutation: without any fault, these fail: {' '.join(broken)}")
+            sys.exit(f"mutation: without any fault, these fail (RDPI_QUICK_STEP): {', '.join(broken)}")
         passed = 0
         for fault, (seen, text) in zip(faults, pool.map(outcome, faults)):
             print("ok  " if seen else "FAIL", f"{fault.file}: {fault.what}: {text}", flush=True)
