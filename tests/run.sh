@@ -1,18 +1,18 @@
 #!/usr/bin/env bash
 # Every test: C under CTest and Ceedling, Python under pytest. Installs what is missing first.
 #
-#   ./tests/run.sh           everything: also sanitizers, coverage, analysers, fuzzing, mutation, slow tests
+#   ./tests/run.sh           all that a change can break: also sanitizers, coverage, emulators, analysers, slow tests
 #   ./tests/run.sh --quick   CTest and the fast pytests
+#   ./tests/run.sh --long    everything, as CI does: also mutation, all proofs, longer fuzzing
 #
 # All runners run even when one fails; their own closing lines come last, whole outputs are in build/logs.
 set -uo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root" || exit
 case "$*" in
-'') quick= ;;
---quick) quick=1 ;;
+'' | --quick | --long) level=${1-} ;;
 *)
-    sed -n '2,7s/^# \{0,1\}//p' "$0" >&2
+    sed -n '2,9s/^# \{0,1\}//p' "$0" >&2
     exit 2
     ;;
 esac
@@ -24,14 +24,14 @@ mkdir -p $logs
 closing=()
 failed=()
 run() { # run NAME PATTERN COMMAND...: PATTERN picks the runner's closing lines out of its output
-    local name=$1 pattern=$2 log=$logs/$1.log begin=$SECONDS status=passed
+    local name=$1 pattern=$2 log=$logs/$1.log begin=$SECONDS status=passed processor TIMEFORMAT='%U %S'
     shift 2
-    if ! "$@" >"$log" 2>&1 </dev/null; then
+    if ! processor=$({ time "$@" >"$log" 2>&1 </dev/null; } 2>&1); then
         status=failed
         failed+=("$name")
         { grep -E '^FAIL|:FAIL|error:|^E  |ERROR:' "$log" | head -n 20; echo ...; tail -n 20 "$log"; } | sed 's/^/    /'
     fi
-    echo "$name: $status in $((SECONDS - begin)) s"
+    echo "$name: $status in $((SECONDS - begin)) s, of the processors $(awk '{ printf "%.0f", $1 + $2 }' <<<"$processor") s"
     closing+=("$(grep -E "$pattern" "$log" | tail -n 4)")
 }
 ctest_preset() {
@@ -51,7 +51,7 @@ pytests() {
 rm -rf build/host/ctest.xml build/ceedling/artifacts # same-names must not read those of an earlier run
 ctest_lines='tests passed, .* tests? failed out of|^No tests were found'
 run ctest-host "$ctest_lines" ctest_preset host
-if [ -z "$quick" ]; then
+if [ "$level" != --quick ]; then
     run ctest-sanitize "$ctest_lines" ctest_preset sanitize
     run ctest-coverage "$ctest_lines" ctest_preset coverage
     run ceedling '^(TESTED|PASSED|FAILED|IGNORED): ' env GEM_HOME="$root/.gems" GEM_PATH="$root/.gems" .gems/bin/ceedling test:all
@@ -64,9 +64,13 @@ if [ -z "$quick" ]; then
     run size '^size: ' tests/size/size.py --check README.md
     run instructions '^instructions: ' .venv/bin/python tests/benchmark/instructions.py --check README.md
     run fuzz '^fuzz: ' tests/fuzz/run.sh 30
+fi
+if [ "$level" = --long ]; then
     run mutation '^mutation: ' tests/mutation/mutate.py
 fi
-run pytest ' in [0-9.]+s' pytests ${quick:+-m 'not slow'}
+slow=()
+[ "$level" != --quick ] || slow=(-m 'not slow')
+run pytest ' in [0-9.]+s' pytests "${slow[@]}"
 
 echo
 printf '%s\n' "${closing[@]}" | grep .
