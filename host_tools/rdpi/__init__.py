@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .errors import BadInput as BadInput
+
 
 def version() -> str:
     """Version of the installed distribution; "unknown" when the package runs from a checkout, not installed."""

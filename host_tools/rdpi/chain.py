@@ -8,13 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import effects, firmware, operators, signals
+from . import arguments, effects, firmware, operators, signals
 from .errors import BadInput
 from .firmware import Firmware, Steps
 from .model import LARGEST, Drive, Memory, Model
-from .recording import Recording, check_sizes
+from .recording import Recording, check_sizes, taken
 
 Engine = Callable[[Model, np.ndarray], Steps]
+MEMORIES = "auto", "model", "reset"
 MAX_REFERENCE_UM = operators.MAX_REFERENCE_UM
 MAX_SWEEPS = 60
 DEPTH, MIX = 6, 0.5  # sweeps remembered and damping of Anderson's mixing
@@ -50,6 +51,10 @@ class Score(NamedTuple):
 
 def score(predicted_um: np.ndarray, measured_um: np.ndarray, remove_offset: bool = False, where: str = "run") -> Score:
     """Error of a prediction, both (samples,). Raises BadInput, naming `where`, if it cannot be given in percent."""
+    predicted_um = arguments.series(predicted_um, f"{where}: predicted_um", finite=False)
+    measured_um = arguments.series(measured_um, f"{where}: measured_um", finite=False)
+    if len(predicted_um) != len(measured_um) or not len(measured_um):
+        raise BadInput(f"{where}: {len(predicted_um)} values predicted, {len(measured_um)} measured")
     error = measured_um - predicted_um
     offset = float(np.mean(error))
     if remove_offset:
@@ -70,7 +75,8 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
     the model's memory without displacement); "model" and "reset" impose theirs on every run. The model's effects act,
     disturbances among them as this very run shows them.
     """
-    acting = effects.acting(model)
+    arguments.one_of(memory, MEMORIES, "memory")
+    runs, acting = taken(runs, ["command_V"]), effects.acting(model)
     plain = effects.operator(acting, replace(model, effects=[]))
     unknown = any(one.effect.name == "initial_memory" for one in acting)
     predictions: list[Prediction] = []
@@ -157,6 +163,10 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     offset in um that was removed from the reference: with `remove_offset` the mean error of the model's prediction of
     this run.
     """
+    arguments.of_kind(model, Model, "model")
+    if not callable(engine):
+        arguments.one_of(engine, (*firmware.ENGINES, "numpy"), "engine")
+    (run,) = taken([run], [column], "run")
     recorded = {name: values for name, values in run.columns.items() if name != column}
     check_sizes(recorded, lambda row: f"{run.path}, sample {row}")
     reference = run.columns[column]

@@ -1074,7 +1074,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
     monitor_V (the amplifier's output) tells what lies before the actuator from what lies after. With --earlier, drives
     that were recorded before tell smaller changes.
     """
-    from . import gap_report, passport
+    from . import gap_report, intake, passport
     from .effects import CATALOGUE
     from .gap import diagnose
     from .model import read_model, write_model
@@ -1085,6 +1085,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
             raise BadInput(f"--without {name}: no effect; there are {', '.join(CATALOGUE)}")
     with progress("diagnosing") as report_progress:
         parameters = read_model(model)
+        intake.fitted_digests(parameters, model)
         passport.read(parameters, model)
         found = diagnose(parameters, [read_recording(path) for path in runs], without, report_progress,
                          [read_recording(path) for path in earlier])

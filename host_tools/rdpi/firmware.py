@@ -11,12 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import parameters
+from . import arguments, parameters
 from .errors import BadInput
 from .model import Model
 from .parameters import F32, NO_REFERENCE, Q31
 
 DTYPES = {"f32": np.float32, "f64": np.float64}
+ENGINES = *DTYPES, "q31"
 COUNTS = "guard", "clip", "input", "missed"
 SWEEP_CHUNK = 100_000  # samples
 
@@ -32,6 +33,7 @@ class Steps(NamedTuple):
 
 def engine(model: Model, sample_time_s: float, name: str) -> Firmware | FixedPoint:
     """The library's instance of this name: "f32", "f64" or "q31"."""
+    arguments.one_of(name, ENGINES, "engine")
     return FixedPoint(model, sample_time_s) if name == "q31" else Firmware(model, sample_time_s, name)
 
 
@@ -42,17 +44,19 @@ class Firmware:
     """
 
     def __init__(self, model: Model, sample_time_s: float, real: str = "f32") -> None:
+        arguments.of_kind(model, Model, "model")
         self._module, self._dtype = _load(real)
         ffi, lib = self._module.ffi, self._module.lib
         self.parameters = parameters.f32(model, self._dtype)
         self._params, self._arrays = _struct(self._module, "f32", self.parameters)
         self._self = ffi.new("rdpi_f32_t *")
+        sample_time_s = arguments.number(sample_time_s, "sample_time_s", finite=False)  # the library has the words
         self._check(lib.rdpi_f32_init(self._self, self._params, sample_time_s))
 
     def step(self, reference_um: np.ndarray) -> Steps:
         """rdpi_f32_step for each reference in um, shape (samples,), going on from the present state."""
         ffi, lib = self._module.ffi, self._module.lib
-        reference_um = _array(reference_um, self._dtype)
+        reference_um = _array(reference_um, self._dtype, "reference_um")
         result = Steps(*(np.empty(len(reference_um), kind)
                          for kind in (self._dtype, self._dtype, np.uint32, np.uint32)))
         lib.rdpi_batch_step(self._self, _pointer(ffi, reference_um), len(reference_um),
@@ -61,7 +65,7 @@ class Firmware:
 
     def missed(self, ticks: int) -> None:
         """rdpi_f32_missed: so many samples went by without a step."""
-        self._module.lib.rdpi_f32_missed(self._self, ticks)
+        self._module.lib.rdpi_f32_missed(self._self, _ticks(ticks))
 
     def sweep(self) -> tuple[np.ndarray, np.ndarray]:
         """The whole start-up sweep, rdpi_f32_sweep until it ends: drives in V and DAC codes, both (samples,)."""
@@ -77,9 +81,9 @@ class Firmware:
 
     def _displacement(self, function: Any, drive_V: np.ndarray, rate_um_per_s: np.ndarray) -> np.ndarray:
         ffi = self._module.ffi
-        drive_V, rate_um_per_s = _array(drive_V, self._dtype), _array(rate_um_per_s, self._dtype)
-        if drive_V.shape != rate_um_per_s.shape:
-            raise ValueError(f"{drive_V.shape} drives, {rate_um_per_s.shape} rates")
+        drive_V = _array(drive_V, self._dtype, "drive_V")
+        rate_um_per_s = _array(rate_um_per_s, self._dtype, "rate_um_per_s")
+        _check_alike(drive_V, rate_um_per_s)
         displacement_um = np.empty_like(drive_V)
         function(self._self, _pointer(ffi, drive_V), _pointer(ffi, rate_um_per_s), len(drive_V),
                  _pointer(ffi, displacement_um))
@@ -94,9 +98,8 @@ class Firmware:
 
     @memory_um.setter
     def memory_um(self, states_um: np.ndarray) -> None:
-        states = _array(states_um, self._dtype)
-        if states.shape != (self.parameters.plays,):
-            raise ValueError(f"{states.shape} states for {self.parameters.plays} plays")
+        states = _array(states_um, self._dtype, "memory_um")
+        _check_states(states, self.parameters.plays)
         self._check(self._module.lib.rdpi_f32_set_memory(self._self, _pointer(self._module.ffi, states)))
 
     @property
@@ -115,13 +118,14 @@ class FixedPoint:
     """
 
     def __init__(self, model: Model, sample_time_s: float) -> None:
+        arguments.of_kind(model, Model, "model").validate()
         self._module = _load("f32")[0]
         ffi, lib = self._module.ffi, self._module.lib
         self.parameters, self._limits_V = parameters.q31(model), (model.drive.min_V, model.drive.max_V)
         self._scale = self.parameters.scale
         self._params, self._arrays = _struct(self._module, "q31", self.parameters)
         self._self = ffi.new("rdpi_q31_t *")
-        if not 0.5e-9 < sample_time_s < 2**32 * 1e-9 - 1e-9:
+        if not 0.5e-9 < arguments.number(sample_time_s, "sample_time_s", finite=False) < 2**32 * 1e-9 - 1e-9:
             raise BadInput(f"a sample time of {sample_time_s:g} s: fixed point takes 1 ns to 4.29 s")
         self._check(lib.rdpi_q31_init(self._self, self._params, round(sample_time_s * 1e9)))
 
@@ -137,14 +141,14 @@ class FixedPoint:
 
     def references(self, reference_um: np.ndarray) -> np.ndarray:
         """What the firmware is given for references in um, int32 (samples,)."""
-        reference_um = np.asarray(reference_um, float)
+        reference_um = arguments.series(reference_um, "reference_um", finite=False)
         usable = np.abs(reference_um) <= self._module.lib.RDPI_MAX_REFERENCE_UM
         return np.where(usable, parameters.integers(reference_um, self._scale.um_per_reference, self._scale.offset_um),
                         np.int32(NO_REFERENCE))
 
     def missed(self, ticks: int) -> None:
         """rdpi_q31_missed: so many samples went by without a step."""
-        self._module.lib.rdpi_q31_missed(self._self, ticks)
+        self._module.lib.rdpi_q31_missed(self._self, _ticks(ticks))
 
     def sweep(self) -> tuple[np.ndarray, np.ndarray]:
         """The whole start-up sweep, rdpi_q31_sweep until it ends: drives in V and DAC codes, both (samples,)."""
@@ -161,11 +165,12 @@ class FixedPoint:
 
     def _displacement(self, function: Any, drive_V: np.ndarray, rate_um_per_s: np.ndarray) -> np.ndarray:
         ffi, scale = self._module.ffi, self._scale
+        drive_V = arguments.series(drive_V, "drive_V", finite=False)
+        rate_um_per_s = arguments.series(rate_um_per_s, "rate_um_per_s", finite=False)
+        _check_alike(drive_V, rate_um_per_s)
         drive = parameters.integers(drive_V, scale.V_per_drive, scale.offset_V)
         rate = parameters.integers(rate_um_per_s, scale.um_per_s_per_rate)
-        rate = np.where(np.isfinite(rate_um_per_s) & (np.asarray(rate_um_per_s) >= 0), rate, np.int32(-1))
-        if drive.shape != rate.shape:
-            raise ValueError(f"{drive.shape} drives, {rate.shape} rates")
+        rate = np.where(np.isfinite(rate_um_per_s) & (rate_um_per_s >= 0), rate, np.int32(-1))
         displacement = np.empty_like(drive)
         function(self._self, _pointer(ffi, drive), _pointer(ffi, rate), len(drive), _pointer(ffi, displacement))
         return np.where(displacement == NO_REFERENCE, np.nan, displacement * scale.um_per_reference + scale.offset_um)
@@ -183,8 +188,8 @@ class FixedPoint:
 
     @memory_um.setter
     def memory_um(self, states_um: np.ndarray) -> None:
-        if np.shape(states_um) != (self.parameters.plays,):
-            raise ValueError(f"{np.shape(states_um)} states for {self.parameters.plays} plays")
+        states_um = arguments.series(states_um, "memory_um", finite=False)
+        _check_states(states_um, self.parameters.plays)
         states = parameters.states(states_um, self._scale.um_per_drive, self.parameters.play[:, 0])
         self._check(self._module.lib.rdpi_q31_set_memory(self._self, _pointer(self._module.ffi, states)))
 
@@ -214,10 +219,10 @@ def plays(x_um: np.ndarray, thresholds_um: np.ndarray, states_um: np.ndarray) ->
     Returns the outputs, shape (samples, n + 1), and the states at the end, shape (n + 1,), all in um.
     """
     module, dtype = _load("f64")
-    x_um, thresholds_um = _array(x_um, dtype), _array(thresholds_um, dtype)
-    states_um = np.array(states_um, dtype)  # a copy: the library moves them
+    x_um, thresholds_um = _array(x_um, dtype, "x_um"), _array(thresholds_um, dtype, "thresholds_um")
+    states_um = _array(states_um, dtype, "states_um").copy()  # the library moves them
     if states_um.shape != thresholds_um.shape:
-        raise ValueError(f"{states_um.shape} states, {thresholds_um.shape} thresholds")
+        raise BadInput(f"{states_um.shape} states, {thresholds_um.shape} thresholds; there is one each per play")
     outputs_um = np.empty((len(x_um), len(thresholds_um)), dtype)
     module.lib.rdpi_batch_plays(_pointer(module.ffi, x_um), len(x_um), _pointer(module.ffi, thresholds_um),
                                 len(thresholds_um), _pointer(module.ffi, states_um), _pointer(module.ffi, outputs_um))
@@ -227,7 +232,10 @@ def plays(x_um: np.ndarray, thresholds_um: np.ndarray, states_um: np.ndarray) ->
 def rate(z_um: np.ndarray, sample_time_s: float, window_s: float, filter_s: float) -> np.ndarray:
     """The firmware's rate estimator in double, um/s, shape as z (samples,). Raises BadInput for too long a window."""
     module, dtype = _load("f64")
-    z_um = _array(z_um, dtype)
+    z_um = _array(z_um, dtype, "z_um")
+    sample_time_s, window_s, filter_s = (
+        arguments.number(value, name, finite=False) for name, value in
+        (("sample_time_s", sample_time_s), ("window_s", window_s), ("filter_s", filter_s)))
     result = np.empty_like(z_um)
     status = module.lib.rdpi_batch_rate(window_s, filter_s, sample_time_s, _pointer(module.ffi, z_um), len(z_um),
                                         _pointer(module.ffi, result))
@@ -272,7 +280,25 @@ def _load(real: str) -> tuple[Any, type]:
     return importlib.import_module(f"rdpi._{real}"), DTYPES[real]
 
 
-def _array(values: np.ndarray, dtype: type) -> np.ndarray:
+def _ticks(ticks: int) -> int:
+    ticks = arguments.number(ticks, "ticks")
+    if not 0 <= ticks < 2**32 or ticks != int(ticks):
+        raise BadInput(f"ticks is {ticks:g}; must be a whole number, 0 to {2**32 - 1}")
+    return int(ticks)
+
+
+def _check_alike(drive_V: np.ndarray, rate_um_per_s: np.ndarray) -> None:
+    if len(drive_V) != len(rate_um_per_s):
+        raise BadInput(f"{len(drive_V)} drives, {len(rate_um_per_s)} rates; give one rate per drive")
+
+
+def _check_states(states_um: np.ndarray, plays: int) -> None:
+    if len(states_um) != plays:
+        raise BadInput(f"memory_um: {len(states_um)} states for {plays} plays")
+
+
+def _array(values: np.ndarray, dtype: type, name: str) -> np.ndarray:
+    values = arguments.series(values, name, finite=False)  # the library says what is made of NaN and infinity
     with np.errstate(over="ignore"):  # what overflows becomes infinite, and the library knows infinity
         return np.ascontiguousarray(values, dtype=dtype)
 

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from . import experiment, intake, localise, numerics, passport, signals, version
+from . import arguments, experiment, intake, localise, numerics, passport, signals, version
 from .candidates import Bench, Candidate, Grams
 from .effects import CATALOGUE, STAGES
 from .gap_words import CHANGE, GAP, Terms
 from .model import Model
-from .recording import Recording
+from .recording import RUN_COLUMNS, Recording, taken
 from .selection import (SAME, USUAL_SPREAD, WIDEN, Excess, Judged, Round, Selection, detected, excess, select,
                         shrink_of)
 
@@ -54,6 +54,10 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
 
     Raises BadInput for recordings that cannot be this model's, and for a run whose drive no earlier recording has.
     """
+    runs, earlier = taken(runs, RUN_COLUMNS, "runs", 1), taken(earlier, RUN_COLUMNS, "earlier")
+    for name in arguments.listed(without, str, "without"):
+        arguments.one_of(name, CATALOGUE, "without")
+    arguments.of_kind(model, Model, "model").validate()
     notes, known = intake.check_against(model, runs), passport.read(model)
     if earlier:
         notes += [f"earlier, {note}" for note in intake.check_against(model, earlier) if any(

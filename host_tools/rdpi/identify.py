@@ -14,18 +14,18 @@ search over dead zones and the strength of the prior work on that alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from . import chain, firmware, localise, operators, passport, signals
+from . import arguments, chain, firmware, localise, operators, passport, signals
 from .errors import BadInput
 from .intake import LARGEST_INPUT, check_run, check_together, correlation, reversals, stays_at_an_end
 from .model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate,
                     guarded)
-from .recording import Recording
+from .recording import RUN_COLUMNS, Recording, taken
 
 SLOPE_FLOOR = 0.05  # no slope of a loading curve falls below this within the identified rates
 PIECE_RANGE = (0.2, 5.0)  # bounds of the inverse saturation's slopes U_j
@@ -124,9 +124,11 @@ class _Plant(NamedTuple):
 def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Sequence[Recording] = (),
         progress: Callable[[float], None] = lambda fraction: None) -> Fit:
     """Identify a model from `runs`, score it on them and on `hold_out`. BadInput is raised if they cannot be fitted."""
+    runs = taken(runs, RUN_COLUMNS, "runs", 1)
+    hold_out = taken(hold_out, RUN_COLUMNS, "hold_out")
+    _check_options(options)
     for run in (*runs, *hold_out):
         check_run(run)
-    _check_options(options)
     check_together(runs, hold_out)
     warnings: list[str] = []
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
@@ -223,6 +225,18 @@ def _check_reset(model: Model, runs: Sequence[Recording], warnings: list[str]) -
 
 
 def _check_options(options: Options) -> None:
+    arguments.of_kind(options, Options, "options")
+    for item in fields(Options):
+        value = getattr(options, item.name)
+        if item.type.startswith(("int", "float")) and not (value is None and item.type.endswith("None")):
+            whole = item.type.startswith("int")
+            if arguments.number(value, item.name, finite=whole) != value // 1 and whole:
+                raise BadInput(f"{item.name} is {value}; must be a whole number")
+    arguments.one_of(options.rate_source, SOURCES, "rate_source")
+    if options.thresholds_um is not None:
+        arguments.series(options.thresholds_um, "thresholds_um", finite=False)
+    if options.actuator is not None:
+        arguments.of_kind(options.actuator, str, "actuator")
     if not 0 <= options.operators <= 128:
         raise BadInput(f"--operators {options.operators}: must be 0 to 128")
     if not 0 <= options.deadzones <= 6:

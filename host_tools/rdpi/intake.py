@@ -124,7 +124,7 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     others = sorted({name for run in runs if (name := run.metadata.get("actuator", "")) and name != model.actuator})
     if others and model.actuator:
         notes.append(f"recorded from {', '.join(others)}, the model is of {model.actuator}")
-    fitted = {entry.get("digest") for entry in model.fit.get("runs", []) if isinstance(entry, dict)}
+    fitted = fitted_digests(model)
     known = [run.path for run in runs if run.digest and run.digest in fitted]
     if known:
         notes.append(f"the model was fitted to {', '.join(known)}: give recordings that it does not know")
@@ -135,6 +135,15 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
         notes.append("one recording only: effects were judged on parts of it that were left out, which promises more "
                      "than other recordings keep; give several with different waveforms")
     return notes
+
+
+def fitted_digests(model: Model, where: str = "model") -> list[str]:
+    """Digests of the runs that the model was fitted to. Raises BadInput, naming the key, where they cannot be read."""
+    runs = model.fit.get("runs", [])
+    if not isinstance(runs, list) or not all(isinstance(run, dict) for run in runs):
+        raise BadInput(f"{where}: fit.runs: must be a list of objects, as `rdpi fit` writes it; "
+                       "fit the model again, or take fit.runs out")
+    return [run["digest"] for run in runs if isinstance(run.get("digest"), str)]
 
 
 def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list[Recording]:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from . import version
+from . import arguments, version
 from .errors import BadInput
 from .recording import atomic_write
 
@@ -107,6 +107,7 @@ class Model:
     extra: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        self._take_kinds("model")
         if len(self.memory.plays_um) == 0:
             self.memory.plays_um = np.zeros(len(self.thresholds_um))
 
@@ -127,6 +128,7 @@ class Model:
 
     def validate(self, where: str = "model") -> None:
         """Raise BadInput, naming the key and a remedy, unless the firmware would take these parameters."""
+        self._take_kinds(where)
         self.validate_lengths(where)
         for key, maximum in (("thresholds_um", MAX_PLAYS), ("deadzones_um", MAX_DEADZONES)):
             length = len(getattr(self, key))
@@ -135,6 +137,19 @@ class Model:
         self._validate_finite(where)
         self._validate_values(where)
         self._single_precision()._validate_values(f"{where}, in the firmware's single precision")
+
+    def _take_kinds(self, where: str) -> None:
+        """Lists of numbers become arrays. Raises BadInput for what is no number, array, section or text by its key."""
+        for key, kind in (("rate", Rate), ("drive", Drive), ("memory", Memory), ("fit", dict), ("effects", list)):
+            arguments.of_kind(getattr(self, key), kind, f"{where}: {key}")
+        arguments.of_kind(self.actuator, str, f"{where}: actuator")
+        for prefix, part in (("", self), *((f"{key}.", getattr(self, key)) for key in SECTIONS)):
+            for item in fields(part):
+                value, key = getattr(part, item.name), f"{where}: {prefix}{item.name}"
+                if item.type == "np.ndarray":
+                    setattr(part, item.name, arguments.series(value, key, finite=False))
+                elif item.type.startswith(("float", "int")) and not (value is None and item.type.endswith("None")):
+                    arguments.number(value, key, finite=item.name in WHOLE)
 
     def _numbers(self) -> dict[str, Any]:
         """Every number and array of numbers the firmware takes, by key."""
@@ -216,7 +231,7 @@ class Model:
 
     def _validate_rate(self, refuse: Any) -> None:
         rate = self.rate
-        if rate.source not in SOURCES:
+        if not isinstance(rate.source, str) or rate.source not in SOURCES:
             refuse("rate.source", f'is "{rate.source}"; must be one of {", ".join(SOURCES)}')
         for key in ("window_s", "filter_s", "smoothing_s"):
             if getattr(rate, key) < 0:

@@ -14,11 +14,12 @@ import stat
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from . import arguments
 from .errors import BadInput
 
 MIN_SAMPLES = 16
@@ -85,6 +86,29 @@ class Recording:
     def memory(self) -> str:
         """What the hysteresis remembers at the first sample: "reset", "carried" or "unknown"."""
         return self.metadata.get("memory", "unknown")
+
+
+def taken(runs: Sequence[Recording], needs: Sequence[str], name: str = "runs", least: int = 0) -> list[Recording]:
+    """These recordings, their columns as float64. Raises BadInput for what is none, and one that lacks a column it
+    needs or has columns that are not of one length or not finite; `reference_um` may hold NaN, which is no reference.
+    """
+    found = []
+    for run in arguments.listed(runs, Recording, name):
+        columns = {key: arguments.series(values, f"{run.path}: {key}", finite=key != "reference_um")
+                   for key, values in arguments.of_kind(run.columns, dict, f"{run.path}: columns").items()}
+        for key in ("time_s", *needs):
+            if key not in columns:
+                raise BadInput(f"{run.path}: no column {key}")
+        for key, values in columns.items():
+            if len(values) != len(columns["time_s"]):
+                raise BadInput(f"{run.path}: {key} has {len(values)} values, time_s has {len(columns['time_s'])}")
+        if len(columns["time_s"]) < MIN_SAMPLES:
+            raise BadInput(f"{run.path}: {len(columns['time_s'])} samples; a recording needs at least {MIN_SAMPLES}")
+        same = all(columns[key] is run.columns[key] for key in columns)
+        found.append(run if same else replace(run, columns=columns))
+    if len(found) < least:
+        raise BadInput(f"{name}: none given")
+    return found
 
 
 def read_recording(path: str | os.PathLike[str], required: Sequence[str] = RUN_COLUMNS) -> Recording:

@@ -280,11 +280,11 @@ def test_rate(seed: int, sample_time_s: float, window: float, filter_samples: fl
 def test_lengths_that_differ_reach_no_c_code() -> None:
     """The library cannot know how long an array is."""
     library = Firmware(MODEL, SAMPLE_TIME_S)
-    with pytest.raises(ValueError, match="states for"):
+    with pytest.raises(BadInput, match="states for"):
         library.memory_um = np.zeros(1)
-    with pytest.raises(ValueError, match="drives"):
+    with pytest.raises(BadInput, match="drives"):
         library.forward(np.zeros(5), np.zeros(1))
-    with pytest.raises(ValueError, match="states, "):
+    with pytest.raises(BadInput, match="states, "):
         firmware.plays(np.zeros(2), np.array([0.0, 1.0, 2.0]), np.zeros(1))
     with pytest.raises(BadInput, match="^model: slopes: has 2 values"):
         Firmware(replace(MODEL, slopes=np.ones(2)), SAMPLE_TIME_S)

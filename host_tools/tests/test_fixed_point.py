@@ -344,9 +344,9 @@ def test_impossible_memory_changes_nothing(states: list[float]) -> None:
     with pytest.raises(BadInput, match="memory is not a state"):
         fixed.memory_um = np.array(states)
     np.testing.assert_array_equal(fixed.memory_um, before)
-    with pytest.raises(ValueError, match="states for"):
+    with pytest.raises(BadInput, match="states for"):
         fixed.memory_um = np.zeros(1)
-    with pytest.raises(ValueError, match="drives"):
+    with pytest.raises(BadInput, match="drives"):
         fixed.forward(np.zeros(5), np.zeros(1))
 
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .. import arguments
 from ..errors import BadInput
 from ..model import LARGEST, Model, guarded
 from ..recording import Recording
@@ -54,6 +55,7 @@ class Acting(NamedTuple):
 
 def acting(model: Model) -> list[Acting]:
     """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete."""
+    arguments.of_kind(model, Model, "model")
     found = [_acting(entry, f"effects[{k}]") for k, entry in enumerate(model.effects)]
     return in_order(found)
 

@@ -1,0 +1,69 @@
+"""What the Python functions are given: converted where it is what they take, else refused by name."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from .errors import BadInput
+
+
+def series(values: Any, name: str, finite: bool = True) -> np.ndarray:
+    """A one-dimensional float64 array of an array or list of numbers; the same array if it is one already.
+
+    Raises BadInput that names the argument for anything else, and if `finite` for NaN and infinity.
+    """
+    try:
+        array = np.asarray(values)
+    except (ValueError, TypeError):  # rows of unequal length
+        array = np.empty(0, object)
+    if array.ndim != 1 or array.dtype.kind not in "iuf":
+        raise BadInput(f"{name}: must be a one-dimensional array or list of numbers")
+    array = array.astype(float, copy=False)
+    if finite and not np.all(np.isfinite(array)):
+        at = int(np.argmin(np.isfinite(array)))
+        raise BadInput(f"{name}[{at}] is {array[at]}; every value must be finite")
+    return array
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is a number that a float holds, NaN and infinity included."""
+    return isinstance(value, Real) and not isinstance(value, bool) and not sys.float_info.max < abs(value) < np.inf
+
+
+def number(value: Any, name: str, finite: bool = True) -> float:
+    """A number as a float. Raises BadInput that names the argument for anything else, as `series` does."""
+    if not is_number(value) or finite and not np.isfinite(float(value)):
+        raise BadInput(f"{name} is {shown(value)}; must be a {'finite ' if finite else ''}number")
+    return float(value)
+
+
+def one_of(value: Any, allowed: Iterable[str], name: str) -> str:
+    """One of these words. Raises BadInput that names the argument for anything else."""
+    if not isinstance(value, str) or value not in allowed:
+        raise BadInput(f"{name} is {shown(value)}; must be one of {', '.join(allowed)}")
+    return value
+
+
+def of_kind(value: Any, kind: type, name: str) -> Any:
+    """A value of this class. Raises BadInput that names the argument for anything else."""
+    if not isinstance(value, kind):
+        raise BadInput(f"{name}: must be a {kind.__name__}, got {shown(value)}")
+    return value
+
+
+def listed(values: Any, kind: type, name: str) -> list:
+    """A list of values of this class. Raises BadInput that names the argument for anything else."""
+    if isinstance(values, (str, dict)) or not isinstance(values, Iterable):
+        raise BadInput(f"{name}: must be a list of {kind.__name__}s, got {shown(values)}")
+    return [of_kind(value, kind, f"{name}[{k}]") for k, value in enumerate(values)]
+
+
+def shown(value: Any) -> str:
+    """Short enough for a message."""
+    text = repr(value) if isinstance(value, (str, float, bool, type(None))) else f"a {type(value).__name__}"
+    return text if len(text) <= 40 else text[:39] + "…"
