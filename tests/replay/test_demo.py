@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from rdpi import chain, excite
+from rdpi.identify import Options, fit
+from rdpi.recording import Recording
 
 ROOT = Path(__file__).resolve().parents[2]
 RMS, MAX = 0, 1
+sys.path.insert(0, str(ROOT / "tests" / "bench"))
+
+import bench as vb  # noqa: E402
+
+RATE_HZ = 10_000
+LOOPS_ALONE = dict(creep_percent_per_decade=0.0, amplifier_hz=None, noise_um=0.0, adc_bits=None)
 
 
 @pytest.fixture(scope="module")
@@ -40,3 +52,38 @@ def test_actuators_that_are_no_play_operators(errors: dict, kind: str) -> None:
     for profile in errors[kind].values():
         none, independent, dependent = profile
         assert none[RMS] > independent[RMS] > dependent[RMS]
+
+
+def run_of(**columns: np.ndarray) -> Recording:
+    samples = len(next(iter(columns.values())))
+    metadata = {"memory": "reset", "sample_rate_hz": str(RATE_HZ)}
+    return Recording("run.csv", metadata, {"time_s": np.arange(samples) / RATE_HZ, **columns})
+
+
+def tracked_as_in_the_demo(kind: str) -> dict[str, float]:
+    """rms in % per profile, of an actuator that is nothing but its loops."""
+    def play(command_V: np.ndarray, seed: int) -> np.ndarray:
+        actuator = vb.make(kind, seed, **LOOPS_ALONE)
+        actuator.demagnetise(RATE_HZ)
+        return actuator.run(command_V, RATE_HZ)
+
+    limits = excite.Limits(0.0, 100.0, 50.0, RATE_HZ)
+    columns, _ = excite.make_drive("sawtooth", limits, False, frequencies_hz=(1.0, 5.0, 10.0, 20.0, 40.0))
+    recorded = run_of(command_V=columns["command_V"], displacement_um=play(columns["command_V"], 0))
+    model = fit([recorded], Options(min_V=0.0, max_V=100.0, dac_bits=16)).model
+    found = {}
+    for profile in ("10hz", "5-20-35hz"):
+        reference = vb.paper_profile(profile, RATE_HZ, 2.0)
+        steps, _ = chain.follow(model, run_of(reference_um=reference))
+        found[profile] = vb.error_percent(play(steps.drive_V.astype(float), 7), reference, RATE_HZ)[RMS]
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["preisach", "bouc-wen"])
+def test_what_remains_is_the_shape_of_the_loops(errors: dict, kind: str) -> None:
+    """Most of the mean square stays where there is neither creep nor amplifier, noise nor converter."""
+    alone = tracked_as_in_the_demo(kind)
+    print(f"{kind}, loops alone: " + ", ".join(f"{profile} {rms:.2f} %" for profile, rms in alone.items()))
+    for profile, rms in alone.items():
+        assert rms**2 > errors[kind][profile][2][RMS] ** 2 / 2
