@@ -34,7 +34,7 @@ RATES_HZ = (1e-6, 1e8)  # samples per second; times are written in whole nanosec
 UNFINISHED = "unfinished"  # first key of a recording that still grows; what it is set to is for people
 
 _CANNOT_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF, errno.EACCES, errno.EPERM)
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(\d+(?:\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 _NAME = re.compile(r'(?!#)[^,"\r\n\ud800-\udfff]+')  # surrogates stand for bytes that are no UTF-8
 _ROWS_PER_WRITE = 1 << 16

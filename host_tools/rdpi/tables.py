@@ -16,9 +16,10 @@ from .errors import BadInput
 from .units import known_unit, split_unit
 
 SNIFFED_LINES = 200
+MAX_COLUMNS = 10_000
 DIALECT_NAMES = {";": "semicolon-separated", "\t": "tab-separated", ",": "comma-separated", None: "white space"}
 
-_NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf)", re.ASCII | re.IGNORECASE)
+_NUMBER = re.compile(r"[+-]?(?:(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?|nan|inf)", re.ASCII | re.IGNORECASE)
 _DIALECTS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (None, "."), (None, ","))
 _COUNTED = {"sequence", "samples", "sample", "points", "point", "index"}  # in place of a unit: the rows are counted
 _NO_UNIT = {"", "-", "value", "bit"}
@@ -64,6 +65,8 @@ def layout(path: str, text: str) -> Layout:
     """Recognise a table by its first lines. Raises BadInput where there is none."""
     head = text.split("\n", SNIFFED_LINES)[:SNIFFED_LINES]
     delimiter, decimal, first, count = _sniff(path, head)
+    if count > MAX_COLUMNS:
+        raise BadInput(f"{path}:{first + 1}: {count} columns, at most {MAX_COLUMNS}; write one line per sample")
     preamble = _preamble(head[:first], delimiter, decimal, count)
     rows = [row for row in (fields(line, delimiter) for line in head[first:]) if any(row)]
     for column in range(count):
@@ -140,12 +143,11 @@ def _preamble(lines: Sequence[str], delimiter: str | None, decimal: str, count: 
     metadata: dict[str, str] = {}
     rows: list[tuple[int, list[str], list[str] | None]] = []  # line, fields, names if it may hold them
     for number, line in enumerate(lines, 1):
-        comment = re.fullmatch(r"\s*#\s*([^:]*\S)\s*:\s*(.*?)\s*", line)
-        if comment and len(fields(comment[2], delimiter)) != count:
-            metadata[comment[1]] = comment[2]
-        elif line.strip():
-            text = _uncomment(line)
-            rows.append((number, fields(text, delimiter), _header(text, delimiter, count)))
+        key, colon, value = (part.strip() for part in line.strip().removeprefix("#").partition(":"))
+        if line.lstrip().startswith("#") and key and colon and len(fields(value, delimiter)) != count:
+            metadata[key] = value
+        elif (text := _uncomment(line)).strip():
+            rows.append((number, fields(text, delimiter) or [""], _header(text, delimiter, count)))
     settings = _settings([row for _, row, _ in rows], decimal)
     if not rows or rows[-1][2] is None and not _units(rows[-1][1], count):
         return Preamble(metadata, [""] * count, None, settings)
@@ -188,7 +190,7 @@ def _header(line: str, delimiter: str | None, count: int) -> list[str] | None:
     most = count + _MAX_EXTRA
     if delimiter is None:  # "Time (s)  Voltage (V)"
         most = count
-        options += [re.split(r"\s{2,}|\t", line.strip()), re.sub(r"\s+(?=[\[(])", "_", line).split(),
+        options += [re.split(r"\s{2,}|\t", line.strip()), " ".join(line.split()).replace(" [", "_[").replace(" (", "_(").split(),
                     fields(line, ",")]
     for names in options:
         if count <= len(names) <= most and not any(map(_NUMBER.fullmatch, names)):

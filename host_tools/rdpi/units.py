@@ -11,6 +11,7 @@ UNITS = {
     "s": ("s", 0), "ms": ("s", -3), "us": ("s", -6), "ns": ("s", -9),
     "degC": ("degC", 0),
 }
+LONGEST_NAME = 200
 _SPELLINGS = {"µm": "um", "μm": "um", "micron": "um", "microns": "um", "µs": "us", "μs": "us", "sec": "s",
               "second": "s", "seconds": "s", "volt": "V", "volts": "V", "c": "degC", "°c": "degC",
               **{unit.lower(): unit for unit in UNITS}}
@@ -29,8 +30,11 @@ def units_of(dimension: str | None) -> str:
 def split_unit(name: str) -> tuple[str, str | None]:
     """("pos", "nm") of "pos_nm", "pos [nm]", "pos (nm)", "pos/nm" or "pos nm"; the unit is None when there is none.
 
-    An unknown unit in brackets is returned as it is written: better an error than a wrong scale.
+    An unknown unit in brackets is returned as it is written: better an error than a wrong scale. What is too long for a
+    name has none: the patterns take time that grows with its square.
     """
+    if len(name) > LONGEST_NAME:
+        return name, None
     bracket = re.fullmatch(r"(.+?)[\s_]*[\[(]\s*([^\])]+?)\s*[\])]", name)
     if bracket:
         return bracket[1], known_unit(bracket[2]) or bracket[2]

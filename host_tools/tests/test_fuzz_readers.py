@@ -37,12 +37,20 @@ def fuzzed(long: bool, rounds: Iterable[int]) -> Callable[..., None]:
     """Check a function of drawn arguments with so many examples, or if `long` for long; warnings are errors."""
 
     def run(function: Callable[..., None], examples: int, **strategies: st.SearchStrategy[Any]) -> None:
+        count = 0
+
+        def counted(**drawn: Any) -> None:
+            nonlocal count
+            count += 1
+            function(**drawn)
+
         checked = settings(max_examples=2000 if long else examples, suppress_health_check=list(HealthCheck))(
-            given(**strategies)(function))
+            given(**strategies)(counted))
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
             for _ in rounds:
                 checked()
+        print(f"{count} examples")  # pytest -s shows it
 
     return run
 
@@ -146,7 +154,8 @@ def test_foreign_tables(fuzzed: Callable, tmp_path: Path) -> None:
             sound(found[0])
             write_recording(tmp_path / "out.csv", found[0].columns, found[0].metadata)
 
-    words = (b"***End_of_Header***", b"X_Value", b"Volt", b"(ms)", b"Sequence", b"Increment", b"=", b"t0 =", b"Unit")
+    words = (b"***End_of_Header***", b"X_Value", b"Volt", b"(ms)", b"Sequence", b"Increment", b"=", b"t0 =", b"Unit",
+             b"\n#\n", b"\n%% \n", b"\n##:\n", b"\n\n")
     good = st.one_of([damaged(table.encode(encoding), *PIECES, *words)
                       for table in TABLES for encoding in ("utf-8", "utf-16")])
     fuzzed(check, 250, data=good | TEXT | st.binary(max_size=200), request=REQUESTS)
@@ -233,8 +242,9 @@ def test_models(fuzzed: Callable, tmp_path: Path) -> None:
         for (*parents, last), value in edits:
             holder = changed
             for key in parents:
-                holder = holder[key] if isinstance(holder, dict) and key in holder else {}
-            holder[last] = value
+                holder = holder.get(key) if isinstance(holder, dict) else None
+            if isinstance(holder, dict):
+                holder[last] = value
         return json.dumps(changed).encode()
 
     def check(data: bytes) -> None:

@@ -519,6 +519,29 @@ def test_usage_errors(rdpi: Callable, tmp_path: Path) -> None:
         assert result.exit_code == 2 and options[0] in result.output and not (tmp_path / "out.csv").exists()
 
 
+LONG = 100_000
+LONG_LINES = {"digits": "1" * LONG + "x", "brackets": "[" * LONG + ",u,z", "units": "a" + "_ " * LONG + ",u,z",
+              "words": "# " + "a " * LONG, "blanks": "t u" + " " * LONG + "z", "hashes": "#" * LONG,
+              "quotes": '"' * LONG, "commas": "," * LONG}
+
+
+@pytest.mark.parametrize("name", LONG_LINES)
+@pytest.mark.parametrize("delimiter", [",", " "])
+def test_long_lines_above_a_table(name: str, delimiter: str, tmp_path: Path) -> None:
+    """Read in a time that grows as their length: with its square, this test takes minutes."""
+    path = tmp_path / "run.txt"
+    path.write_text(LONG_LINES[name] + "\n" + table(*RUN.values(), delimiter=delimiter))
+    recording, _ = import_recording(str(path), Request(columns={"time": "0", "command": "1", "displacement": "2"}))
+    assert len(recording) == COUNT
+
+
+def test_a_number_of_many_digits_and_a_letter(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(",".join(RUN) + "\n" + "1" * LONG + "x,1,2\n" + table(*RUN.values()))
+    with pytest.raises(BadInput, match="run.csv:2: column time_s is .*not a number"):
+        read_recording(path)
+
+
 # --- several sources -----------------------------------------------------------------------------------------------
 
 def test_several_sources(rdpi: Callable, tmp_path: Path) -> None:
