@@ -10,12 +10,16 @@
 
 /* Both have static functions of the same names. */
 #define count ad5683r_count
+#define put ad5683r_put
 #include "../../port/drivers/ad5683r.c"
 #undef count
+#undef put
 #undef WRITE_INPUT
 #define count dac8562_count
+#define put dac8562_put
 #include "../../port/drivers/dac8562.c"
 #undef count
+#undef put
 
 /* The DAC on the bus: its registers. One channel or two. */
 typedef struct {
@@ -106,20 +110,25 @@ static void dac8562_takes(uint32_t word)
     }
 }
 
+static void dac_takes(const uint8_t *bytes, size_t frames)
+{
+    for (size_t k = 0; k < frames; k++) {
+        const uint8_t *frame = &bytes[k * RDPI_SPI_FRAME_BYTES];
+        uint32_t word = (uint32_t)frame[0] << 16 | (uint32_t)frame[1] << 8 | frame[2];
+        uint16_t before[2] = {dac.output[0], dac.output[1]};
+        (is_dac8562 ? dac8562_takes : ad5683r_takes)(word);
+        /* Of two frames the first does not show: both outputs change together. */
+        CHECK(k + 1u == frames || memcmp(before, dac.output, sizeof before) == 0);
+        dac.frames++;
+    }
+}
+
 /* The transfer ends: the bytes go out as they are at this moment, as by DMA. */
 static void finish_transfer(void)
 {
     if (sending != NULL) {
         CHECK(memcmp(sending, as_begun, sending_frames * RDPI_SPI_FRAME_BYTES) == 0);
-        for (size_t k = 0; k < sending_frames; k++) {
-            const uint8_t *frame = &sending[k * RDPI_SPI_FRAME_BYTES];
-            uint32_t word = (uint32_t)frame[0] << 16 | (uint32_t)frame[1] << 8 | frame[2];
-            uint16_t before[2] = {dac.output[0], dac.output[1]};
-            (is_dac8562 ? dac8562_takes : ad5683r_takes)(word);
-            /* Of two frames the first does not show: both outputs change together. */
-            CHECK(k + 1u == sending_frames || memcmp(before, dac.output, sizeof before) == 0);
-            dac.frames++;
-        }
+        dac_takes(sending, sending_frames);
         sending = NULL;
     }
 }
@@ -262,6 +271,28 @@ static void do_ldac(void)
     }
 }
 
+/* A fault, perhaps amid a transfer, of which the DAC discards the frame: its outputs go to the safe codes. */
+static void do_safe(uint8_t how)
+{
+    const rdpi_ad5683r_config_t config = {expected.external_reference, expected.gain_2, expected.ldac_driven};
+    uint32_t code_a = take_code(), code_b = take_code();
+    uint8_t bytes[2 * RDPI_SPI_FRAME_BYTES];
+    if (how % 2u == 0u) {
+        finish_transfer();
+    }
+    sending = NULL;
+    if (is_dac8562) {
+        rdpi_dac8562_safe_frames(code_a, code_b, bytes);
+    } else {
+        rdpi_ad5683r_safe_frames(&config, code_a, bytes);
+    }
+    dac_takes(bytes, 2);
+    CHECK(code_a > 65535u || dac.output[0] == code_a);
+    CHECK(!is_dac8562 || code_b > 65535u || dac.output[1] == code_b);
+    CHECK(is_dac8562 || (dac.reference == !expected.external_reference && dac.gain_2 == expected.gain_2));
+    do_init();
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     input = data;
@@ -283,6 +314,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         case 3:
             if (what >= 224) {
                 do_init();
+            } else if (what >= 192) {
+                do_safe(what / 8u);
             }
             break;
         default:
