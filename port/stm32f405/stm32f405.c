@@ -134,6 +134,7 @@ static void spi_start(void)
     change(&RCC->ahb1enr, 0, RCC_AHB1_GPIOA);
     change(&RCC->apb2enr, 0, RCC_APB2_SPI1);
     (void)reg_read(&RCC->apb2enr); /* the clocks are on two cycles after the write */
+    reg_write(&SPI1->cr2, 0);      /* no interrupt goes on with that frame */
     reg_write(&GPIOA->bsrr, GPIO_HIGH(SYNC_PIN));
     change(&GPIOA->afr[0], GPIO_4(5u, 15u) | GPIO_4(7u, 15u), GPIO_4(5u, 5u) | GPIO_4(7u, 5u));
     change(&GPIOA->ospeedr, GPIO_2(SYNC_PIN, 3u) | GPIO_2(5u, 3u) | GPIO_2(7u, 3u),

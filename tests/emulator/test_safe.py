@@ -281,6 +281,26 @@ def test_only_ticks_feed_the_watchdog(build: Builder, tmp_path: Path) -> None:
     assert len(keys[2:]) == 1 + CALLS - 1  # at the start, and after each tick that returned
 
 
+def test_the_watchdog_is_fed_after_the_end(build: Builder, tmp_path: Path) -> None:
+    """main has returned, and the last code is to stay."""
+    board = "stm32f405"
+    image = build(board, np.zeros(16), RATE_HZ, "f32", "-DRDPI_TRACK_SWEEP=OFF", "-DRDPI_WATCHDOG_MS=100")
+    with running(image, board, tmp_path) as outside:
+        until(lambda: (info := outside.telemetry().info) is not None and info.state == telemetry.FINISHED)
+        until(lambda: [address for address, _ in outside.writes()].count(0x40003000) > 1000)
+
+
+@pytest.mark.parametrize("board, last", [("stm32f405", 2**16 - 1), ("stm32g474", 2**12 - 1)])
+def test_a_safe_code_beyond_the_dac_does_not_build(build: Builder, board: str, last: int) -> None:
+    with pytest.raises(AssertionError, match=f"RDPI_SAFE_CODE: {last} at most"):
+        build(board, np.zeros(16), RATE_HZ, "f32", f"-DRDPI_SAFE_CODE={last + 1}")
+
+
+def test_a_safe_code_that_is_no_number_is_told_so(build: Builder) -> None:
+    with pytest.raises(AssertionError, match="RDPI_SAFE_CODE is '-1', not a whole number"):
+        build("qemu-m4f", np.zeros(16), RATE_HZ, "f32", "-DRDPI_SAFE_CODE=-1")
+
+
 def test_a_watchdog_is_refused_where_the_board_has_none(build: Builder) -> None:
     with pytest.raises(AssertionError, match="RDPI_WATCHDOG_MS is 100, but port/qemu_mps2 has no watchdog"):
         build("qemu-m4f", np.zeros(16), RATE_HZ, "f32", "-DRDPI_WATCHDOG_MS=100")
