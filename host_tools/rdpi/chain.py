@@ -15,7 +15,7 @@ from .model import LARGEST, Drive, Memory, Model
 from .recording import Recording, check_sizes, taken
 
 Engine = Callable[[Model, np.ndarray], Steps]
-MEMORIES = "auto", "model", "reset"
+MEMORIES = "auto", "model", "reset", "estimate"
 MAX_REFERENCE_UM = operators.MAX_REFERENCE_UM
 MAX_SWEEPS = 60
 DEPTH, MIX = 6, 0.5  # sweeps remembered and damping of Anderson's mixing
@@ -72,11 +72,12 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
 
     memory: "auto" follows each run's metadata (reset: a decaying sweep ended at the first sample; carried: where the
     run before ended; unknown: one number, a previous position, estimated from the samples that still depend on it, or
-    the model's memory without displacement); "model" and "reset" impose theirs on every run. The model's effects act,
+    the model's memory without displacement); "model", "reset" and "estimate" impose theirs on every run. The model's effects act,
     disturbances among them as this very run shows them.
     """
     arguments.one_of(memory, MEMORIES, "memory")
     runs, acting = taken(runs, ["command_V"]), effects.acting(model)
+    model.validate_lengths()
     plain = effects.operator(acting, replace(model, effects=[]))
     unknown = any(one.effect.name == "initial_memory" for one in acting)
     predictions: list[Prediction] = []

@@ -232,6 +232,7 @@ def _check_options(options: Options) -> None:
             whole = item.type.startswith("int")
             if arguments.number(value, item.name, finite=whole) != value // 1 and whole:
                 raise BadInput(f"{item.name} is {value}; must be a whole number")
+    arguments.of_kind(options.rate_independent, bool, "rate_independent")
     arguments.one_of(options.rate_source, SOURCES, "rate_source")
     if options.thresholds_um is not None:
         arguments.series(options.thresholds_um, "thresholds_um", finite=False)

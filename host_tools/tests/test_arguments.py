@@ -73,6 +73,10 @@ OTHERS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "diagnose model": ("model", lambda value: gap.diagnose(value, [RUN])),
     "diagnose without": ("without", lambda value: gap.diagnose(MODEL, [RUN], [value])),
     "follow engine": ("engine", lambda value: chain.follow(MODEL, changed(RUN, reference_um=RUN.time_s), engine=value)),
+    "simulate thresholds": ("thresholds_um|slopes", lambda value: chain.simulate(
+        replace(MODEL, thresholds_um=np.zeros(0) if value is None else value), [RUN])),
+    "fit rate_independent": ("rate_independent", lambda value: identify.fit([RUN], Options(
+        rate_independent="yes" if value is True else value))),
     "fit options": ("options", lambda value: identify.fit([RUN], value))}
 SCALARS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "engine": ("sample_time_s", lambda value: firmware.engine(MODEL, value, "f32")),

@@ -54,9 +54,9 @@ def test_actuators_that_are_no_play_operators(errors: dict, kind: str) -> None:
         assert none[RMS] > independent[RMS] > dependent[RMS]
 
 
-def run_of(**columns: np.ndarray) -> Recording:
+def run_of(memory: str, **columns: np.ndarray) -> Recording:
     samples = len(next(iter(columns.values())))
-    metadata = {"memory": "reset", "sample_rate_hz": str(RATE_HZ)}
+    metadata = {"memory": memory, "sample_rate_hz": str(RATE_HZ)}
     return Recording("run.csv", metadata, {"time_s": np.arange(samples) / RATE_HZ, **columns})
 
 
@@ -69,12 +69,12 @@ def tracked_as_in_the_demo(kind: str) -> dict[str, float]:
 
     limits = excite.Limits(0.0, 100.0, 50.0, RATE_HZ)
     columns, _ = excite.make_drive("sawtooth", limits, False, frequencies_hz=(1.0, 5.0, 10.0, 20.0, 40.0))
-    recorded = run_of(command_V=columns["command_V"], displacement_um=play(columns["command_V"], 0))
+    recorded = run_of("reset", command_V=columns["command_V"], displacement_um=play(columns["command_V"], 0))
     model = fit([recorded], Options(min_V=0.0, max_V=100.0, dac_bits=16)).model
     found = {}
     for profile in ("10hz", "5-20-35hz"):
         reference = vb.paper_profile(profile, RATE_HZ, 2.0)
-        steps, _ = chain.follow(model, run_of(reference_um=reference))
+        steps, _ = chain.follow(model, run_of("unknown", reference_um=reference))
         found[profile] = vb.error_percent(play(steps.drive_V.astype(float), 7), reference, RATE_HZ)[RMS]
     return found
 
