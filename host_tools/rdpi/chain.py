@@ -72,8 +72,8 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
 
     memory: "auto" follows each run's metadata (reset: a decaying sweep ended at the first sample; carried: where the
     run before ended; unknown: one number, a previous position, estimated from the samples that still depend on it, or
-    the model's memory without displacement); "model", "reset" and "estimate" impose theirs on every run. The model's effects act,
-    disturbances among them as this very run shows them.
+    the model's memory without displacement); "model", "reset" and "estimate" impose theirs on every run. The model's
+    effects act, disturbances among them as this very run shows them.
     """
     arguments.one_of(memory, MEMORIES, "memory")
     runs, acting = taken(runs, ["command_V"]), effects.acting(model)

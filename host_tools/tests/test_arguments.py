@@ -40,7 +40,8 @@ def set_memory(name: str, states_um: Any) -> None:
 
 
 SERIES: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    **{f"{name} step": ("reference_um", lambda values, name=name: engine(name).step(values)) for name in firmware.ENGINES},
+    **{f"{name} step": ("reference_um", lambda values, name=name: engine(name).step(values))
+       for name in firmware.ENGINES},
     **{f"{name} {do}": ("drive_V", lambda values, name=name, do=do: getattr(engine(name), do)(values, np.zeros(3)))
        for name in firmware.ENGINES for do in ("predict", "forward")},
     **{f"{name} {do} rate": ("rate_um_per_s", lambda values, name=name, do=do: getattr(engine(name), do)(
