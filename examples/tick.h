@@ -77,7 +77,8 @@ static void tick(void)
     }
 }
 
-/* Tells the host, outputs the first code and starts the timer. False, and the safe code is out, where it does not run. */
+/* Tells the host, outputs the first code and starts the timer. False, and the safe code is out, where it does not
+ * run. */
 static bool start_ticks(uint32_t rate_hz, uint32_t first_code)
 {
     (void)send_info();

@@ -35,7 +35,8 @@ run() { # run NAME PATTERN COMMAND...: PATTERN picks the runner's closing lines 
     closing+=("$(grep -E "$pattern" "$log" | tail -n 4)")
 }
 ctest_preset() {
-    cmake --preset "$1" && cmake --build --preset "$1" --parallel "$(nproc)" && ctest --preset "$1" --output-junit ctest.xml
+    cmake --preset "$1" && cmake --build --preset "$1" --parallel "$(nproc)" &&
+        ctest --preset "$1" --output-junit ctest.xml
 }
 names() {
     .venv/bin/python tests/ceedling/compare_names.py build/host/ctest.xml build/ceedling/artifacts/test/tests_report.json

@@ -45,8 +45,9 @@ __attribute__((used)) void stay_safe(void)
     }
 }
 
-/* A fault, or an exception that nothing here raises: no interrupt runs any more, and the DAC gets its safe code. The stack
- * begins anew: to have left its memory may have been the fault, and a second one in here would lock the processor up. */
+/* A fault, or an exception that nothing here raises: no interrupt runs any more, and the DAC gets its safe code. The
+ * stack begins anew: to have left its memory may have been the fault, and a second one in here would lock the
+ * processor up. */
 __attribute__((naked)) static void stop(void)
 {
     __asm__ volatile("cpsid i\n\tldr r0, =stack_end\n\tmov sp, r0\n\tldr r0, =stay_safe\n\tbx r0");

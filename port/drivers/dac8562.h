@@ -109,9 +109,10 @@ bool rdpi_dac8562_write_channel(rdpi_dac8562_t *self, rdpi_dac8562_channel_t cha
 /* Bytes that rdpi_dac8562_safe_frames writes. */
 #define RDPI_DAC8562_SAFE_BYTES 6
 
-/* The two frames of rdpi_dac8562_write, LDAC driven or not, for rdpi_port_safe, which sends them itself, because after a
- * fault neither an rdpi_dac8562_t nor an interrupt can be trusted; nothing is sent here. Before rdpi_dac8562_start, after
- * power up, the internal reference is off, and the outputs are 0 V whatever the code. Any context. */
+/* The two frames of rdpi_dac8562_write, LDAC driven or not, for rdpi_port_safe, which sends them itself, because
+ * after a fault neither an rdpi_dac8562_t nor an interrupt can be trusted; nothing is sent here. Before
+ * rdpi_dac8562_start, after power up, the internal reference is off, and the outputs are 0 V whatever the code. Any
+ * context. */
 void rdpi_dac8562_safe_frames(uint32_t code_a, uint32_t code_b, uint8_t *bytes);
 
 #ifdef __cplusplus

@@ -17,8 +17,8 @@ extern "C" {
 /* In place of a reading of the displacement sensor: there is none. */
 #define RDPI_PORT_NO_READING INT32_MIN
 
-/* The safe state: the DAC's code where the firmware cannot go on. The build sets it, -DRDPI_SAFE_CODE=; 0 unless it does,
- * which is also what a DAC outputs after its own reset. */
+/* The safe state: the DAC's code where the firmware cannot go on. The build sets it, -DRDPI_SAFE_CODE=; 0 unless it
+ * does, which is also what a DAC outputs after its own reset. */
 #ifndef RDPI_SAFE_CODE
 #define RDPI_SAFE_CODE 0u
 #endif
@@ -35,14 +35,15 @@ bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick);
  * from main before rdpi_port_start. */
 bool rdpi_port_write_dac(uint32_t code);
 
-/* Outputs RDPI_SAFE_CODE and returns when the DAC has it, whatever was going on: a frame half sent is given up first. Takes
- * a limited time, no interrupt and no variable's value, so that it also serves before variables have values and after
- * they are lost. The port calls it first of all after reset, and after a fault, when nothing else runs any more. Any
- * context; the next rdpi_port_write_dac ends the safe state. */
+/* Outputs RDPI_SAFE_CODE and returns when the DAC has it, whatever was going on: a frame half sent is given up first.
+ * Takes a limited time, no interrupt and no variable's value, so that it also serves before variables have values and
+ * after they are lost. The port calls it first of all after reset, and after a fault, when nothing else runs any
+ * more. Any context; the next rdpi_port_write_dac ends the safe state. */
 void rdpi_port_safe(void);
 
-/* Whether the board's watchdog has reset it; false where there is none, or none was asked for. The safe code is out then;
- * an application that goes on would move the actuator, and perhaps meet the same fault again and again. From main. */
+/* Whether the board's watchdog has reset it; false where there is none, or none was asked for. The safe code is out
+ * then; an application that goes on would move the actuator, and perhaps meet the same fault again and again. From
+ * main. */
 bool rdpi_port_watchdog_reset(void);
 
 /* The displacement sensor's latest reading in counts, or RDPI_PORT_NO_READING. From the tick; returns at once. */
@@ -59,8 +60,8 @@ uint32_t rdpi_port_cycles(void);
  * wait. From the tick, or from main while no tick sends. */
 bool rdpi_port_send(const uint8_t *bytes, size_t count);
 
-/* What main does between ticks: sleeps until something has happened. After rdpi_port_start, from main, again and again: a
- * watchdog takes it as the sign that main is alive. */
+/* What main does between ticks: sleeps until something has happened. After rdpi_port_start, from main, again and
+ * again: a watchdog takes it as the sign that main is alive. */
 void rdpi_port_idle(void);
 
 #ifdef __cplusplus

@@ -1,5 +1,5 @@
-/* The independent watchdog of the STM32F4 and G4, for a port that includes this after its registers.h, which has IWDG, RCC,
- * RCC_CSR_..., and brings `reached`. Off unless the build asks for it, RDPI_WATCHDOG_MS.
+/* The independent watchdog of the STM32F4 and G4, for a port that includes this after its registers.h, which has IWDG,
+ * RCC and RCC_CSR_..., and brings `reached`. Off unless the build asks for it, RDPI_WATCHDOG_MS.
  *
  * What feeds it is a tick that has returned, if main has come by rdpi_port_idle since it was fed before: a tick that
  * hangs, one that no longer comes and a main that hangs all end in a reset.
@@ -7,9 +7,9 @@
  *     what                                                                          sources
  *     KR, PR, RLR, SR at 0x00, 0x04, 0x08, 0x0C; base address 0x40003000            ST's stm32f405xx.h, stm32g474xx.h;
  *                                                                                   the address also Mios, stm32g4
- *     keys             0x5555 opens PR and RLR, 0xAAAA reloads, 0xCCCC starts       SVD of the STM32H743 in cmforthlib
- *     PR 2:0           the divider is 4 << PR, 256 at most; RLR has 12 bits         the same, and libopencm3
- *     SR               PVU 0, RVU 1: PR, RLR are being taken over                   SVDs in cmforthlib
+ *     keys             0x5555 opens PR and RLR, 0xAAAA reloads, 0xCCCC starts       SVDs in cmforthlib (STM32H743)
+ *     PR 2:0           the divider is 4 << PR, 256 at most; RLR has 12 bits         the same
+ *     SR               PVU 0, RVU 1: PR, RLR are being taken over                   the same (STM32WL5x)
  *     oscillator       32 kHz; the data sheets allow 17 to 47 (F405)                RM0090, DS8626, from memory
  *     RCC_CSR          in the ports' registers.h */
 #ifndef RDPI_STM32_WATCHDOG_H

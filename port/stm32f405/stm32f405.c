@@ -127,8 +127,8 @@ static bool clock_start(void)
     return reached(&RCC->cfgr, RCC_CFGR_SWS, RCC_CFGR_SWS_PLL);
 }
 
-/* SPI and its pins, whatever was done with them. SYNC goes high first: of a frame that was being sent the DAC discards what
- * it has. */
+/* SPI and its pins, whatever was done with them. SYNC goes high first: of a frame that was being sent the DAC
+ * discards what it has. */
 static void spi_start(void)
 {
     change(&RCC->ahb1enr, 0, RCC_AHB1_GPIOA);

@@ -95,8 +95,8 @@ bool rdpi_port_write_dac(uint32_t code)
 /* First of all after reset, and after a fault: interrupts do not run, and no variable may be relied on. */
 void rdpi_port_safe(void)
 {
-    /* BOARD: clock and pins of the DAC, and of its bus, from anew; RDPI_SAFE_CODE to the DAC, waiting for it with a limit.
-     * Chip select goes high first, so that a frame half sent is discarded; port/stm32f405 is an example. */
+    /* BOARD: clock and pins of the DAC, and of its bus, from anew; RDPI_SAFE_CODE to the DAC, waiting for it with a
+     * limit. Chip select goes high first, so that a frame half sent is discarded; port/stm32f405 is an example. */
 }
 
 bool rdpi_port_watchdog_reset(void)

@@ -1,5 +1,5 @@
-# cmake -DCOMMANDS=compile_commands.json -P: no warning is switched on in another project's build, which may turn those that
-# it gets into errors. Nor are warnings of ours errors there.
+# cmake -DCOMMANDS=compile_commands.json -P: rdpi switches no warning on in another project's build, where each could be
+# an error.
 file(STRINGS "${COMMANDS}" commands REGEX "\"command\":")
 set(ours "${commands}")
 list(FILTER ours INCLUDE REGEX "/(lib|port|examples)/[a-z0-9_/]+[.]c\"")

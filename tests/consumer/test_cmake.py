@@ -1,5 +1,8 @@
-"""The oldest CMake that the project claims, 3.22 of Ubuntu 22.04, knows what the project uses of CMake. The installed one
-is later: what it says of itself, Help/ beside its modules, tells when each command, option, variable and property came."""
+"""The oldest CMake that the project claims, 3.22 of Ubuntu 22.04, knows what the project uses of CMake.
+
+The installed one is later. Its manual, Help/ beside its modules, tells when each command, option, variable and property
+came.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,7 @@ def came_with(page: Path) -> tuple[int, ...]:
 
 
 def later_options(page: Path) -> set[str]:
-    """Words of a command that came later than the oldest CMake claimed: the line above each such mark is the option's."""
+    """Words of a command that came later than the oldest CMake claimed; the line above each such mark names them."""
     lines, words = page.read_text().splitlines(), set()
     for k, line in enumerate(lines):
         mark = re.match(r"(\s+)\.\. versionadded:: ([0-9.]+)", line)
@@ -83,7 +86,8 @@ def test_nothing_used_came_later(manuals: Path, file: Path) -> None:
     for command, arguments in re.findall(r"\b([a-z_]+)\s*\(([^()]*)", code(file)):
         words = set(re.findall(r"\w+", arguments)) - WITHOUT_EFFECT
         kinds = ("variable", *PROPERTIES) if "propert" in command else ("variable",)
-        pages = [manuals / f"command/{command}.rst", *(manuals / f"{kind}/{word}.rst" for kind in kinds for word in words)]
+        pages = [manuals / f"command/{command}.rst",
+                 *(manuals / f"{kind}/{word}.rst" for kind in kinds for word in words)]
         for page in (page for page in pages if page.is_file()):
             assert came_with(page) <= oldest(), f"{page.stem} in {command}({arguments}"
         if pages[0].is_file():

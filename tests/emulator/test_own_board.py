@@ -1,4 +1,4 @@
-"""port/README.md, "Your own board", for a Cortex-M0+: its commands, run as they are printed, make an image for that core.
+"""port/README.md, "Your own board", for a Cortex-M0+: its commands, run as printed, make an image for that core.
 
 The board is the template with an RP2040's memories; nothing in it reaches a pin.
 """
@@ -41,7 +41,8 @@ def commands(core: str = CORE) -> list[list[str]]:
     text = (ROOT / "port/README.md").read_text().partition("## Your own board")[2]
     block = re.search(r"```\n(.*?)```", text, re.DOTALL)[1]
     assert f"-mcpu={CORE}" in block
-    return [shlex.split(line.replace("BOARD", BOARD).replace(CORE, core)) for line in block.splitlines() if line.strip()]
+    lines = block.replace("BOARD", BOARD).replace(CORE, core).splitlines()
+    return [shlex.split(line) for line in lines if line.strip()]
 
 
 def test_the_image_is_for_the_core_that_was_named(checkout: Path) -> None:

@@ -1,5 +1,5 @@
-"""The safe state on the target: what the DAC has after a fault of the processor, after too many lost ticks, and from
-start-up on; and what feeds the watchdog. The emulator tells it, not the firmware: memory and registers, read from outside.
+"""The safe state on the target: what the DAC has after a fault of the processor, after too many lost ticks and from
+start-up on; and what feeds the watchdog. Read from outside, in the emulator's memory and registers.
 """
 
 from __future__ import annotations
@@ -273,8 +273,8 @@ def test_too_many_lost_ticks_in_a_row_end_in_the_safe_code(build: Builder, board
 
 
 def test_only_ticks_feed_the_watchdog(build: Builder, tmp_path: Path) -> None:
-    """Keys as they reach the watchdog of an STM32F405, which QEMU does not have: it starts, is fed, and no longer is when a
-    tick hangs, though timer and main go on."""
+    """Keys as they would reach the watchdog, which QEMU does not have: it starts, is fed, and no longer is when a tick
+    hangs, though the timer goes on."""
     board, source = "stm32f405", tmp_path / "hangs.c"
     source.write_text(HANGS % CALLS)
     image = build(board, np.zeros(16), RATE_HZ, "f32", "-DRDPI_TRACK_SWEEP=OFF", f"-DRDPI_REFERENCE={source}",
