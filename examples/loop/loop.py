@@ -135,7 +135,7 @@ class Emulated(Loop):
             return self.recorded(recorder, name)
         finally:
             for process in filter(None, (recorder, board)):
-                process.kill()
+                process.terminate()
                 process.wait()
             actuator.stdin.close()
             actuator.wait(timeout=PATIENCE_S)
@@ -163,7 +163,7 @@ class OnTheBench(Loop):
                 self.do("cmake", "--build", folder, "--target", "flash")
             return self.recorded(recorder, name)
         finally:
-            recorder.kill()
+            recorder.terminate()
 
 
 def error_percent(recording: Path, reference_um: np.ndarray) -> tuple[float, float]:

@@ -79,6 +79,8 @@ def main() -> None:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by who called; click 8.1 writes to it
             setattr(sys, name, open(os.devnull, "w"))
+        if hasattr(getattr(sys, name), "reconfigure"):  # names of files need not be text: no traceback for printing one
+            getattr(sys, name).reconfigure(errors="backslashreplace")
 
 
 def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Command]:
@@ -441,7 +443,7 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
                                  scale=(um_per_count, count_0_um))
     request = Request(columns={key: spec for key, spec in columns.items() if spec is not None}, also=also,
                       rate_hz=rate_hz, rows=rows, command_gain=command_gain, purpose=purpose, resample_hz=resample_hz,
-                      metadata=texts)
+                      metadata={key: text for key, text in texts.items() if text is not None})
     targets = _targets(sources, output)
     results = []
     with progress("importing") as report:
@@ -534,10 +536,10 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
     drive, all but its last. Lost and corrupt frames are counted, in the file's metadata too; a recording never spans a
     gap.
 
-    RUN.csv is written when the recording ends. Until then what is older than a second is on disk in RUN.csv.part, so
-    that it outlasts a crash or a power failure; after a gap RUN.csv.part2 and so on follow. Each is a recording by
-    itself, whose last line does not count if it was cut. Of those, the longest and the present one are kept, with
-    --stretches all. They are removed once RUN.csv is written.
+    RUN.csv is written when the recording ends. Until then RUN.csv.part holds, on disk, all that is older than a
+    second; after a gap RUN.csv.part2 and so on follow. After a crash or a power failure each of them can be used as a
+    recording: a last line that was cut is left out. The longest and the present one are kept, with --stretches all.
+    They are removed when RUN.csv is written.
     """
     from .record import Raw, Safe, is_part, record, stop_signals
     from .telemetry import REFUSED, Decoder, Following

@@ -316,6 +316,7 @@ def _rate(source: Source, request: Request, has_time: bool) -> tuple[float | Non
 
 def _metadata(source: Source, request: Request, chosen: Sequence[Choice], start: int, rows: str) -> dict[str, str]:
     metadata = dict(source.metadata)
+    metadata.pop(UNFINISHED, None)
     if start > 0:
         metadata.pop("memory", None)  # it was about a sample that is now left out
     for key, text in request.metadata.items():
@@ -408,7 +409,6 @@ def _table(path: str, data: bytes) -> Source:
         raise BadInput(f"{path}: empty file; give a table of numbers, a MATLAB .mat or a NumPy .npy or .npz file")
     found = tables.layout(path, text)
     names, first, line, clock = found.preamble.names, found.first, found.preamble.line, found.preamble.clock
-    found.preamble.metadata.pop(UNFINISHED, None)
     body = text.split("\n", first)[first]
     if found.decimal == ",":
         body = body.replace(",", ".")

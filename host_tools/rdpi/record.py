@@ -85,10 +85,10 @@ class Safe:
         self._number = 0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._work, daemon=True)
-        for left in target.parent.iterdir() if target else ():
-            if is_part(left, target):
-                raise BadInput(f"{left}: is what a recording that was cut off has left, unless one is at work; it is a "
-                               "recording by itself: rename it or delete it")
+        for name in os.listdir(target.parent) if target and os.access(target.parent, os.R_OK) else ():
+            if is_part(target.with_name(name), target):
+                raise BadInput(f"{target.with_name(name)}: is what a recording that was cut off has left, unless one "
+                               "is at work; it is a recording by itself: rename it or delete it")
 
     def __enter__(self) -> Safe:
         self._thread.start()
@@ -165,9 +165,8 @@ def record(decoder: Decoder, baud: int, duration_s: float | None, timeout_s: flo
     The first frame is waited for without limit, for a board may have to be flashed or reset first: what a target says
     that had finished before is none. It also ends when nothing valid comes for `timeout_s` after that, or for so long
     nothing but bytes that are no telemetry, or infos without a sample; when NO_INFO samples came without any info; when
-    the target refuses to run, or sends what Decoder.complaint finds; the port is gone; or
-    samples cannot be saved. The port is a device or a URL
-    that pyserial knows, socket://localhost:1234 for instance.
+    the target refuses to run, or sends what Decoder.complaint finds; when samples cannot be saved; or the port is gone.
+    The port is a device or a URL that pyserial knows, socket://localhost:1234 for instance.
     Raises BadInput for a port that cannot be opened.
     """
     with _open(decoder.where, baud) as line:

@@ -23,6 +23,7 @@ from . import arguments
 from .errors import BadInput
 
 MIN_SAMPLES = 16
+UNFINISHED = "unfinished"  # first key of a recording that still grows; what it is set to is for people
 MEMORY = ("reset", "carried", "unknown")
 RUN_COLUMNS = ("time_s", "command_V", "displacement_um")
 GRID_TOLERANCE = 0.25  # of a sample time; a lost sample moves some time by at least 0.5
@@ -31,14 +32,12 @@ LARGEST = 1e12  # V or um; no actuator has as much, and squares stay far from ov
 LARGEST_OTHER = 1e100  # of covariates, whose units are unknown
 RATES_HZ = (1e-6, 1e8)  # samples per second; times are written in whole nanoseconds
 
-UNFINISHED = "unfinished"  # first key of a recording that still grows; what it is set to is for people
-
-_CANNOT_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF, errno.EACCES, errno.EPERM)
 _NUMBER = re.compile(r"[+-]?(\d+(?:\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 _NAME = re.compile(r'(?!#)[^,"\r\n\ud800-\udfff]+')  # surrogates stand for bytes that are no UTF-8
 _ROWS_PER_WRITE = 1 << 16
 _LINES_PER_BLOCK = 1 << 14
+_CANNOT_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF, errno.EACCES, errno.EPERM)
 
 Place = Callable[[int], str]  # data row, counted from 0 -> "file:line"
 
@@ -200,7 +199,7 @@ def atomic_write(path: str | os.PathLike[str], data: str | bytes) -> None:
     """Replace a file's content in one step: readers see the old file or the new one, never a part of either.
 
     So do those who read after a power failure; of what this has returned from, the new one, as far as the file system
-    keeps its word. Text is written as UTF-8 with "\n". A link is followed; a device or pipe is simply written to.
+    keeps its word. Text is written as UTF-8 with "\\n". A link is followed; a device or pipe is simply written to.
     Raises OSError, which names `path`.
     """
     try:

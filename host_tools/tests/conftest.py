@@ -13,7 +13,7 @@ import click.testing
 import hypothesis
 import numpy as np
 import pytest
-from boards import Board
+from ports import Board
 
 from rdpi.cli import main
 from rdpi.recording import sample_times
@@ -37,10 +37,12 @@ def long(pytestconfig: pytest.Config) -> bool:
 
 
 @pytest.fixture
-def rounds(long: bool) -> Iterator[int]:
+def rounds(long: bool) -> Iterator[Iterator[int]]:
     """How often to check a property: once, or if `long` with new examples until RDPI_FUZZ_SECONDS (60) are over."""
-    end = time.monotonic() + LONG_S
-    return itertools.takewhile(lambda number: number == 0 or long and time.monotonic() < end, itertools.count())
+    end, numbers = time.monotonic() + LONG_S, itertools.count()
+    yield itertools.takewhile(lambda number: number == 0 or long and time.monotonic() < end, numbers)
+    if long:
+        print(f"{next(numbers) - 1} rounds of {hypothesis.settings.default.max_examples} examples")  # pytest -rP
 
 
 @pytest.fixture
@@ -85,14 +87,6 @@ def refused(rdpi: Callable[..., click.testing.Result], tmp_path: Path) -> Callab
     return run
 
 
-@pytest.fixture
-def board() -> Iterator[Board]:
-    board = Board()
-    yield board
-    if board.line >= 0:
-        board.unplug()
-
-
 def shared(folder: Path) -> Path:
     """A folder of the data that are not part of the project; where it is missing the test is skipped, but not in CI."""
     if not folder.is_dir():
@@ -121,3 +115,11 @@ def run_columns() -> dict[str, np.ndarray]:
     time_s = sample_times(200, 1000)
     command_V = np.round(50 - 50 * np.cos(2 * np.pi * 10 * time_s), 6)
     return {"time_s": time_s, "command_V": command_V, "displacement_um": np.round(0.12 * command_V + 0.3, 6)}
+
+
+@pytest.fixture
+def board() -> Iterator[Board]:
+    board = Board()
+    yield board
+    if board.line >= 0:
+        board.unplug()

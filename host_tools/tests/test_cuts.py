@@ -23,7 +23,7 @@ from pathlib import Path
 
 import pytest
 import streams
-from boards import Board
+from ports import Board
 from disks import Disk
 from injected import LATER, commissioned, drives, plain_model, recorded
 from streams import samples
@@ -33,6 +33,7 @@ from rdpi.cli import main
 from rdpi.effects import CATALOGUE
 from rdpi.model import write_model
 from rdpi.recording import Recording, atomic_write, make_folder, read_recording, write_recording
+from rdpi.telemetry import Decoder
 
 KILLS, LONG_KILLS = 5, 100  # of each command, twice as many of record
 LATE_S = 1.0  # what was sent earlier than this before a cut is on disk
@@ -274,15 +275,15 @@ def test_a_power_failure_leaves_what_is_older_than_a_second(board: Board, earlie
 @pytest.mark.slow
 def test_a_kill_leaves_what_is_older_than_a_second(tmp_path: Path, long: bool) -> None:
     def cut(number: int) -> None:
-        board, folder = Board(), tmp_path / str(number)
+        board, folder, raw = Board(), tmp_path / str(number), tmp_path / f"{number}.bin"
         earlier = b"as it was" if number % 2 else None
         folder.mkdir()
         if earlier is not None:
             (folder / "run.csv").write_bytes(earlier)
         board.renew()
         sender = Sender(board, finishes=number % 4 > 1)
-        with subprocess.Popen([sys.executable, "-m", "rdpi", "record", board.port, "-o", folder / "run.csv"],
-                              stdout=subprocess.DEVNULL) as process:
+        with subprocess.Popen([sys.executable, "-m", "rdpi", "record", board.port, "-o", folder / "run.csv", "--raw",
+                               raw], stdout=subprocess.DEVNULL) as process:
             sender.start()
             while not sender.log and process.poll() is None:
                 time.sleep(0.01)
@@ -292,6 +293,9 @@ def test_a_kill_leaves_what_is_older_than_a_second(tmp_path: Path, long: bool) -
         sender.over.set()
         sender.join()
         sender.check(folder, cut_s - LATE_S, earlier)
+        copied = Decoder("raw")
+        copied.feed(raw.read_bytes() if raw.exists() else b"")
+        assert copied.counts.samples >= sender.sent_by(cut_s - LATE_S)
         board.unplug()
 
     with ThreadPoolExecutor(6) as pool:

@@ -7,6 +7,7 @@ import os
 import stat
 import string
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from rdpi.errors import BadInput
-from rdpi.recording import atomic_write, is_column_name, read_recording, sample_times, write_recording
+from rdpi.recording import (MIN_SAMPLES, GrowingRecording, atomic_write, is_column_name, read_recording, sample_times,
+                            write_recording)
 
 HEADER = "time_s,command_V,displacement_um"
 
@@ -234,6 +236,64 @@ def test_atomic_write_keeps_the_old_file_when_it_fails(tmp_path: Path, monkeypat
     with pytest.raises(type(error)):
         atomic_write(path, "new")
     assert path.read_text() == "as it was" and list(tmp_path.iterdir()) == [path]
+
+
+@pytest.fixture
+def growing(tmp_path: Path, run_columns: dict[str, np.ndarray]) -> Path:
+    """What a recording that was not closed has left: 40 samples, in two parts."""
+    path = tmp_path / "run.csv.part"
+    parts = [{name: column[part] for name, column in run_columns.items()} for part in (slice(20), slice(20, 40))]
+    GrowingRecording(path, parts[0], {"note": "x"}, "it had not ended").append(parts[1])
+    return path
+
+
+def test_a_growing_recording_can_be_read_wherever_it_is_cut(growing: Path,
+                                                            run_columns: dict[str, np.ndarray]) -> None:
+    data = growing.read_bytes()
+    first = len(b"\n".join(data.split(b"\n")[:3 + MIN_SAMPLES])) + 1
+    for size in range(first, len(data) + 1):
+        growing.write_bytes(data[:size])
+        run = read_recording(growing)
+        assert len(run) == data[:size].count(b"\n") - 3
+        assert run.displacement_um.tolist() == run_columns["displacement_um"][:len(run)].tolist()
+    assert len(run) == 40 and run.metadata == {"unfinished": "it had not ended", "note": "x"}
+
+
+def test_of_a_growing_recording_nothing_is_read_that_had_not_reached_the_disk(growing: Path) -> None:
+    data = growing.read_bytes()
+    growing.write_bytes(data[:-300] + bytes(200) + data[-100:])
+    assert len(read_recording(growing)) == data[:-300].count(b"\n") - 3
+
+
+def test_a_growing_recording_that_is_imported_does_not_grow_any_more(growing: Path, tmp_path: Path,
+                                                                     rdpi: Callable) -> None:
+    growing.write_bytes(growing.read_bytes()[:-3])
+    done = rdpi("import", growing, "-o", tmp_path / "run.csv")
+    assert done.exit_code == 0, done.output
+    run = read_recording(tmp_path / "run.csv")
+    assert len(run) == 39 and run.metadata["note"] == "x" and "unfinished" not in run.metadata
+
+
+def test_a_last_line_without_its_end_counts_where_nothing_is_growing(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(text().rstrip("\n"))
+    assert len(read_recording(path)) == len(rows())
+
+
+def test_samples_that_no_file_can_hold_are_not_appended(tmp_path: Path, run_columns: dict[str, np.ndarray]) -> None:
+    growing = GrowingRecording(tmp_path / "run.csv.part", run_columns, {}, "it had not ended")
+    data = growing.path.read_bytes()
+    with pytest.raises(ValueError, match="NaN"):
+        growing.append({name: np.full(3, np.nan) for name in run_columns})
+    assert growing.path.read_bytes() == data
+
+
+def test_the_fastest_recording_there_may_be(tmp_path: Path) -> None:
+    """Its times are 1e-8 s apart but for their rounding."""
+    times_s = sample_times(40, 1e8)
+    write_recording(tmp_path / "run.csv", dict.fromkeys(("time_s", "command_V", "displacement_um"), times_s),
+                    {"sample_rate_hz": 10**8})
+    assert len(read_recording(tmp_path / "run.csv")) == 40
 
 
 def test_atomic_write_modes_links_and_devices(tmp_path: Path) -> None:
