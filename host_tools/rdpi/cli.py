@@ -443,7 +443,7 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
                                  scale=(um_per_count, count_0_um))
     request = Request(columns={key: spec for key, spec in columns.items() if spec is not None}, also=also,
                       rate_hz=rate_hz, rows=rows, command_gain=command_gain, purpose=purpose, resample_hz=resample_hz,
-                      metadata={key: text for key, text in texts.items() if text is not None})
+                      metadata=texts)
     targets = _targets(sources, output)
     results = []
     with progress("importing") as report:
