@@ -168,8 +168,8 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     if not callable(engine):
         arguments.one_of(engine, (*firmware.ENGINES, "numpy"), "engine")
     (run,) = taken([run], [column], "run")
-    recorded = {name: values for name, values in run.columns.items() if name != column}
-    check_sizes(recorded, lambda row: f"{run.path}, sample {row}")
+    others = {name: values for name, values in run.columns.items() if name != column}  # the reference is judged below
+    check_sizes(others, lambda row: f"{run.path}, sample {row}")
     reference = run.columns[column]
     usable = reference[np.abs(reference) <= MAX_REFERENCE_UM]
     if not len(usable):
