@@ -15,7 +15,7 @@
  * in a mirror: `side`, +1 or -1, turns it over.
  *
  * rest is summed afresh whenever a play engages or x turns round, so rounding cannot pile up. While none engages and
- * the engaged ones do not let go, the solution is one division (rdpi_f32_bank_near). */
+ * the engaged ones do not let go, the solution is one division (rdpi_f32_bank_way). */
 #ifndef RDPI_INVERSE_H
 #define RDPI_INVERSE_H
 
@@ -93,99 +93,104 @@ static inline void rdpi_f32_bank_set(rdpi_f32_bank_t *bank, const rdpi_f32_play_
     bank->y_um[0] = x_um;
 }
 
-/* v less rest. */
-static inline rdpi_real_t rdpi_f32_bank_left(const rdpi_f32_bank_t *bank, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
-{
-    return v_um - rdpi_f32_fma(rate_um_per_s, bank->rest_rate_s, bank->rest_um);
-}
-
-/* How far f has to climb to `v_um`, seen in the mirror: below 0, x has to turn round. */
+/* How far f has to climb to `v_um`. Where it has to climb away from where x is heading, x turns round. */
 static inline rdpi_real_t rdpi_f32_bank_climb(const rdpi_f32_bank_t *bank, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
-    rdpi_real_t slope = rdpi_f32_slope(bank->at, rate_um_per_s);
-    rdpi_real_t left_um = rdpi_f32_bank_left(bank, rate_um_per_s, v_um);
-    return rdpi_f32_bank_side(bank->falling) * rdpi_f32_fma(-slope, bank->y_um[0], left_um);
+    rdpi_real_t left_um = v_um - rdpi_f32_fma(rate_um_per_s, bank->rest_rate_s, bank->rest_um);
+    return rdpi_f32_fma(-rdpi_f32_slope(bank->at, rate_um_per_s), bank->y_um[0], left_um);
 }
 
-/* The x at which f is `v_um` if no play engages or lets go on the way there. */
-static inline rdpi_real_t rdpi_f32_bank_near(const rdpi_f32_bank_t *bank, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
+/* How far x has to go for f to climb by `climb_um` if no play engages or lets go on the way there. */
+static inline rdpi_real_t rdpi_f32_bank_way(const rdpi_f32_bank_t *bank, rdpi_real_t rate_um_per_s,
+                                            rdpi_real_t climb_um)
 {
-    return rdpi_f32_bank_left(bank, rate_um_per_s, v_um) / rdpi_f32_slope(bank->at, rate_um_per_s);
+    return climb_um / rdpi_f32_slope(bank->at, rate_um_per_s);
 }
 
-/* x, which was heading for `side`, turns round: the engaged plays stay where it has taken them. Leaves rest as it
- * was. */
-static inline void rdpi_f32_bank_turn(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, rdpi_real_t side)
+/* Notes where x, heading for `side`, has taken the engaged plays: there they stay once it turns round. */
+static inline void rdpi_f32_bank_note(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, rdpi_real_t side)
 {
+    rdpi_real_t x_um = bank->y_um[0];
     for (size_t i = bank->engaged; i > 0u; i--) {
-        bank->y_um[i] = rdpi_f32_fma(-side, play[i].r_um, bank->y_um[0]);
+        bank->y_um[i] = rdpi_f32_fma(-side, play[i].r_um, x_um);
     }
-    bank->engaged = 0;
-    bank->falling = !bank->falling;
 }
 
 /* An input of the bank. */
 typedef struct {
     rdpi_real_t x_um;
-    rdpi_real_t side; /* where the bank is heading */
-    bool turned;      /* x has turned round, and rest is still to be summed */
+    bool turned; /* x has to turn round on the way there, and rdpi_f32_bank_note has been called */
 } rdpi_f32_target_t;
 
 /* `x_um`, from any source. */
-static inline rdpi_f32_target_t rdpi_f32_bank_target(const rdpi_f32_bank_t *bank, rdpi_real_t x_um)
+static inline rdpi_f32_target_t rdpi_f32_bank_target(rdpi_real_t x_um)
 {
-    rdpi_f32_target_t target = {x_um, rdpi_f32_bank_side(bank->falling), false};
+    rdpi_f32_target_t target = {x_um, false};
     return target;
 }
 
-/* The x at which f is `v_um`, to rounding, for slopes that are all > 0 at this rate. No play moves; rdpi_f32_bank_move
- * must follow, to what is really output. Walks from corner to corner, all seen in the mirror, and from the first that
- * lies beyond v back. */
+/* The x where f has climbed by `climb_um`, to rounding, for slopes that are all > 0 at this rate. No play moves;
+ * rdpi_f32_bank_move must follow, to what is really output. Walks from corner to corner, all seen in the mirror, to the
+ * last one before that x; where there is none, x goes rdpi_f32_bank_way, to the last bit. */
+static inline rdpi_f32_target_t rdpi_f32_bank_reach(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
+                                                    rdpi_real_t rate_um_per_s, rdpi_real_t climb_um)
+{
+    const rdpi_f32_play_t *row = bank->at, *last = &play[count - 1u];
+    const rdpi_real_t *y_um = &bank->y_um[bank->engaged];
+    rdpi_real_t side = rdpi_f32_bank_side(bank->falling), rise_um = side * climb_um;
+    rdpi_f32_target_t target = {0, rise_um < 0};
+
+    if (target.turned) {
+        rdpi_f32_bank_note(bank, play, side);
+        side = -side;
+        rise_um = -rise_um;
+        row = play;
+        y_um = bank->y_um;
+    }
+    rdpi_real_t slope = rdpi_f32_slope(row, rate_um_per_s);
+    rdpi_real_t behind_um = -side * bank->y_um[0]; /* less x: one copy less per corner than x itself */
+    while (row != last) {
+        y_um++;
+        rdpi_real_t corner_um = rdpi_f32_fma(side, *y_um, row[1].r_um);
+        rdpi_real_t beyond_um = rdpi_f32_fma(-slope, corner_um + behind_um, rise_um);
+        if (beyond_um <= 0) {
+            break;
+        }
+        rise_um = beyond_um;
+        behind_um = -corner_um;
+        row++;
+        slope = rdpi_f32_slope(row, rate_um_per_s);
+    }
+    target.x_um = side * (rise_um / slope - behind_um);
+    return target;
+}
+
+/* The x at which f is `v_um`. */
 static inline rdpi_f32_target_t rdpi_f32_bank_solve(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
                                                     rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
-    const rdpi_f32_play_t *row = bank->at, *last = &play[count - 1u];
-    rdpi_real_t slope = rdpi_f32_slope(row, rate_um_per_s);
-    rdpi_real_t rise_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
-    rdpi_f32_target_t target = {0, rdpi_f32_bank_side(bank->falling), false};
-
-    if (rise_um < 0) {
-        rdpi_f32_bank_turn(bank, play, target.side);
-        target.turned = true;
-        target.side = -target.side;
-        rise_um = -rise_um;
-        row = play;
-        slope = rdpi_f32_slope(row, rate_um_per_s);
-    }
-    const rdpi_real_t *y_um = &bank->y_um[bank->engaged];
-    rdpi_real_t behind_um = -target.side * bank->y_um[0]; /* less x: one copy less per corner than x itself */
-    while (rise_um > 0 && row != last) {
-        row++;
-        y_um++;
-        rdpi_real_t corner_um = rdpi_f32_fma(target.side, *y_um, row->r_um);
-        rise_um = rdpi_f32_fma(-slope, corner_um + behind_um, rise_um);
-        behind_um = -corner_um;
-        if (rise_um > 0) { /* v lies beyond it */
-            slope = rdpi_f32_slope(row, rate_um_per_s);
-        }
-    }
-    target.x_um = target.side * (rise_um / slope - behind_um);
-    return target;
+    return rdpi_f32_bank_reach(bank, play, count, rate_um_per_s, rdpi_f32_bank_climb(bank, rate_um_per_s, v_um));
 }
 
-/* Moves every play (eq. 1) to the input target.x_um. Returns the side where the bank is heading then. */
-static inline rdpi_real_t rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
-                                             rdpi_f32_target_t target)
+/* Moves every play (eq. 1) to the input target.x_um. Returns the side where x is heading then: it has not turned round if
+ * what is output has it stay. */
+static RDPI_SHARED rdpi_real_t rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
+                                                  rdpi_f32_target_t target)
 {
-    rdpi_real_t side = target.side;
+    rdpi_real_t side = rdpi_f32_bank_side(bank->falling);
+    bool let_go = false;
     if (side * target.x_um < side * bank->y_um[0]) {
-        rdpi_f32_bank_turn(bank, play, side);
+        if (!target.turned) {
+            rdpi_f32_bank_note(bank, play, side);
+        }
+        let_go = bank->engaged > 0u;
+        bank->engaged = 0;
+        bank->falling = !bank->falling;
         side = -side;
-        target.turned = true;
     }
     size_t next = bank->engaged + 1u;
-    if (target.turned ||
-        (next < count && rdpi_f32_fma(side, bank->y_um[next], play[next].r_um) < side * target.x_um)) {
+    if (let_go ||
+        (next < count && rdpi_f32_fma(side, bank->y_um[next], bank->at[1].r_um) < side * target.x_um)) {
         rdpi_f32_bank_settle(bank, play, count, side, target.x_um);
     } else {
         bank->y_um[0] = target.x_um;

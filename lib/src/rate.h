@@ -61,7 +61,10 @@ static inline rdpi_real_t rdpi_f32_rate_plain(const rdpi_f32_rate_t *rate, rdpi_
 
 /* Takes the sample `z_um`, after `missed` of which nothing is known but that they lay on the straight line from the one
  * before, and returns the rate in um/s, >= 0. O(missed + 1), or O(1) for N = 1 without low-pass; the first sample O(N).
- * |z_um| <= 2e7. */
+ * |z_um| <= 2e7.
+ *
+ * A difference is taken of samples wherever there are samples N apart, and of the line's slope where both its ends lie
+ * on the line: of a point of the line, which is rounded, only where nothing else is known. */
 static inline rdpi_real_t rdpi_f32_rate_step(rdpi_f32_rate_t *rate, rdpi_real_t z_um, unsigned missed)
 {
     if (rate->oldest == rate->window || missed > RDPI_MAX_MISSED) {
@@ -72,21 +75,25 @@ static inline rdpi_real_t rdpi_f32_rate_step(rdpi_f32_rate_t *rate, rdpi_real_t 
         rate->oldest = 0;
         missed = 0;
     }
+    rdpi_real_t step_um = z_um - rate->z_um[(rate->oldest > 0u ? rate->oldest : rate->window) - 1u];
+    step_um /= (rdpi_real_t)(missed + 1u);
     if (RDPI_QUICK_STEP && rate->window == 1u && rate->keep <= 0) { /* what the loop below comes to */
-        rdpi_real_t plain_um_per_s = rdpi_f32_rate_plain(rate, z_um);
         rate->z_um[0] = z_um;
-        return missed > 0u ? plain_um_per_s / (rdpi_real_t)(missed + 1u) : plain_um_per_s;
+        return fabs(step_um) * rate->per_window_s;
     }
-    rdpi_real_t last_um = rate->z_um[(rate->oldest > 0u ? rate->oldest : rate->window) - 1u];
-    for (unsigned left = missed + 1u; left > 0u; left--) {
-        last_um = left > 1u ? last_um + (z_um - last_um) / (rdpi_real_t)left : z_um;
-        rdpi_real_t moved_um = last_um - rate->z_um[rate->oldest];
-        rate->z_um[rate->oldest] = last_um;
+    unsigned left = missed + 1u;
+    while (left-- > 0u) {
+        rdpi_real_t point_um = rdpi_f32_fma((rdpi_real_t)left, -step_um, z_um);
+        rdpi_real_t moved_um = point_um - rate->z_um[rate->oldest];
+        if (left + rate->window <= missed + 1u) {
+            moved_um = (rdpi_real_t)rate->window * step_um;
+        }
+        rate->z_um[rate->oldest] = point_um;
         rate->oldest = (uint16_t)(rate->oldest + 1u < rate->window ? rate->oldest + 1u : 0u);
 
         rdpi_real_t raw_um_per_s = fabs(moved_um) * rate->per_window_s;
         /* Not filtered += (1 - keep) (raw - filtered): a large old value's rounding would stay in a small new one. */
-        rate->filtered_um_per_s = raw_um_per_s + rate->keep * (rate->filtered_um_per_s - raw_um_per_s);
+        rate->filtered_um_per_s = rdpi_f32_fma(rate->keep, rate->filtered_um_per_s - raw_um_per_s, raw_um_per_s);
     }
     return rate->filtered_um_per_s;
 }

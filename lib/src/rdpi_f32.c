@@ -33,23 +33,7 @@
 /* With x = 0 further than this from code 0, single precision can be more than a code wrong. */
 #define MAX_CODE_0 (2 << RDPI_MAX_DAC_BITS)
 
-/* Once in the program, whatever the compiler thinks of its size. */
-#if defined(__GNUC__)
-#define ONCE __attribute__((noinline))
-#else
-#define ONCE
-#endif
-
-/* APART: kept out of callers whose usual way must not pay for it. SHARED: a call where size counts. */
-#if RDPI_QUICK_STEP
-#define APART ONCE
-#define SHARED
-#else
-#define APART
-#define SHARED ONCE
-#endif
-
-SHARED static rdpi_real_t clamp(rdpi_real_t value, rdpi_real_t low, rdpi_real_t high)
+static RDPI_SHARED rdpi_real_t clamp(rdpi_real_t value, rdpi_real_t low, rdpi_real_t high)
 {
     return value > low ? (value < high ? value : high) : low;
 }
@@ -61,7 +45,7 @@ static rdpi_real_t x_of_drive(const rdpi_f32_params_t *params, rdpi_real_t drive
 
 static rdpi_real_t drive_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
 {
-    return x_um * params->V_per_um + params->offset_V;
+    return rdpi_f32_fma(x_um, params->V_per_um, params->offset_V);
 }
 
 /* ---- what init checks ---- */
@@ -274,7 +258,7 @@ static void forget_samples(rdpi_f32_t *self)
 }
 
 /* The code nearest to an x inside the range, to rounding; 0 without codes. */
-ONCE static uint32_t code_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
+static RDPI_SHARED uint32_t code_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
 {
     return (uint32_t)clamp(rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0), 0, params->last_code);
 }
@@ -336,7 +320,7 @@ static void set_flag(rdpi_f32_t *self, uint32_t flag, uint32_t *count)
 }
 
 /* The input is not usable: the sample passes with everything held. */
-APART static rdpi_real_t refuse_input(rdpi_f32_t *self)
+static RDPI_APART rdpi_real_t refuse_input(rdpi_f32_t *self)
 {
     set_flag(self, RDPI_FLAG_INPUT, &self->input_count);
     if (self->missed < UINT8_MAX) {
@@ -358,21 +342,18 @@ static rdpi_real_t limit_rate(rdpi_f32_t *self, rdpi_real_t rate_um_per_s)
 }
 
 /* How much per sample is so much per second. */
-static rdpi_real_t per_sample(const rdpi_f32_t *self, rdpi_real_t per_s)
+static RDPI_SHARED rdpi_real_t per_sample(const rdpi_f32_t *self, rdpi_real_t per_s)
 {
     return per_s / ((rdpi_real_t)self->rate.window * self->rate.per_window_s);
 }
 
-/* Range and slew: what may be output of the drive wished for. */
-static rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V)
+/* Range and slew: what may be output of the drive wished for. `plain` as `walk` has it. */
+static inline rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V, const bool plain)
 {
     const rdpi_f32_params_t *params = self->params;
-    uint32_t clipped = 0;
     rdpi_real_t drive_V = clamp(wish_V, params->min_V, params->max_V);
-    if (drive_V != wish_V) {
-        clipped |= RDPI_FLAG_RANGE;
-    }
-    if (params->slew_V_per_s > 0) {
+    uint32_t clipped = drive_V != wish_V ? RDPI_FLAG_RANGE : 0u;
+    if (!plain && params->slew_V_per_s > 0) {
         rdpi_real_t slew_V = per_sample(self, params->slew_V_per_s);
         rdpi_real_t reached_V = clamp(drive_V, self->ramp_V - slew_V, self->ramp_V + slew_V);
         if (reached_V != drive_V) {
@@ -387,113 +368,122 @@ static rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V)
 }
 
 /* Outputs a drive inside the range, to a code if there are codes, and moves the plays there: to target.x_um, which
- * belongs to it, or where the code takes it. */
-static void output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_f32_target_t target)
+ * belongs to it, or where the code takes it. Returns the side where they are heading then. `plain` as `walk` has it. */
+static RDPI_SHARED rdpi_real_t output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_f32_target_t target,
+                                      const bool plain)
 {
     const rdpi_f32_params_t *params = self->params;
-    self->ramp_V = drive_V;
-    if (params->dac_bits > 0u) {
+    if (!plain) {
+        self->ramp_V = drive_V;
+    }
+    if (plain || params->dac_bits > 0u) {
         self->dac_code = code_of_x(params, target.x_um);
         rdpi_real_t code = (rdpi_real_t)self->dac_code;
         drive_V = rdpi_f32_fma(code, params->V_per_code, params->min_V);
         target.x_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
     }
     self->drive_V = drive_V;
-    (void)rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
+    return rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
 }
 
-/* Where x may be with the drive inside its range: no further than this from the middle. */
-typedef struct {
-    rdpi_real_t middle_um, reach_um;
-} range_t;
+/* Whether samples that follow one another may take the short way. At an end of the range a drive of someone else's can
+ * just have come back, and half a code the other way is beyond it. */
+static bool is_plain(const rdpi_f32_t *self)
+{
+    const rdpi_f32_params_t *params = self->params;
+    return self->rate.window == 1u && self->rate.keep <= 0 && params->slew_V_per_s <= 0 && params->dac_bits > 0u &&
+           fabs(params->code_of_x_0) <= MAX_CODE_0 && self->dac_code > 0u &&
+           (rdpi_real_t)self->dac_code < params->last_code;
+}
 
-/* How far x may go from `code` without a play engaging or letting go and with a code inside the range, whatever it
- * rounds to; `side` is where it is heading. An edge ahead is the x of a code: rounding leads to it, not beyond. */
-static inline void mark(rdpi_f32_t *self, rdpi_real_t side, rdpi_real_t code, range_t range)
+/* How far x may go from a code without a play engaging or letting go and with the drive inside the range, whatever
+ * they are rounded to: there the short way leads where the other does, to the last bit. It ends half a code before, at a
+ * code, so that rounding does not lead beyond; three quarters before where x is free both ways. That is more than any
+ * rounding. `side` is where x is heading. */
+static RDPI_WITHIN void mark(rdpi_f32_t *self, rdpi_real_t side)
 {
     const rdpi_f32_params_t *params = self->params;
     rdpi_f32_bank_t *bank = &self->bank;
     const rdpi_f32_play_t *next = &bank->at[1];
     rdpi_real_t *next_um = &bank->y_um[bank->engaged + 1u];
     bool last = bank->engaged + 1u == params->plays;
+    rdpi_real_t half = params->last_code / 2, code_um = fabs(params->um_per_code);
+    rdpi_real_t middle_um = rdpi_f32_fma(half, params->um_per_code, params->x_of_code_0_um), reach_um = half * code_um;
     if (bank->engaged > 0u) {
-        rdpi_real_t way_um = side * bank->y_um[0];
-        rdpi_real_t end_um = rdpi_f32_fma(side, range.middle_um, range.reach_um);
+        rdpi_real_t end_um = rdpi_f32_fma(side, middle_um, reach_um);
         if (!last) {
             rdpi_real_t corner_um = rdpi_f32_fma(side, *next_um, next->r_um);
             end_um = corner_um < end_um ? corner_um : end_um;
         }
-        end_um = end_um > way_um ? end_um : way_um; /* rounding alone can put it behind */
-        int32_t codes = (int32_t)((side * end_um - bank->y_um[0]) * params->codes_per_um);
-        bank->edge_um = rdpi_f32_fma(code + (rdpi_real_t)codes, params->um_per_code, params->x_of_code_0_um);
+        end_um = rdpi_f32_fma((rdpi_real_t)-0.5, code_um, end_um);
+        int32_t codes = (int32_t)(rdpi_f32_fma(side, end_um, -bank->y_um[0]) * params->codes_per_um);
+        rdpi_real_t code = (rdpi_real_t)self->dac_code + (rdpi_real_t)codes;
+        bank->edge_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
     } else {
-        rdpi_real_t reach_um = range.reach_um;
         if (last) { /* one play alone is free in all of the range */
-            *next_um = range.middle_um;
+            *next_um = middle_um;
         } else {
-            reach_um -= fabs(*next_um - range.middle_um);
+            reach_um -= fabs(*next_um - middle_um);
             reach_um = reach_um < next->r_um ? reach_um : next->r_um;
         }
-        bank->edge_um = reach_um - fabs(params->um_per_code) / 2;
+        bank->edge_um = rdpi_f32_fma((rdpi_real_t)-0.75, code_um, reach_um);
     }
 }
 
-/* What `output` does, for a wish that nothing but the range limits, and `mark`. */
-static inline rdpi_real_t output_code(rdpi_f32_t *self, rdpi_f32_target_t target)
+/* Whether x, which turns back, is still rounded to the code that is output, not one at an end of the range, and before
+ * the first corner on that way, 2 r_1 off. rdpi_f32_bank_reach and `output` come to the same. */
+static inline bool stays(const rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
     const rdpi_f32_params_t *params = self->params;
-    rdpi_real_t last = params->last_code;
-    range_t range = {rdpi_f32_fma(last / 2, params->um_per_code, params->x_of_code_0_um),
-                     last / 2 * fabs(params->um_per_code)};
-    if (fabs(target.x_um - range.middle_um) > range.reach_um) {
-        set_flag(self, RDPI_FLAG_RANGE, &self->clip_count);
+    const rdpi_f32_bank_t *bank = &self->bank;
+    rdpi_real_t rise_um = rdpi_f32_bank_side(bank->falling) * climb_um;
+    if (!(rise_um < 0) || bank->engaged == 0u) {
+        return false;
     }
-    self->dac_code = (uint32_t)clamp(rdpi_f32_fma(target.x_um, params->codes_per_um, params->code_of_x_0), 0, last);
-    rdpi_real_t code = (rdpi_real_t)self->dac_code;
-    rdpi_real_t drive_V = rdpi_f32_fma(code, params->V_per_code, params->min_V);
-    target.x_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
-    self->drive_V = drive_V;
-    rdpi_real_t side = rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
-    mark(self, side, code, range);
-    return drive_V;
+    rdpi_real_t slope = rdpi_f32_slope(params->play, rate_um_per_s);
+    if (-rise_um > slope * params->play[1].r_um) {
+        return false;
+    }
+    rdpi_real_t x_um = climb_um / slope + bank->y_um[0], code = (rdpi_real_t)self->dac_code;
+    rdpi_real_t beyond = rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0) - code;
+    return beyond >= 0 && beyond < 1 && code > 1 && code < params->last_code - 1;
 }
 
-/* The end of any step: the bank output that makes the reference, solved for and put out. From a code, where they are
- * `code_um` apart, x does not turn back by less than half of one. */
-APART static rdpi_real_t walk(rdpi_f32_t *self, rdpi_real_t v_um, rdpi_real_t rate_um_per_s, rdpi_real_t code_um)
+/* The end of any step: x to where the bank's output has climbed by `climb_um`, put out. `plain` is what the compiler
+ * knows of self->plain: true, or false if nothing. */
+static RDPI_WITHIN rdpi_real_t walk(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s, const bool plain)
 {
     const rdpi_f32_params_t *params = self->params;
-    rdpi_f32_bank_t *bank = &self->bank;
-    rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
-    if (RDPI_QUICK_STEP && climb_um < 0 && bank->engaged > 0u &&
-        -2 * climb_um < code_um * rdpi_f32_slope(params->play, rate_um_per_s)) {
-        return self->drive_V;
-    }
-    rdpi_f32_target_t target = rdpi_f32_bank_solve(bank, params->play, params->plays, rate_um_per_s, v_um);
-    if (RDPI_QUICK_STEP && self->plain) {
-        return output_code(self, target);
-    }
+    rdpi_f32_target_t target = rdpi_f32_bank_reach(&self->bank, params->play, params->plays, rate_um_per_s, climb_um);
     rdpi_real_t wish_V = drive_of_x(params, target.x_um);
-    rdpi_real_t drive_V = limit_drive(self, wish_V);
+    rdpi_real_t drive_V = limit_drive(self, wish_V, plain);
     if (drive_V != wish_V) {
         target.x_um = x_of_drive(params, drive_V);
     }
-    output(self, drive_V, target);
+    rdpi_real_t side = output(self, drive_V, target, plain);
+    if (RDPI_QUICK_STEP && !plain) {
+        self->plain = is_plain(self);
+    }
+    if (RDPI_QUICK_STEP && (plain || self->plain)) {
+        mark(self, side);
+    }
     return self->drive_V;
 }
 
-/* Whether samples that follow one another may take the short way. Half a code must not lead beyond the first corner
- * back, 2 r_1 away: there the slope is no longer W_0, by which `walk` tells what stays. */
-static bool is_plain(const rdpi_f32_t *self)
+/* The end of a step that could have taken the short way. */
+static RDPI_APART rdpi_real_t walk_on(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
-    const rdpi_f32_params_t *params = self->params;
-    return self->rate.window == 1u && self->rate.keep <= 0 && params->slew_V_per_s <= 0 && params->dac_bits > 0u &&
-           fabs(params->code_of_x_0) <= MAX_CODE_0 &&
-           (params->plays == 1u || fabs(params->um_per_code) <= 4 * params->play[1].r_um);
+    return walk(self, climb_um, rate_um_per_s, true);
+}
+
+/* The same for a reference from which x may hardly turn back. */
+static RDPI_APART rdpi_real_t stay_or_walk(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
+{
+    return stays(self, climb_um, rate_um_per_s) ? self->drive_V : walk_on(self, climb_um, rate_um_per_s);
 }
 
 /* A step of any kind, and what opens the short way to the next. */
-APART static rdpi_real_t full_step(rdpi_f32_t *self, rdpi_real_t reference_um)
+static RDPI_APART rdpi_real_t full_step(rdpi_f32_t *self, rdpi_real_t reference_um)
 {
     const rdpi_f32_params_t *params = self->params;
     self->flags = 0;
@@ -509,20 +499,13 @@ APART static rdpi_real_t full_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     const rdpi_f32_piece_t *piece = rdpi_f32_piece(params->inverse, params->deadzones, reference_um);
     if (RDPI_QUICK_STEP) {
         self->piece = piece;
-        self->plain = is_plain(self);
     }
-    rdpi_real_t drive_V = walk(self, rdpi_f32_unsaturate(piece, reference_um - params->offset_um), rate_um_per_s, 0);
-    /* Just come back to an end of the range: half a code the other way is beyond it, and clipped. */
-    bool down = self->bank.falling == (params->gain_um_per_V > 0);
-    if (RDPI_QUICK_STEP && self->bank.engaged > 0u &&
-        self->dac_code == (down ? (uint32_t)params->last_code : 0u)) {
-        take_the_long_way(self);
-    }
-    return drive_V;
+    rdpi_real_t v_um = rdpi_f32_unsaturate(piece, reference_um - params->offset_um);
+    return walk(self, rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um), rate_um_per_s, false);
 }
 
 /* The step of a sample that could take the short way, were the rate not above the guard or S^-1 on another piece. */
-APART static rdpi_real_t bend(rdpi_f32_t *self, rdpi_real_t reference_um, rdpi_real_t rate_um_per_s)
+static RDPI_APART rdpi_real_t bend(rdpi_f32_t *self, rdpi_real_t reference_um, rdpi_real_t rate_um_per_s)
 {
     const rdpi_f32_params_t *params = self->params;
     self->flags = 0;
@@ -533,13 +516,13 @@ APART static rdpi_real_t bend(rdpi_f32_t *self, rdpi_real_t reference_um, rdpi_r
     const rdpi_f32_piece_t *piece = rdpi_f32_piece(params->inverse, params->deadzones, reference_um);
     self->rate.z_um[0] = reference_um;
     self->piece = piece;
-    return walk(self, rdpi_f32_unsaturate(piece, reference_um - params->offset_um), rate_um_per_s,
-                fabs(params->um_per_code));
+    rdpi_real_t v_um = rdpi_f32_unsaturate(piece, reference_um - params->offset_um);
+    return walk_on(self, rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um), rate_um_per_s);
 }
 
 /* Any step, in a fraction of the instructions while no play engages or lets go, S^-1 does not bend and no limit is met,
- * which is nearly always. Comparisons are such that NaN fails; nothing is stored before the reference is known to be
- * usable. */
+ * which is nearly always; to the last bit what full_step comes to. Comparisons are such that NaN fails; nothing is
+ * stored before the reference is known to be usable. */
 rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
 {
     const rdpi_f32_params_t *params = self->params;
@@ -552,18 +535,20 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     if (!(rate_um_per_s <= params->max_um_per_s)) {
         return bend(self, reference_um, rate_um_per_s);
     }
-    if (!((reference_um - piece->from_um) * (piece->to_um - reference_um) >= 0)) {
+    if (!((reference_um - piece->from_um) * (piece->to_um - reference_um) > 0)) { /* ends belong to one piece only */
         return bend(self, reference_um, rate_um_per_s);
     }
     rdpi_real_t v_um = rdpi_f32_unsaturate(piece, reference_um - params->offset_um);
-    rdpi_real_t x_um = rdpi_f32_bank_near(bank, rate_um_per_s, v_um);
-    rdpi_real_t room = bank->engaged > 0u ? (x_um - bank->y_um[0]) * (bank->edge_um - x_um)
+    rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
+    rdpi_real_t way_um = rdpi_f32_bank_way(bank, rate_um_per_s, climb_um);
+    rdpi_real_t x_um = way_um + bank->y_um[0];
+    rdpi_real_t room = bank->engaged > 0u ? way_um * (bank->edge_um - x_um)
                                           : bank->edge_um - fabs(x_um - bank->y_um[1]);
     self->flags = 0;
     self->rate.z_um[0] = reference_um;
     self->rate_um_per_s = rate_um_per_s;
-    if (!(room >= 0)) {
-        return walk(self, v_um, rate_um_per_s, fabs(params->um_per_code));
+    if (!(room > 0)) {
+        return stay_or_walk(self, climb_um, rate_um_per_s);
     }
     uint32_t code = (uint32_t)rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0);
     rdpi_real_t drive_V = rdpi_f32_fma((rdpi_real_t)code, params->V_per_code, params->min_V);
@@ -587,14 +572,14 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     if (self->sweep_turns == 0u) {
         self->sweep_turns = (uint16_t)(2u * params->sweep_cycles + 1u);
     }
-    if (RDPI_QUICK_STEP && self->rate.oldest < self->rate.window && params->slew_V_per_s <= 0) {
-        self->ramp_V = self->drive_V; /* there have been steps, and the short way leaves it behind */
+    if (self->rate.oldest < self->rate.window && params->slew_V_per_s <= 0) {
+        self->ramp_V = self->drive_V; /* there have been steps: the sweep begins at what they have output */
     }
     /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to the end */
     unsigned cycles_left = self->sweep_turns / 2u;
     rdpi_real_t left = (rdpi_real_t)cycles_left / (rdpi_real_t)params->sweep_cycles;
     rdpi_real_t limit_V = self->sweep_turns % 2u != 0u ? params->max_V : params->min_V;
-    rdpi_real_t turn_V = clamp(params->sweep_end_V + left * (limit_V - params->sweep_end_V), params->min_V,
+    rdpi_real_t turn_V = clamp(rdpi_f32_fma(left, limit_V - params->sweep_end_V, params->sweep_end_V), params->min_V,
                                params->max_V);
     rdpi_real_t step_V = per_sample(self, params->sweep_V_per_s);
     rdpi_real_t drive_V = clamp(turn_V, self->ramp_V - step_V, self->ramp_V + step_V);
@@ -605,8 +590,8 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     if (drive_V == turn_V) {
         self->sweep_turns--;
     }
-    rdpi_f32_target_t target = rdpi_f32_bank_target(&self->bank, x_of_drive(params, drive_V));
-    output(self, drive_V, target);
+    rdpi_f32_target_t target = rdpi_f32_bank_target(x_of_drive(params, drive_V));
+    (void)output(self, drive_V, target, false);
     return self->sweep_turns > 0u;
 }
 
@@ -632,7 +617,7 @@ rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t 
         fabs(outside_V) > MAX_SPANS * (params->max_V - params->min_V)) {
         return rdpi_f32_predict(self, refuse_input(self), self->rate_um_per_s);
     }
-    rdpi_f32_target_t target = rdpi_f32_bank_target(&self->bank, x_of_drive(params, drive_V));
+    rdpi_f32_target_t target = rdpi_f32_bank_target(x_of_drive(params, drive_V));
     (void)limit_rate(self, rate_um_per_s);
     forget_samples(self);
     (void)rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);

@@ -466,6 +466,9 @@ bool rdpi_q31_sweep(rdpi_q31_t *self)
     if (self->sweep_turns == 0u) {
         self->sweep_turns = (uint16_t)(2u * params->sweep_cycles + 1u);
     }
+    if (self->rate_estimator.oldest < self->rate_estimator.window && self->slew == 0) {
+        self->ramp = widen(self->drive); /* there have been steps: the sweep begins at what they have output */
+    }
     /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to the end */
     int32_t limit = self->sweep_turns % 2u != 0u ? last_code_drive(params) : params->code_0_drive;
     int64_t swing = widen(limit) - widen(params->sweep_end);

@@ -28,7 +28,7 @@ static void fill(rdpi_f32_play_t *play, const rdpi_real_t *at_rate_1)
 
 static void move(rdpi_real_t x_um)
 {
-    rdpi_f32_bank_move(&bank, halving, COUNT, rdpi_f32_bank_target(&bank, x_um));
+    rdpi_f32_bank_move(&bank, halving, COUNT, rdpi_f32_bank_target(x_um));
     for (size_t i = 0; i < COUNT; i++) {
         plain_um[i] = rdpi_f32_play(x_um, halving[i].r_um, plain_um[i]);
     }
@@ -118,7 +118,7 @@ void test_a_closed_minor_loop_is_forgotten(void)
 void test_move_touches_count_plays_and_no_more(void)
 {
     bank.y_um[2] = 77;
-    rdpi_f32_bank_move(&bank, halving, 2, rdpi_f32_bank_target(&bank, 5));
+    rdpi_f32_bank_move(&bank, halving, 2, rdpi_f32_bank_target(5));
     equal_states(5, 4, 77, 0);
 }
 
@@ -145,15 +145,27 @@ void test_a_play_reached_but_not_pushed_yet_is_not_engaged(void)
     equal_states(3, 4, 3, 1);
 }
 
-void test_turning_round_moves_no_play(void)
+void test_noting_the_engaged_plays_moves_none(void)
 {
     move(5);
-    rdpi_f32_bank_turn(&bank, halving, 1);
-    TEST_ASSERT_TRUE(bank.falling);
-    TEST_ASSERT_EQUAL_UINT(0, bank.engaged);
+    rdpi_f32_bank_note(&bank, halving, 1);
     equal_states(5, 4, 3, 1);
-    rdpi_f32_bank_turn(&bank, halving, -1);
-    TEST_ASSERT_FALSE(bank.falling);
+    EQUAL_REAL(4, bank.y_um[1]);
+    EQUAL_REAL(3, bank.y_um[2]);
+    EQUAL_REAL(1, bank.y_um[3]);
+}
+
+void test_what_turns_back_only_to_stay_where_it_was_has_not_turned(void)
+{
+    move(5);
+    rdpi_f32_bank_t before = bank;
+    rdpi_f32_target_t target = rdpi_f32_bank_solve(&bank, halving, COUNT, 0, output() - (rdpi_real_t)0.5);
+    TEST_ASSERT_TRUE(target.turned);
+    target.x_um = 5;
+    EQUAL_REAL(1, rdpi_f32_bank_move(&bank, halving, COUNT, target));
+    TEST_ASSERT_EQUAL_UINT(before.engaged, bank.engaged);
+    TEST_ASSERT_EQUAL(before.falling, bank.falling);
+    EQUAL_REAL(before.rest_um, bank.rest_um);
     equal_states(5, 4, 3, 1);
 }
 
@@ -374,7 +386,8 @@ void test_where_no_play_engages_or_lets_go_the_short_way_leads_to_the_solution(v
             rdpi_f32_bank_t before = bank;
             rdpi_real_t x_um = path_um[k] + (rdpi_real_t)step / 8, rate = (rdpi_real_t)(step & 1);
             rdpi_real_t v_um = rdpi_f32_bank_at(&bank, halving, COUNT, rate, x_um);
-            rdpi_real_t near_um = rdpi_f32_bank_near(&bank, rate, v_um);
+            rdpi_real_t way_um = rdpi_f32_bank_way(&bank, rate, rdpi_f32_bank_climb(&bank, rate, v_um));
+            rdpi_real_t near_um = way_um + bank.y_um[0];
             if (!happens(x_um)) {
                 rdpi_real_t solved_um = solution(halving, COUNT, rate, v_um);
                 found++;

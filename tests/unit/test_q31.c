@@ -2121,6 +2121,29 @@ void test_missed_samples_do_not_survive_a_reset(void)
 
 /* ---- the start-up sweep ---- */
 
+void test_a_sweep_after_steps_starts_from_the_drive(void)
+{
+    actuator_q31_codes(&given, 5, false);
+    start();
+    rdpi_q31_step(&axis, U / 4);
+    int64_t drive = (int64_t)axis.drive * ((int64_t)1 << 32);
+    TEST_ASSERT_TRUE(axis.ramp != drive); /* the wish is no code */
+    rdpi_q31_sweep(&axis);
+    TEST_ASSERT_EQUAL_INT64(drive + axis.sweep_step, axis.ramp);
+}
+
+void test_a_sweep_after_slewing_goes_on_from_the_drive_before_rounding(void)
+{
+    actuator_q31_codes(&given, 5, false);
+    given.params.slew_per_us = given.params.sweep_per_us;
+    start();
+    rdpi_q31_step(&axis, U);
+    int64_t ramp = axis.ramp;
+    TEST_ASSERT_TRUE(ramp != (int64_t)axis.drive * ((int64_t)1 << 32));
+    rdpi_q31_sweep(&axis);
+    TEST_ASSERT_EQUAL_INT64(ramp + axis.sweep_step, axis.ramp);
+}
+
 /* A whole sweep, its plant moving along: each sample goes `step` towards the next of `count` turning points and stops
  * there, and the last sample alone returns false. */
 static void sweeps_through(const int32_t *turns, size_t count, int32_t step)

@@ -305,6 +305,22 @@ void test_missed_samples_are_taken_to_lie_on_a_straight_line(void)
     }
 }
 
+/* Far from 0, where a point of the line would be rounded to 4e-6 um, and the way is 16 times that. */
+void test_after_missed_samples_the_rate_is_that_of_the_samples_and_not_of_rounded_points(void)
+{
+    const rdpi_real_t from_um = 60, to_um = from_um + (rdpi_real_t)1 / 16384;
+    for (unsigned window = 1; window <= RDPI_MAX_WINDOW; window++) {
+        for (unsigned missed = 0; missed <= RDPI_MAX_MISSED; missed++) {
+            init((rdpi_real_t)window, 0);
+            sample(from_um);
+            double spanned = missed + 1 < window ? window : missed + 1; /* samples that the way is seen in */
+            double expected = (double)(to_um - from_um) / (spanned * (double)T_S);
+            rdpi_real_t seen = rdpi_f32_rate_step(&rate, to_um, missed);
+            TEST_ASSERT_TRUE(fabs((double)seen - expected) <= 4e-7 * expected);
+        }
+    }
+}
+
 void test_as_many_missed_samples_as_allowed_keep_the_history(void)
 {
     init(1, 0);

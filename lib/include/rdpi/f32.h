@@ -20,10 +20,9 @@
  *
  * Cost classes: n + 1 plays, m + 1 pieces of saturation. "Amortised" counts a reversal, and each play that engages
  * after it, against the step in which it happens: O(n) at worst, none in most steps. Those take a short way of some 70
- * instructions if there are DAC codes no further than 4 r_1 apart, but no rate window of several samples, no filter and
- * no slew limit.
+ * instructions if there are DAC codes, but no rate window of several samples, no filter and no slew limit.
  * RDPI_QUICK_STEP, 0 or 1, defined for lib/src says whether the short way is compiled; by default it is but for -Os, as
- * it adds some 1500 bytes of code. */
+ * it adds 2 to 3 kB of code. Both give the same codes, drives, flags and counts, bit for bit. */
 #ifndef RDPI_F32_H
 #define RDPI_F32_H
 
@@ -145,7 +144,7 @@ typedef struct {
     const rdpi_f32_params_t *params; /**< as given to init */
     const rdpi_f32_piece_t *piece;   /**< that of S^-1 which the latest reference was on */
     rdpi_real_t ramp_V;   /**< drive_V before rounding to a code, or slow slews would never leave one; steps without
-                               slew limit may leave it behind */
+                               slew limit may leave it behind, and a sweep does not go by it then */
     uint16_t sweep_turns; /**< turning points of the start-up sweep that are still to come; 0: none runs */
     uint8_t missed;       /**< samples since the latest usable reference, saturating */
     bool plain;           /**< the next sample's rate is the difference from the one before; codes, no slew limit */
@@ -233,7 +232,8 @@ void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks);
  * state, whatever each was before (all but plays whose r_i is beyond half the range of x: nothing moves them).
  * @return true while the sweep goes on, false with its last sample, at which drive_V is sweep_end_V (to a code).
  *
- * It starts from drive_V, which init sets to what holds the memory of the parameters. If the amplifier is elsewhere,
+ * It starts from drive_V, which init sets to what holds the memory of the parameters; after steps under a slew limit,
+ * from that before it was rounded to a code. If the amplifier is elsewhere,
  * say so first, with rdpi_f32_forward(self, its_V, 0), or the first sample jumps. A sweep that is given up half way
  * leaves consistent states, and a later call goes on with it; rdpi_f32_reset, set_memory and forward end it. Rate
  * history is forgotten. Amortised O(1), at most O(n). ISR safe. */

@@ -1,0 +1,310 @@
+/* Property test: the library with the short way (RDPI_QUICK_STEP 1, linked) and without (0, compiled into this file)
+ * gives the same codes, drives, rates, flags, counters and play states, bit for bit, whatever is done with it.
+ *
+ *     one_code [MODELS [SEED]] */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* The long way, under names of its own. */
+#undef RDPI_QUICK_STEP
+#define RDPI_QUICK_STEP 0
+#define rdpi_f32_digest_layout long_digest_layout
+#define rdpi_f32_init_layout long_init_layout
+#define rdpi_f32_reset long_reset
+#define rdpi_f32_set_memory long_set_memory
+#define rdpi_f32_get_memory long_get_memory
+#define rdpi_f32_step long_step
+#define rdpi_f32_missed long_missed
+#define rdpi_f32_sweep long_sweep
+#define rdpi_f32_predict long_predict
+#define rdpi_f32_forward long_forward
+#include "rdpi_f32.c"
+#undef rdpi_f32_digest_layout
+#undef rdpi_f32_init_layout
+#undef rdpi_f32_reset
+#undef rdpi_f32_set_memory
+#undef rdpi_f32_get_memory
+#undef rdpi_f32_step
+#undef rdpi_f32_missed
+#undef rdpi_f32_sweep
+#undef rdpi_f32_predict
+#undef rdpi_f32_forward
+
+/* As in rdpi/f32.h. */
+rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi_f32_params_t *params,
+                                   rdpi_real_t sample_time_s);
+void rdpi_f32_reset(rdpi_f32_t *self);
+rdpi_status_t rdpi_f32_set_memory(rdpi_f32_t *self, const rdpi_real_t *y_um);
+void rdpi_f32_get_memory(const rdpi_f32_t *self, rdpi_real_t *y_um);
+rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um);
+void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks);
+bool rdpi_f32_sweep(rdpi_f32_t *self);
+rdpi_real_t rdpi_f32_predict(const rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s);
+rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s);
+
+#include "scenario.h"
+
+#if defined(__SANITIZE_ADDRESS__)
+#define MODELS 200 /* ten times slower */
+#else
+#define MODELS 2000
+#endif
+#define OPERATIONS 5000
+
+typedef enum { STEP, REFUSED, MISSED, SWEEP, FORWARD, SET_MEMORY, RESET, OPERATION_KINDS } operation_t;
+static const char *const names[] = {"step", "refused", "missed", "sweep", "forward", "set_memory", "reset"};
+
+typedef struct {
+    rdpi_f32_t quick, slow;
+} twins_t;
+
+static unsigned long done[OPERATION_KINDS], plain_steps, rounded_steps, flagged;
+
+/* ---- what differs ---- */
+
+static bool same_bits(const void *a, const void *b, size_t size)
+{
+    return memcmp(a, b, size) == 0;
+}
+
+/* All that a user sees of them, y_um included. */
+static const char *difference(const twins_t *twins, rdpi_real_t quick_result, rdpi_real_t slow_result)
+{
+    const rdpi_f32_t *quick = &twins->quick, *slow = &twins->slow;
+    rdpi_real_t quick_um[RDPI_MAX_PLAYS] = {0}, slow_um[RDPI_MAX_PLAYS] = {0};
+    rdpi_f32_get_memory(quick, quick_um);
+    long_get_memory(slow, slow_um);
+    for (size_t i = 0; i < RDPI_MAX_PLAYS; i++) {
+        if (!(quick_um[i] == slow_um[i])) { /* either zero will do */
+            return "play states";
+        }
+    }
+    return quick->dac_code != slow->dac_code                                      ? "codes"
+           : quick->flags != slow->flags                                          ? "flags"
+           : !same_bits(&quick->drive_V, &slow->drive_V, sizeof slow->drive_V)    ? "drives"
+           : quick->rate_um_per_s != slow->rate_um_per_s                          ? "rates"
+           : quick->guard_count != slow->guard_count                              ? "guard_count"
+           : quick->clip_count != slow->clip_count                                ? "clip_count"
+           : quick->input_count != slow->input_count                              ? "input_count"
+           : quick->missed_count != slow->missed_count                            ? "missed_count"
+           : !same_bits(&quick_result, &slow_result, sizeof slow_result)          ? "results"
+                                                                                  : NULL;
+}
+
+/* ---- a random model: scenario.h's, but mostly with codes and what the short way takes ---- */
+
+static void random_model(scenario_t *scenario, int number)
+{
+    random_scenario(scenario, (law_t)(number % LAWS));
+    rdpi_f32_params_t *params = &scenario->actuator.params;
+    double reach_V = uniform(0.2, 1.5) * scenario->stroke_um / fabs((double)params->gain_um_per_V);
+    if (choose(4)) {
+        params->rate_window_s = params->rate_filter_s = 0;
+    }
+    if (choose(4)) {
+        params->slew_V_per_s = 0;
+    }
+    if (choose(8)) {
+        double shift_V = choose(8) ? uniform(-0.5, 0.5) * reach_V : uniform(-100, 100) * reach_V;
+        params->dac_bits = (uint16_t)(1 + choose(RDPI_MAX_DAC_BITS));
+        params->offset_V = (rdpi_real_t)((double)params->offset_V + (choose(4) ? 0 : 1000 * uniform(-1, 1)));
+        params->min_V = (rdpi_real_t)((double)params->offset_V - reach_V + shift_V);
+        params->max_V = (rdpi_real_t)((double)params->offset_V + reach_V + shift_V);
+        params->sweep_end_V = (rdpi_real_t)uniform((double)params->min_V, (double)params->max_V);
+        params->sweep_V_per_s = (rdpi_real_t)fmin(2e6, reach_V * log_uniform(1e-3, 0.3) / scenario->sample_time_s);
+        params->slew_V_per_s = params->slew_V_per_s > 0 ? 4 * params->sweep_V_per_s : 0;
+        params->sweep_cycles = (uint16_t)(1 + choose(4));
+        rdpi_real_t rest_um = x_of_drive(params, (rdpi_real_t)uniform((double)params->min_V, (double)params->max_V));
+        for (size_t i = 0; i < params->plays; i++) { /* one excursion from rest there */
+            scenario->actuator.memory_um[i] = rest_um;
+        }
+    }
+    actuator_derive(&scenario->actuator);
+}
+
+/* ---- random operations ---- */
+
+/* Where rounding decides: the reference that leads to a code, half a code beside it, a corner, or an end. */
+static rdpi_real_t delicate_reference(const twins_t *twins)
+{
+    const rdpi_f32_t *axis = &twins->slow;
+    const rdpi_f32_params_t *params = axis->params;
+    double drive_V = (double)axis->drive_V, code_V = (double)params->V_per_code;
+    switch (choose(5)) {
+    case 0:
+        drive_V += (choose(9) - 4) * code_V / 2;
+        break;
+    case 1:
+        drive_V += (choose(2001) - 1000) * code_V / 4;
+        break;
+    case 2:
+        drive_V = choose(2) ? (double)params->min_V : (double)params->max_V;
+        drive_V += (choose(5) - 2) * code_V / 2;
+        break;
+    case 3: {
+        int i = choose(params->plays);
+        rdpi_real_t y_um[RDPI_MAX_PLAYS];
+        long_get_memory(axis, y_um);
+        double corner_um = (double)y_um[i] + (choose(3) - 1) * (double)params->play[i].r_um;
+        drive_V = (double)drive_of_x(params, (rdpi_real_t)corner_um) + (choose(3) - 1) * code_V / 2;
+        break;
+    }
+    default:
+        break;
+    }
+    rdpi_real_t rate = choose(2) ? 0 : axis->rate_um_per_s;
+    return long_predict(axis, (rdpi_real_t)drive_V, rate);
+}
+
+static rdpi_real_t bad_reference(void)
+{
+    const rdpi_real_t bad_um[] = {(rdpi_real_t)NAN, (rdpi_real_t)INFINITY, (rdpi_real_t)-INFINITY,
+                                  2 * (rdpi_real_t)RDPI_MAX_REFERENCE_UM, -2 * (rdpi_real_t)RDPI_MAX_REFERENCE_UM};
+    return bad_um[choose(5)];
+}
+
+/* Of any size, most of them small. */
+static unsigned few(void)
+{
+    return choose(10) ? 1u + (unsigned)choose(RDPI_MAX_MISSED + 3) : (unsigned)choose(1000);
+}
+
+typedef struct {
+    profile_t profile;
+    double grid_um; /* references are multiples of it; 0: anything */
+    double last_um;
+    int sweeps_left, delicate_left;
+} user_t;
+
+static operation_t operate(twins_t *twins, user_t *user, rdpi_real_t *quick, rdpi_real_t *slow)
+{
+    const rdpi_f32_params_t *params = twins->slow.params;
+    operation_t operation = STEP;
+    if (user->sweeps_left > 0) {
+        user->sweeps_left--;
+        operation = SWEEP;
+    } else if (choose(40) == 0) {
+        operation = (operation_t)choose(OPERATION_KINDS);
+        user->sweeps_left = operation == SWEEP ? choose(60) : 0;
+    }
+    *quick = *slow = 0;
+    switch (operation) {
+    case STEP: {
+        double reference_um = profile_next(&user->profile) + (double)params->offset_um;
+        if (user->grid_um > 0) {
+            reference_um = user->grid_um * floor(reference_um / user->grid_um);
+        }
+        if (user->delicate_left == 0 && choose(30) == 0) {
+            user->delicate_left = choose(40);
+        }
+        if (user->delicate_left > 0) {
+            user->delicate_left--;
+            reference_um = choose(3) ? (double)delicate_reference(twins) : user->last_um;
+        }
+        user->last_um = reference_um;
+        bool plain = twins->quick.plain;
+        *quick = rdpi_f32_step(&twins->quick, (rdpi_real_t)reference_um);
+        *slow = long_step(&twins->slow, (rdpi_real_t)reference_um);
+        plain_steps += plain;
+        rounded_steps += params->dac_bits > 0;
+        flagged += twins->slow.flags != 0;
+        break;
+    }
+    case REFUSED: {
+        rdpi_real_t reference_um = bad_reference();
+        *quick = rdpi_f32_step(&twins->quick, reference_um);
+        *slow = long_step(&twins->slow, reference_um);
+        break;
+    }
+    case MISSED: {
+        unsigned ticks = few();
+        rdpi_f32_missed(&twins->quick, ticks);
+        long_missed(&twins->slow, ticks);
+        break;
+    }
+    case SWEEP:
+        *quick = rdpi_f32_sweep(&twins->quick);
+        *slow = long_sweep(&twins->slow);
+        break;
+    case FORWARD: {
+        double span_V = (double)params->max_V - (double)params->min_V;
+        double drive_V = choose(4) ? (double)twins->slow.drive_V + uniform(-0.1, 0.1) * span_V
+                                   : uniform((double)params->min_V - span_V, (double)params->max_V + span_V);
+        rdpi_real_t rate = (rdpi_real_t)(uniform(-0.1, 1.2) * (double)params->max_um_per_s);
+        *quick = rdpi_f32_forward(&twins->quick, (rdpi_real_t)drive_V, rate);
+        *slow = long_forward(&twins->slow, (rdpi_real_t)drive_V, rate);
+        break;
+    }
+    case SET_MEMORY: {
+        rdpi_real_t y_um[RDPI_MAX_PLAYS];
+        long_get_memory(&twins->slow, y_um);
+        if (choose(2)) {
+            memcpy(y_um, params->memory_um, params->plays * sizeof *y_um);
+        }
+        *quick = (rdpi_real_t)rdpi_f32_set_memory(&twins->quick, y_um);
+        *slow = (rdpi_real_t)long_set_memory(&twins->slow, y_um);
+        break;
+    }
+    default: /* RESET */
+        rdpi_f32_reset(&twins->quick);
+        long_reset(&twins->slow);
+        break;
+    }
+    return operation;
+}
+
+static void run_model(int number)
+{
+    scenario_t scenario;
+    static twins_t twins;
+    random_model(&scenario, number);
+    const rdpi_f32_params_t *params = &scenario.actuator.params;
+    rdpi_real_t sample_time_s = (rdpi_real_t)scenario.sample_time_s;
+    rdpi_status_t status = long_init_layout(RDPI_F32_LAYOUT, &twins.slow, params, sample_time_s);
+    if (status != RDPI_OK ||
+        rdpi_f32_init_layout(RDPI_F32_LAYOUT, &twins.quick, params, sample_time_s) != RDPI_OK) {
+        printf("one_code: model %d: init refuses: %d\n", number, (int)status);
+        exit(1);
+    }
+    user_t user = {.profile = {.stroke_um = scenario.stroke_um}};
+    user.grid_um = choose(3) ? 0 : scenario.stroke_um * log_uniform(1e-6, 1e-2);
+    for (int k = 0; k < OPERATIONS; k++) {
+        rdpi_real_t quick, slow;
+        operation_t operation = operate(&twins, &user, &quick, &slow);
+        done[operation]++;
+        const char *what = difference(&twins, quick, slow);
+        if (what != NULL) {
+            printf("one_code: model %d, operation %d, %s: other %s with the short way than without\n"
+                   "codes %lu %lu, flags %lu %lu, drives %.9g %.9g, rates %.9g %.9g, %d bits, %d plays, window %d\n",
+                   number, k, names[operation], what, (unsigned long)twins.quick.dac_code,
+                   (unsigned long)twins.slow.dac_code, (unsigned long)twins.quick.flags,
+                   (unsigned long)twins.slow.flags, (double)twins.quick.drive_V, (double)twins.slow.drive_V,
+                   (double)twins.quick.rate_um_per_s, (double)twins.slow.rate_um_per_s, params->dac_bits,
+                   params->plays, twins.slow.rate.window);
+            exit(1);
+        }
+    }
+}
+
+int main(int argc, char **argv)
+{
+    int models = argc > 1 ? atoi(argv[1]) : MODELS;
+    random_state += argc > 2 ? (uint64_t)atoi(argv[2]) : 0u;
+    unsigned long total = 0;
+    for (int number = 0; number < models; number++) {
+        run_model(number);
+    }
+    printf("%d models", models);
+    for (int kind = 0; kind < OPERATION_KINDS; kind++) {
+        printf(", %s %lu", names[kind], done[kind]);
+        total += done[kind];
+    }
+    printf("\n%lu operations alike; of the steps %lu had codes, %lu could take the short way, %lu were flagged\n", total,
+           rounded_steps, plain_steps, flagged);
+    if (plain_steps < done[STEP] / 4 || rounded_steps < done[STEP] / 2 || flagged < done[STEP] / 20) {
+        printf("one_code: hardly a short way, a code or a flag\n");
+        return 1;
+    }
+    return 0;
+}
