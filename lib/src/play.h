@@ -17,7 +17,7 @@
 
 /* Of functions: APART from callers whose usual way must not pay for it; WITHIN its callers; SHARED, once in the program
  * where size counts, within its callers where time does. */
-#if !defined(__GNUC__)
+#if !defined(__GNUC__) || !defined(__OPTIMIZE__)
 #define RDPI_APART
 #define RDPI_WITHIN inline
 #define RDPI_SHARED
