@@ -915,6 +915,15 @@ void test_slew_limits_the_change_flags_and_counts(void)
     TEST_ASSERT_EQUAL_UINT32(3, axis.clip_count);
 }
 
+void test_slew_may_be_as_slow_as_the_sweep_can_be(void)
+{
+    given.params.slew_V_per_s = given.params.sweep_V_per_s = (rdpi_real_t)0.5;
+    start();
+    rdpi_real_t before_V = axis.drive_V;
+    rdpi_f32_step(&axis, (rdpi_real_t)3.25);
+    EQUAL_REAL(0.5 * T_S, axis.drive_V - before_V);
+}
+
 void test_slew_starts_from_the_drive_of_the_memory(void)
 {
     set3(given.memory_um, 8, 8, 8);
