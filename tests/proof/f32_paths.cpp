@@ -1,0 +1,329 @@
+// Every path that the float library can take, whatever its numbers are: lib/src/rdpi_f32.c as it is, compiled with a
+// number type whose comparisons go both ways. What is known of a number is used: constants, and that finite numbers lie
+// between the infinities. So the set of paths is a superset of the real ones, and it is finite: it is walked from every
+// index state that the bank can have, and every state at the end must be one of these again. AddressSanitizer watches
+// the arrays, which are exactly as long as the parameters say.
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <type_traits>
+#include <vector>
+
+static std::vector<bool> way;     // what was chosen on the path so far
+static std::size_t chosen;        // how many of these the present run has taken again
+static unsigned long long paths;
+static unsigned long long asked; // see operator<
+
+static bool choose()
+{
+    if (chosen == way.size()) {
+        way.push_back(false);
+    }
+    return way[chosen++];
+}
+
+// To the next path; false after the last.
+static bool next_path()
+{
+    paths++;
+    asked = 0;
+    way.resize(chosen);
+    chosen = 0;
+    while (!way.empty() && way.back()) {
+        way.pop_back();
+    }
+    if (way.empty()) {
+        return false;
+    }
+    way.back() = true;
+    return true;
+}
+
+struct Number {
+    enum Kind : std::uint8_t { Known, Finite, Any } kind = Finite;
+    double value = 0;
+    unsigned long long id = ++ids; // copies share it
+
+    static unsigned long long ids;
+    Number() = default;
+    template <class T, class = std::enable_if_t<std::is_arithmetic<T>::value>> Number(T known) : kind(Known), value(known) {}
+    Number(std::uint32_t) {} // a code
+    Number(Kind k, double v) : kind(k), value(v) {}
+    template <class T, class = std::enable_if_t<std::is_arithmetic<T>::value>> explicit operator T() const
+    {
+        return kind == Known ? T(value) : T((sizeof(T) == 2) + choose()); // 16 bits has the window, 1 or 2 samples
+    }
+    Number operator-() const { return {kind, -value}; }
+    bool nan() const { return kind == Known && std::isnan(value); }
+    bool infinite() const { return kind == Known && std::isinf(value); }
+};
+
+unsigned long long Number::ids = 0;
+
+static Number either(Number a, Number b, double known)
+{
+    if (a.nan() || b.nan()) {
+        return NAN;
+    }
+    if (a.kind == Number::Known && b.kind == Number::Known) {
+        return known;
+    }
+    bool any = a.kind == Number::Any || b.kind == Number::Any || a.infinite() || b.infinite();
+    return {any ? Number::Any : Number::Finite, 0};
+}
+static Number operator+(Number a, Number b)
+{
+    if (a.infinite() && b.kind == Number::Finite) {
+        return a;
+    }
+    return b.infinite() && a.kind == Number::Finite ? b : either(a, b, a.value + b.value);
+}
+static Number operator-(Number a, Number b) { return a + -b; }
+static Number operator*(Number a, Number b) { return either(a, b, a.value * b.value); }
+static Number operator/(Number a, Number b) { return either(a, b, a.value / b.value); }
+static Number &operator+=(Number &a, Number b) { return a = a + b; }
+static Number &operator-=(Number &a, Number b) { return a = a - b; }
+static Number &operator*=(Number &a, Number b) { return a = a * b; }
+static Number &operator/=(Number &a, Number b) { return a = a / b; }
+
+// Whether a comparison has one outcome only; what is no more than finite has the value 0.
+static bool settled(Number a, Number b)
+{
+    if (a.nan() || b.nan()) {
+        return true;
+    }
+    return a.kind != Number::Any && b.kind != Number::Any &&
+           ((a.kind == Number::Known && b.kind == Number::Known) || a.infinite() || b.infinite());
+}
+// A number asked twice in a row whether it is above 0 says the same.
+static bool answer;
+static bool operator<(Number a, Number b)
+{
+    if (settled(a, b)) {
+        return a.value < b.value;
+    }
+    if (a.kind != Number::Known || a.value != 0) {
+        return choose();
+    }
+    if (asked != b.id) {
+        asked = b.id;
+        answer = choose();
+    }
+    return answer;
+}
+static bool operator>(Number a, Number b) { return b < a; }
+static bool operator<=(Number a, Number b) { return settled(a, b) ? a.value <= b.value : choose(); }
+static bool operator>=(Number a, Number b) { return b <= a; }
+static bool operator==(Number a, Number b) { return settled(a, b) ? a.value == b.value : choose(); }
+static bool operator!=(Number a, Number b) { return !(a == b); }
+static Number fabs(Number a) { return {a.kind, std::fabs(a.value)}; }
+static bool isfinite(Number a) { return a.kind == Number::Any ? choose() : std::isfinite(a.value); }
+
+#define RDPI_REAL Number
+#ifndef RDPI_MAX_PLAYS
+#define RDPI_MAX_PLAYS 3
+#endif
+#define RDPI_MAX_DEADZONES 2
+#define RDPI_MAX_WINDOW 2
+#include "rdpi_f32.c"
+
+static void check(bool holds, const char *function, const char *what, unsigned plays, unsigned engaged)
+{
+    if (!holds) {
+        std::printf("f32_paths: after %s with %u plays, %u engaged: %s\n", function, plays, engaged, what);
+        std::exit(1);
+    }
+}
+
+struct Actuator {
+    std::unique_ptr<rdpi_f32_play_t[]> play;
+    std::unique_ptr<rdpi_f32_deadzone_t[]> saturation;
+    std::unique_ptr<rdpi_f32_piece_t[]> inverse;
+    std::unique_ptr<Number[]> memory;
+    rdpi_f32_params_t params{};
+
+    explicit Actuator(unsigned plays, unsigned deadzones)
+        : play(new rdpi_f32_play_t[plays]), saturation(new rdpi_f32_deadzone_t[deadzones]),
+          inverse(new rdpi_f32_piece_t[deadzones]), memory(new Number[plays])
+    {
+        params.plays = static_cast<std::uint16_t>(plays);
+        params.deadzones = static_cast<std::uint16_t>(deadzones);
+        params.sweep_cycles = 2;
+        params.play = play.get();
+        params.saturation = saturation.get();
+        params.inverse = inverse.get();
+        params.memory_um = memory.get();
+    }
+};
+
+// What holds of every instance between two calls.
+static void check_state(const rdpi_f32_t &self, const char *function, unsigned engaged)
+{
+    const rdpi_f32_params_t *params = self.params;
+    unsigned plays = params->plays;
+    check(self.bank.engaged < plays, function, "engaged is beyond the plays", plays, engaged);
+    check(self.bank.at == params->play + self.bank.engaged, function, "at is not play[engaged]", plays, engaged);
+    check(self.rate.oldest <= self.rate.window, function, "oldest is beyond the window", plays, engaged);
+    if (RDPI_QUICK_STEP && self.plain) {
+        check(self.rate.window == 1 && self.rate.oldest == 0, function, "plain without a sample", plays, engaged);
+        check(params->dac_bits > 0, function, "plain without codes", plays, engaged);
+        check(self.piece >= params->inverse && self.piece < params->inverse + params->deadzones, function,
+              "plain without a piece", plays, engaged);
+    }
+    for (unsigned i = 0; i < plays; i++) { // or the search for the last play engaged might not end
+        const Number &y = self.bank.y_um[i];
+        check((i > 0 && i <= self.bank.engaged) || y.kind == Number::Finite || (y.kind == Number::Known && !y.infinite()),
+              function, "a state may be infinite", plays, engaged);
+    }
+}
+
+// Between two calls, whatever the numbers.
+struct State {
+    unsigned engaged, window, oldest, missed, turns, piece;
+    bool falling, plain;
+};
+
+static rdpi_f32_t instance(const Actuator &actuator, const State &state)
+{
+    rdpi_f32_t self{};
+    self.params = &actuator.params;
+    self.piece = actuator.params.inverse + state.piece;
+    self.sweep_turns = static_cast<std::uint16_t>(state.turns);
+    self.missed = static_cast<std::uint8_t>(state.missed);
+    self.plain = state.plain;
+    self.rate.window = static_cast<std::uint16_t>(state.window);
+    self.rate.oldest = static_cast<std::uint16_t>(state.oldest);
+    self.bank.at = actuator.params.play + state.engaged;
+    self.bank.engaged = static_cast<std::uint16_t>(state.engaged);
+    self.bank.falling = state.falling;
+    for (unsigned i = 1; i <= state.engaged; i++) {
+        self.bank.y_um[i] = Number(Number::Any, 0); // implied by x: stale, or infinite
+    }
+    return self;
+}
+
+template <class Call> static void walk_all(const char *name, const Actuator &actuator, const State &state, Call call)
+{
+    do {
+        rdpi_f32_t self = instance(actuator, state);
+        call(self);
+        check_state(self, name, state.engaged);
+    } while (next_path());
+}
+
+static const Number some, nan_ = NAN, infinity = INFINITY, minus_infinity = -INFINITY;
+
+static void from(const Actuator &actuator, State state)
+{
+    const unsigned plays = actuator.params.plays;
+    for (Number input : {some, nan_, infinity, minus_infinity}) {
+        for (unsigned missed : {0u, 1u, RDPI_MAX_MISSED + 1u}) { // more only turn the estimator's loop more often
+            state.missed = missed;
+            for (state.piece = 0; state.piece < (state.plain ? actuator.params.deadzones : 1u); state.piece++) {
+                walk_all("step", actuator, state, [&](rdpi_f32_t &self) { rdpi_f32_step(&self, input); });
+            }
+            state.piece = 0;
+            if (state.plain || state.window > 1 || !(input.kind == Number::Finite)) {
+                break; // none are missed, or it makes no difference to what is beside the estimator
+            }
+        }
+        walk_all("forward", actuator, state, [&](rdpi_f32_t &self) { rdpi_f32_forward(&self, input, some); });
+        walk_all("forward", actuator, state, [&](rdpi_f32_t &self) { rdpi_f32_forward(&self, some, input); });
+    }
+    for (state.turns = 0; state.turns < 3; state.turns++) {
+        walk_all("sweep", actuator, state, [&](rdpi_f32_t &self) { rdpi_f32_sweep(&self); });
+    }
+    state.turns = 0;
+    walk_all("missed", actuator, state, [&](rdpi_f32_t &self) { rdpi_f32_missed(&self, choose() ? 3u : 0u); });
+    walk_all("reset", actuator, state, [&](rdpi_f32_t &self) { rdpi_f32_reset(&self); });
+    std::unique_ptr<Number[]> y(new Number[plays]);
+    walk_all("set_memory", actuator, state, [&](rdpi_f32_t &self) { rdpi_f32_set_memory(&self, y.get()); });
+    walk_all("get_memory", actuator, state, [&](rdpi_f32_t &self) { rdpi_f32_get_memory(&self, y.get()); });
+}
+
+static void from_init(const Actuator &actuator)
+{
+    bool accepted = false;
+    do {
+        rdpi_f32_t self{};
+        self.plain = true;
+        if (rdpi_f32_init(&self, &actuator.params, some) == RDPI_OK) {
+            accepted = true;
+            check_state(self, "init", 0);
+        }
+    } while (next_path());
+    check(accepted, "init", "nothing is accepted", actuator.params.plays, 0);
+}
+
+// From every state: plays, codes or none, place in the bank and in the estimator's ring.
+static void from_all(unsigned plays, unsigned deadzones, unsigned bits)
+{
+    Actuator actuator(plays, deadzones);
+    actuator.params.schema = RDPI_PARAMS_SCHEMA;
+    actuator.params.dac_bits = static_cast<std::uint16_t>(bits);
+    actuator.params.digest = rdpi_f32_digest(&actuator.params);
+    from_init(actuator);
+    State state{};
+    for (state.engaged = 0; state.engaged < plays; state.engaged++) {
+        for (int falling = 0; falling < 2; falling++) {
+            state.falling = falling != 0;
+            for (state.window = 1; state.window <= RDPI_MAX_WINDOW; state.window++) {
+                for (state.oldest = 0; state.oldest <= state.window; state.oldest++) {
+                    state.plain = false;
+                    from(actuator, state);
+                }
+            }
+            state.window = 1;
+            state.oldest = 0;
+            state.plain = RDPI_QUICK_STEP && bits > 0;
+            if (state.plain) {
+                from(actuator, state);
+            }
+        }
+    }
+}
+
+// The bank alone, from every place in it: what the library calls in any order, to any finite x.
+static void bank_from_all(unsigned plays)
+{
+    Actuator actuator(plays, 1);
+    const rdpi_f32_play_t *play = actuator.params.play;
+    std::unique_ptr<Number[]> y(new Number[plays]);
+    State state{};
+    state.window = 1;
+    for (state.engaged = 0; state.engaged < plays; state.engaged++) {
+        for (int falling = 0; falling < 2; falling++) {
+            state.falling = falling != 0;
+            walk_all("bank_set", actuator, state,
+                     [&](rdpi_f32_t &self) { rdpi_f32_bank_set(&self.bank, play, plays, y.get()); });
+            walk_all("bank_move", actuator, state, [&](rdpi_f32_t &self) {
+                rdpi_f32_bank_move(&self.bank, play, plays, rdpi_f32_bank_target(&self.bank, some));
+            });
+            walk_all("bank_solve and bank_move", actuator, state, [&](rdpi_f32_t &self) {
+                rdpi_f32_target_t target = rdpi_f32_bank_solve(&self.bank, play, plays, some, some);
+                if (choose()) {
+                    target.x_um = some; // where limits or a code take it
+                }
+                rdpi_f32_bank_move(&self.bank, play, plays, target);
+            });
+        }
+    }
+}
+
+int main()
+{
+    for (unsigned plays = 1; plays <= RDPI_MAX_PLAYS; plays++) {
+#if RDPI_MAX_PLAYS > 4
+        bank_from_all(plays);
+#else
+        from_all(plays, RDPI_MAX_DEADZONES, 0);
+        from_all(plays, RDPI_MAX_DEADZONES, 16);
+#endif
+        std::printf("f32_paths: %u plays, %llu paths so far\n", plays, paths);
+        std::fflush(stdout);
+    }
+    return 0;
+}
