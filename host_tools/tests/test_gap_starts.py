@@ -94,10 +94,13 @@ def test_a_simulated_actuator_goes_wherever_it_is_driven() -> None:
     assert Bench(model, [run]).predict(effects.acting(replace(model, effects=[rails]))) == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("command_V", [-2 * LARGEST, 1e200])
-def test_a_drive_beyond_all_numbers_is_refused_by_name(command_V: float) -> None:
+@pytest.mark.parametrize("command_V, words", [
+    (-2 * LARGEST, r"far\.csv: the drive reaches .* V, beyond .* check the unit of command_V"),
+    (1e200, r"far\.csv, sample 99: command_V is .*, beyond .* check its unit"),
+])
+def test_a_drive_beyond_all_numbers_is_refused_by_name(command_V: float, words: str) -> None:
     run = recording(np.linspace(0.0, command_V, 100), None, RATE_HZ, "far.csv")
-    with pytest.raises(BadInput, match=r"far\.csv: the drive reaches .* V, beyond .* check the unit of command_V"):
+    with pytest.raises(BadInput, match=words):
         chain.simulate(plain_model(), [run])
 
 

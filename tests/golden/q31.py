@@ -256,10 +256,21 @@ class Exact:
 # ---- the library ----
 
 
+# rdpi_q31_init is inline: a library exports only what it calls.
+INIT = """#include "rdpi/q31.h"
+rdpi_status_t init(rdpi_q31_t *self, const rdpi_q31_params_t *params, uint32_t sample_time_ns);
+rdpi_status_t init(rdpi_q31_t *self, const rdpi_q31_params_t *params, uint32_t sample_time_ns)
+{
+    return rdpi_q31_init(self, params, sample_time_ns);
+}
+"""
+
+
 def library(folder: Path) -> ctypes.CDLL:
-    path = folder / "q31.so"
+    path, init = folder / "q31.so", folder / "init.c"
+    init.write_text(INIT, encoding="utf-8")
     source, include = ROOT / "lib/src/rdpi_q31.c", ROOT / "lib/include"
-    subprocess.run(["cc", "-std=c99", "-O1", "-fPIC", "-shared", "-I", include, source, "-o", path], check=True)
+    subprocess.run(["cc", "-std=c99", "-O1", "-fPIC", "-shared", "-I", include, source, init, "-o", path], check=True)
     return ctypes.CDLL(str(path))
 
 
@@ -268,7 +279,7 @@ def replay(lib: ctypes.CDLL, actuator: Actuator) -> list[tuple[int, ...]]:
     arrays = {name: (ctypes.c_int32 * len(actuator.flat(name)))(*actuator.flat(name)) for name in ARRAYS}
     pointers = {name: ctypes.cast(array, ctypes.POINTER(ctypes.c_int32)) for name, array in arrays.items()}
     params, axis = Params(schema=3, digest=actuator.digest(), **actuator.numbers, **pointers), Axis()
-    status = lib.rdpi_q31_init(ctypes.byref(axis), ctypes.byref(params), ctypes.c_uint32(actuator.sample_time_ns))
+    status = lib.init(ctypes.byref(axis), ctypes.byref(params), ctypes.c_uint32(actuator.sample_time_ns))
     if status != 0:
         sys.exit(f"{actuator.name}: rdpi_q31_init returns {status}")
     exact, rows = Exact(actuator), []
