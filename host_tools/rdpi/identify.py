@@ -181,6 +181,9 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         states = chain.estimate_states(model, first.recording)
         model.memory = Memory(float(states[0]), states)
     model.memory = chain.within_drive(model)
+    if options.dac_bits is not None and None in (options.min_V, options.max_V):
+        warnings.append(f"the codes of the DAC are taken to span {model.drive.min_V:g} to {model.drive.max_V:g} V, the "
+                        "range recorded: give --min-V and --max-V, the drives of its first and of its last code")
     _check_reset(model, runs, warnings)
     progress(0.7)
     predictions = chain.simulate(model, [*runs, *hold_out])

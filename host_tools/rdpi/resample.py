@@ -12,6 +12,7 @@ from .recording import RATES_HZ, Place, check_count, check_rising, check_sizes
 
 GAP = 1.5  # steps of the usual size from which samples are missing
 MOST = 10  # times the recorded rate: more says nothing new
+NEAR = 0.98  # of the recorded rate: down to here the new rate holds what the old one held
 PASS, STOP = 0.4, 0.5  # of the new rate: the filter keeps what is below the one, and takes what is above the other
 ATTENUATION_DB = 80.0
 
@@ -36,7 +37,7 @@ class Resampled(NamedTuple):
 def resample(path: str, columns: Mapping[str, np.ndarray], rate_hz: float, place: Place) -> Resampled:
     """All columns at rate_hz from the first time on, by monotone cubic interpolation, which adds no overshoot.
 
-    Where the new rate is below the recorded one, a linear-phase low-pass of ATTENUATION_DB comes first.
+    Where the new rate is below NEAR of the recorded one, a linear-phase low-pass of ATTENUATION_DB comes first.
     Raises BadInput for times that do not rise, for gaps, and for rates far above the recorded one.
     """
     from scipy.interpolate import PchipInterpolator
@@ -54,7 +55,7 @@ def resample(path: str, columns: Mapping[str, np.ndarray], rate_hz: float, place
     if not RATES_HZ[0] <= rate_hz <= min(MOST * recorded_hz, RATES_HZ[1]):
         raise BadInput(f"{path}: --resample {rate_hz:g}: the recording has {recorded_hz:.6g} samples per second; "
                        f"choose a rate of at most {MOST} times that")
-    times = int(np.ceil(recorded_hz / rate_hz * (1 - 1e-9)))  # of the grid that the filter works on
+    times = 1 if rate_hz >= NEAR * recorded_hz else int(np.ceil(recorded_hz / rate_hz))  # of the grid to filter on
     count = int((time_s[-1] - time_s[0]) * rate_hz * (1 + 1e-9)) + 1
     check_count(f"{path}, at {rate_hz:g} per second", range(count))
     fine = np.minimum(time_s[0] + np.arange((count - 1) * times + 1) / (rate_hz * times), time_s[-1])

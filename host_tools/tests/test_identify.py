@@ -206,6 +206,17 @@ def test_drive_limits_and_name() -> None:
     assert chosen.actuator == "other"
 
 
+@pytest.mark.parametrize("limits, told", [
+    ({}, True), ({"min_V": 0.0}, True), ({"min_V": 0.0, "max_V": 100.0}, False),
+])
+def test_codes_that_span_the_recorded_range_are_told(limits: dict[str, float], told: bool) -> None:
+    """A DAC's first code is 10 V only by chance: every drive would be wrong."""
+    run = static_run(low=10, high=80, plant=stack(offset_V=10))
+    for bits in (None, 16):
+        warnings = fit([run], replace(STATIC, dac_bits=bits, **limits)).warnings
+        assert any("give --min-V and --max-V" in text for text in warnings) == (told and bits is not None)
+
+
 def test_a_drive_range_within_the_recordings() -> None:
     """The recordings start at 0 V: the memory is moved into what the user allows the firmware to output."""
     model = fit([static_run()], replace(STATIC, min_V=20, max_V=60)).model

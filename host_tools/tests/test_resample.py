@@ -68,6 +68,14 @@ def test_the_same_rate_leaves_uniform_samples_alone() -> None:
     np.testing.assert_allclose(found.columns["x"], tone(time_s, 200), atol=1e-9)
 
 
+@pytest.mark.parametrize("clock", [1 - 1e-5, 1 + 1e-5, 1.01])
+def test_nearly_the_same_rate_is_not_filtered(clock: float) -> None:
+    """Which side of its nominal rate a clock runs on must not decide: a filter would ring beyond a step's ends."""
+    time_s = sample_times(1000, RATE_HZ) / clock
+    found = resample("run.csv", {"time_s": time_s, "x": (time_s > 0.5).astype(float)}, RATE_HZ, place)
+    assert not found.filtered and found.columns["x"].min() == 0 and found.columns["x"].max() == 1
+
+
 def test_steps_do_not_overshoot() -> None:
     """A reversal that was not there would be hysteresis."""
     time_s = jittered(0.1)
