@@ -281,6 +281,7 @@ def test_unwritable(rdpi: Callable, runs: dict[str, Path], tmp_path: Path) -> No
     assert "missing/model.json: there is no folder" in result.output and "make it first" in result.output
 
 
+@pytest.mark.slow
 def test_as_a_program(runs: dict[str, Path], tmp_path: Path) -> None:
     """Piped: the result on stdout, notes of trouble alone on stderr, no progress bar."""
 

@@ -142,12 +142,14 @@ def test_earlier_recordings_of_other_drives(folder: Path, rdpi: Callable, refuse
     assert done.exit_code == 2 and "fresh0.csv: would be written over an input" in done.output
 
 
+@pytest.mark.slow
 def test_no_progress_when_piped(folder: Path) -> None:
     done = subprocess.run([sys.executable, "-m", "rdpi", "gap", "model.json", "sine0.csv"], capture_output=True,
                           text=True, env=os.environ | {"PYTHONPATH": str(HOST_TOOLS)})
     assert done.returncode == 0 and done.stderr == "" and "\r" not in done.stdout
 
 
+@pytest.mark.slow
 def test_closed_output(folder: Path) -> None:
     for closed in (">&-", "2>&-"):
         words = f'"{sys.executable}" -m rdpi gap model.json sine0.csv --json found.json {closed}'
@@ -156,6 +158,7 @@ def test_closed_output(folder: Path) -> None:
         assert done.returncode == 0 and done.stderr == "" and json.loads(Path("found.json").read_text())["verdict"]
 
 
+@pytest.mark.slow
 def test_the_next_experiment_runs_as_given(folder: Path, rdpi: Callable) -> None:
     """What the shell makes of it is a drive; recorded and added, it settles which of them it is."""
     result, text = gap_of(rdpi, "model.json", "sine0.csv", "sine1.csv")

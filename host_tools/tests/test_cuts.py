@@ -86,6 +86,7 @@ WRITERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", WRITERS, ids=[f"{line.split()[0]}{k}" for k, line in enumerate(WRITERS)])
 def test_a_power_failure_leaves_the_old_file_or_the_new(line: str, folder: Path, quick: None,
                                                         rdpi: Callable) -> None:
@@ -249,6 +250,7 @@ class Sender(threading.Thread):
         assert lacks == (begun if 0 < len(begun) < 16 else []), f"{len(lacks)} of {len(wanted)}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("earlier", [None, b"as it was"], ids=["new", "existing"])
 def test_a_power_failure_leaves_what_is_older_than_a_second(board: Board, earlier: bytes | None, tmp_path: Path,
                                                             rdpi: Callable) -> None:

@@ -85,6 +85,7 @@ def test_after_the_start_up_sweep(folder: Path, rdpi: Callable, board: str, fixe
     assert np.abs(without.columns["dac_code"] - host.columns["dac_code"]).max() > 10, "it is meant to make a difference"
 
 
+@pytest.mark.slow
 def test_the_memory_is_that_of_the_recording(folder: Path, rdpi: Callable) -> None:
     run = read_recording("reference.csv", ("reference_um",))
     write_recording("reference.csv", {name: values[:200] for name, values in run.columns.items()}, {"memory": "reset"})
@@ -104,6 +105,7 @@ def test_a_rate_that_is_no_whole_number(folder: Path, rdpi: Callable) -> None:
     assert refusal(folder, rdpi, "--engine", "qemu-m4f").startswith("reference.csv: 1000.5 samples per second; the ")
 
 
+@pytest.mark.slow
 def test_a_rate_that_the_board_has_no_timer_for(folder: Path, rdpi: Callable) -> None:
     write_recording("reference.csv", {"time_s": sample_times(100, 300_000), "reference_um": np.zeros(100)}, {})
     write_model("model.json", replace(read_model("model.json"), rate=Rate("displacement", 0.0, 0.0, 400.0)))
@@ -145,6 +147,7 @@ def test_how_many_samples_fit(folder: Path, model: Model, rdpi: Callable) -> Non
                 emulator.build(model, cut, run, "qemu-m0", False, folder / str(count))
 
 
+@pytest.mark.slow
 def test_firmware_that_does_not_build(folder: Path, model: Model, rdpi: Callable) -> None:
     write_model("model.json", replace(model, rate=Rate("displacement", 0.5, 0.0, 400.0)))  # 4000 samples, 16 KiB
     message = refusal(folder, rdpi, "--engine", "qemu-m0")
@@ -181,6 +184,7 @@ def fake(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
     monkeypatch.setenv("PATH", f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}")
 
 
+@pytest.mark.slow
 def test_an_emulator_that_fails(folder: Path, rdpi: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
     fake(folder, monkeypatch, "echo unsupported machine >&2; exit 1")
     assert refusal(folder, rdpi, "--engine", "qemu-m4f") == "qemu-m4f: qemu-system-arm stopped: unsupported machine"

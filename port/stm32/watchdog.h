@@ -43,7 +43,7 @@ static bool watchdog_start(uint32_t rate_hz)
         return true;
     }
     const uint32_t ms = RDPI_WATCHDOG_MS, clocks = ms * WATCHDOG_KHZ;
-    if ((uint64_t)rate_hz * ms < WATCHDOG_LEAST_TICKS * 1000u) {
+    if ((uint64_t)rate_hz * ms < WATCHDOG_LEAST_TICKS * UINT64_C(1000)) {
         return false;
     }
     uint32_t divider = 0;

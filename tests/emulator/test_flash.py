@@ -47,6 +47,7 @@ def flash(request: pytest.FixtureRequest, model: Model, tmp_path_factory: pytest
     return run
 
 
+@pytest.mark.slow
 def test_openocd_is_the_first_choice(flash: Callable) -> None:
     board, image, arguments, done = flash("-DRDPI_FLASHER=")
     assert done.returncode == 0

@@ -109,6 +109,7 @@ def test_lost_ticks_are_counted_and_told_to_the_library(build: Builder, model: M
     assert np.abs(samples["dac_code"].astype(int) - np.array(codes, int)).max() <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("board", ["qemu-m0", "qemu-m4f"])
 def test_fault_stops_everything(build: Builder, board: str, tmp_path: Path) -> None:
     """An undefined instruction in a tick: none follows, and what was queued before is out."""
