@@ -108,11 +108,13 @@ static inline rdpi_real_t rdpi_f32_bank_way(const rdpi_f32_bank_t *bank, rdpi_re
 }
 
 /* Notes where x, heading for `side`, has taken the engaged plays: there they stay once it turns round. */
-static inline void rdpi_f32_bank_note(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, rdpi_real_t side)
+static inline void rdpi_f32_bank_note(rdpi_f32_bank_t *bank, rdpi_real_t side)
 {
     rdpi_real_t x_um = bank->y_um[0];
-    for (size_t i = bank->engaged; i > 0u; i--) {
-        bank->y_um[i] = rdpi_f32_fma(-side, play[i].r_um, x_um);
+    const rdpi_f32_play_t *row = bank->at;
+    for (rdpi_real_t *y_um = &bank->y_um[bank->engaged]; y_um != bank->y_um; y_um--) {
+        *y_um = rdpi_f32_fma(-side, row->r_um, x_um);
+        row--;
     }
 }
 
@@ -141,7 +143,7 @@ static inline rdpi_f32_target_t rdpi_f32_bank_reach(rdpi_f32_bank_t *bank, const
     rdpi_f32_target_t target = {0, rise_um < 0};
 
     if (target.turned) {
-        rdpi_f32_bank_note(bank, play, side);
+        rdpi_f32_bank_note(bank, side);
         side = -side;
         rise_um = -rise_um;
         row = play;
@@ -181,7 +183,7 @@ static RDPI_SHARED rdpi_real_t rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const r
     bool let_go = false;
     if (side * target.x_um < side * bank->y_um[0]) {
         if (!target.turned) {
-            rdpi_f32_bank_note(bank, play, side);
+            rdpi_f32_bank_note(bank, side);
         }
         let_go = bank->engaged > 0u;
         bank->engaged = 0;
