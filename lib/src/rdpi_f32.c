@@ -542,20 +542,19 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
     rdpi_real_t way_um = rdpi_f32_bank_way(bank, rate_um_per_s, climb_um);
     rdpi_real_t x_um = way_um + bank->y_um[0];
-    rdpi_real_t room = bank->engaged > 0u ? way_um * (bank->edge_um - x_um)
-                                          : bank->edge_um - fabs(x_um - bank->y_um[1]);
+    rdpi_real_t room = bank->engaged == 0u ? bank->edge_um - fabs(x_um - bank->y_um[1])
+                                           : way_um * (bank->edge_um - x_um);
     self->flags = 0;
     self->rate.z_um[0] = reference_um;
     self->rate_um_per_s = rate_um_per_s;
     if (!(room > 0)) {
         return stay_or_walk(self, climb_um, rate_um_per_s);
     }
-    uint32_t code = (uint32_t)rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0);
-    rdpi_real_t drive_V = rdpi_f32_fma((rdpi_real_t)code, params->V_per_code, params->min_V);
-    bank->y_um[0] = rdpi_f32_fma((rdpi_real_t)code, params->um_per_code, params->x_of_code_0_um);
-    self->drive_V = drive_V;
-    self->dac_code = code;
-    return drive_V;
+    self->dac_code = (uint32_t)rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0);
+    rdpi_real_t code = (rdpi_real_t)self->dac_code;
+    bank->y_um[0] = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
+    self->drive_V = rdpi_f32_fma(code, params->V_per_code, params->min_V);
+    return self->drive_V;
 }
 
 void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks)
