@@ -108,13 +108,13 @@ static inline rdpi_real_t rdpi_f32_bank_way(const rdpi_f32_bank_t *bank, rdpi_re
 }
 
 /* Notes where x, heading for `side`, has taken the engaged plays: there they stay once it turns round. */
-static inline void rdpi_f32_bank_note(rdpi_f32_bank_t *bank, rdpi_real_t side)
+static inline void rdpi_f32_bank_note(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, rdpi_real_t side)
 {
     rdpi_real_t x_um = bank->y_um[0];
-    const rdpi_f32_play_t *row = bank->at;
-    for (rdpi_real_t *y_um = &bank->y_um[bank->engaged]; y_um != bank->y_um; y_um--) {
-        *y_um = rdpi_f32_fma(-side, row->r_um, x_um);
-        row--;
+    const rdpi_real_t *end_um = &bank->y_um[bank->engaged + 1u];
+    for (rdpi_real_t *y_um = &bank->y_um[1]; y_um != end_um; y_um++) {
+        play++;
+        *y_um = rdpi_f32_fma(-side, play->r_um, x_um);
     }
 }
 
@@ -143,7 +143,7 @@ static inline rdpi_f32_target_t rdpi_f32_bank_reach(rdpi_f32_bank_t *bank, const
     rdpi_f32_target_t target = {0, rise_um < 0};
 
     if (target.turned) {
-        rdpi_f32_bank_note(bank, side);
+        rdpi_f32_bank_note(bank, play, side);
         side = -side;
         rise_um = -rise_um;
         row = play;
@@ -183,7 +183,7 @@ static RDPI_SHARED rdpi_real_t rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const r
     bool let_go = false;
     if (side * target.x_um < side * bank->y_um[0]) {
         if (!target.turned) {
-            rdpi_f32_bank_note(bank, side);
+            rdpi_f32_bank_note(bank, play, side);
         }
         let_go = bank->engaged > 0u;
         bank->engaged = 0;

@@ -148,7 +148,7 @@ void test_a_play_reached_but_not_pushed_yet_is_not_engaged(void)
 void test_noting_the_engaged_plays_moves_none(void)
 {
     move(5);
-    rdpi_f32_bank_note(&bank, 1);
+    rdpi_f32_bank_note(&bank, halving, 1);
     equal_states(5, 4, 3, 1);
     EQUAL_REAL(4, bank.y_um[1]);
     EQUAL_REAL(3, bank.y_um[2]);
