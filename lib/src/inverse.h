@@ -111,10 +111,8 @@ static inline rdpi_real_t rdpi_f32_bank_way(const rdpi_f32_bank_t *bank, rdpi_re
 static inline void rdpi_f32_bank_note(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, rdpi_real_t side)
 {
     rdpi_real_t x_um = bank->y_um[0];
-    const rdpi_real_t *end_um = &bank->y_um[bank->engaged + 1u];
-    for (rdpi_real_t *y_um = &bank->y_um[1]; y_um != end_um; y_um++) {
-        play++;
-        *y_um = rdpi_f32_fma(-side, play->r_um, x_um);
+    for (size_t i = bank->engaged; i > 0u; i--) {
+        bank->y_um[i] = rdpi_f32_fma(-side, play[i].r_um, x_um);
     }
 }
 

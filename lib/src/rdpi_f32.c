@@ -386,14 +386,13 @@ static RDPI_SHARED rdpi_real_t output(rdpi_f32_t *self, rdpi_real_t drive_V, rdp
     return rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
 }
 
-/* Whether samples that follow one another may take the short way. At an end of the range a drive of someone else's can
- * just have come back, and half a code the other way is beyond it. */
+/* Whether samples that follow one another may take the short way. Without codes dac_code is 0. At an end of the range a
+ * drive of someone else's can just have come back, and half a code the other way is beyond it. */
 static bool is_plain(const rdpi_f32_t *self)
 {
     const rdpi_f32_params_t *params = self->params;
-    return self->rate.window == 1u && self->rate.keep <= 0 && params->slew_V_per_s <= 0 && params->dac_bits > 0u &&
-           fabs(params->code_of_x_0) <= MAX_CODE_0 && self->dac_code > 0u &&
-           (rdpi_real_t)self->dac_code < params->last_code;
+    return self->rate.window == 1u && self->rate.keep <= 0 && params->slew_V_per_s <= 0 && self->dac_code > 0u &&
+           (rdpi_real_t)self->dac_code < params->last_code && fabs(params->code_of_x_0) <= MAX_CODE_0;
 }
 
 /* How far x may go from a code without a play engaging or letting go and with the drive inside the range, whatever

@@ -6,6 +6,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Where the library that is linked has no short way either, as one build of tests/mutation, there is none to be seen. */
+#if defined(RDPI_QUICK_STEP) && !RDPI_QUICK_STEP
+#define SHORT_WAY false
+#else
+#define SHORT_WAY true
+#endif
+
 /* The long way, under names of its own. */
 #undef RDPI_QUICK_STEP
 #define RDPI_QUICK_STEP 0
@@ -51,6 +58,7 @@ rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t 
 #define MODELS 2000
 #endif
 #define OPERATIONS 5000
+#define SEED 7u /* the first 200 models come upon drives that have just come back to an end of the range */
 
 typedef enum { STEP, REFUSED, MISSED, SWEEP, FORWARD, SET_MEMORY, RESET, OPERATION_KINDS } operation_t;
 static const char *const names[] = {"step", "refused", "missed", "sweep", "forward", "set_memory", "reset"};
@@ -290,7 +298,7 @@ static void run_model(int number)
 int main(int argc, char **argv)
 {
     int models = argc > 1 ? atoi(argv[1]) : MODELS;
-    random_state += argc > 2 ? (uint64_t)atoi(argv[2]) : 0u;
+    random_state += argc > 2 ? (uint64_t)atoi(argv[2]) : SEED;
     unsigned long total = 0;
     for (int number = 0; number < models; number++) {
         run_model(number);
@@ -302,7 +310,7 @@ int main(int argc, char **argv)
     }
     printf("\n%lu operations alike; of the steps %lu had codes, %lu could take the short way, %lu were flagged\n", total,
            rounded_steps, plain_steps, flagged);
-    if (plain_steps < done[STEP] / 4 || rounded_steps < done[STEP] / 2 || flagged < done[STEP] / 20) {
+    if ((SHORT_WAY && plain_steps < done[STEP] / 4) || rounded_steps < done[STEP] / 2 || flagged < done[STEP] / 20) {
         printf("one_code: hardly a short way, a code or a flag\n");
         return 1;
     }
