@@ -20,7 +20,7 @@
 #if !defined(__GNUC__) || !defined(__OPTIMIZE__)
 #define RDPI_APART
 #define RDPI_WITHIN inline
-#define RDPI_SHARED
+#define RDPI_SHARED inline
 #elif RDPI_QUICK_STEP
 #define RDPI_APART __attribute__((noinline))
 #define RDPI_WITHIN inline __attribute__((always_inline))
@@ -28,7 +28,7 @@
 #else
 #define RDPI_APART
 #define RDPI_WITHIN inline
-#define RDPI_SHARED __attribute__((noinline))
+#define RDPI_SHARED __attribute__((noinline, unused))
 #endif
 
 /* a b + c, in one instruction where the core has one; never a call of libm's. */

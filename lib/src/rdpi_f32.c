@@ -386,14 +386,13 @@ static RDPI_SHARED rdpi_real_t output(rdpi_f32_t *self, rdpi_real_t drive_V, rdp
     return rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
 }
 
-/* Whether samples that follow one another may take the short way. At an end of the range a drive of someone else's can
- * just have come back, and half a code the other way is beyond it. */
+/* Whether samples that follow one another may take the short way. Without codes dac_code is 0. At an end of the range a
+ * drive of someone else's can just have come back, and half a code the other way is beyond it. */
 static bool is_plain(const rdpi_f32_t *self)
 {
     const rdpi_f32_params_t *params = self->params;
-    return self->rate.window == 1u && self->rate.keep <= 0 && params->slew_V_per_s <= 0 && params->dac_bits > 0u &&
-           fabs(params->code_of_x_0) <= MAX_CODE_0 && self->dac_code > 0u &&
-           (rdpi_real_t)self->dac_code < params->last_code;
+    return self->rate.window == 1u && self->rate.keep <= 0 && params->slew_V_per_s <= 0 && self->dac_code > 0u &&
+           (rdpi_real_t)self->dac_code < params->last_code && fabs(params->code_of_x_0) <= MAX_CODE_0;
 }
 
 /* How far x may go from a code without a play engaging or letting go and with the drive inside the range, whatever
@@ -542,20 +541,19 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
     rdpi_real_t way_um = rdpi_f32_bank_way(bank, rate_um_per_s, climb_um);
     rdpi_real_t x_um = way_um + bank->y_um[0];
-    rdpi_real_t room = bank->engaged > 0u ? way_um * (bank->edge_um - x_um)
-                                          : bank->edge_um - fabs(x_um - bank->y_um[1]);
+    rdpi_real_t room = bank->engaged == 0u ? bank->edge_um - fabs(x_um - bank->y_um[1])
+                                           : way_um * (bank->edge_um - x_um);
     self->flags = 0;
     self->rate.z_um[0] = reference_um;
     self->rate_um_per_s = rate_um_per_s;
     if (!(room > 0)) {
         return stay_or_walk(self, climb_um, rate_um_per_s);
     }
-    uint32_t code = (uint32_t)rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0);
-    rdpi_real_t drive_V = rdpi_f32_fma((rdpi_real_t)code, params->V_per_code, params->min_V);
-    bank->y_um[0] = rdpi_f32_fma((rdpi_real_t)code, params->um_per_code, params->x_of_code_0_um);
-    self->drive_V = drive_V;
-    self->dac_code = code;
-    return drive_V;
+    self->dac_code = (uint32_t)rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0);
+    rdpi_real_t code = (rdpi_real_t)self->dac_code;
+    bank->y_um[0] = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
+    self->drive_V = rdpi_f32_fma(code, params->V_per_code, params->min_V);
+    return self->drive_V;
 }
 
 void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks)
