@@ -128,6 +128,8 @@ static bool isfinite(Number a) { return a.kind == Number::Any ? choose() : std::
 #endif
 #define RDPI_MAX_DEADZONES 2
 #define RDPI_MAX_WINDOW 2
+#define RDPI_CRC_H // says nothing of the paths
+static std::uint32_t rdpi_crc32(std::uint32_t crc, const void *, std::size_t) { return crc; }
 #include "rdpi_f32.c"
 
 static void check(bool holds, const char *function, const char *what, unsigned plays, unsigned engaged)
@@ -300,7 +302,7 @@ static void bank_from_all(unsigned plays)
             walk_all("bank_set", actuator, state,
                      [&](rdpi_f32_t &self) { rdpi_f32_bank_set(&self.bank, play, plays, y.get()); });
             walk_all("bank_move", actuator, state, [&](rdpi_f32_t &self) {
-                rdpi_f32_bank_move(&self.bank, play, plays, rdpi_f32_bank_target(&self.bank, some));
+                rdpi_f32_bank_move(&self.bank, play, plays, rdpi_f32_bank_target(some));
             });
             walk_all("bank_solve and bank_move", actuator, state, [&](rdpi_f32_t &self) {
                 rdpi_f32_target_t target = rdpi_f32_bank_solve(&self.bank, play, plays, some, some);
