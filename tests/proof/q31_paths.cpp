@@ -93,6 +93,8 @@ static z3::expr number(long long value) { return context.int_val(static_cast<std
 static z3::expr unknown() { return context.int_const(("n" + std::to_string(fresh_names++)).c_str()); }
 static z3::expr within(const z3::expr &x, long long low, long long high) { return x >= number(low) && x <= number(high); }
 
+static const int beyond = -1; // id of the states behind those of the plays
+
 template <int bits> struct Int {
     int id;
     Int() : Int(0) {}
@@ -105,7 +107,14 @@ template <int bits> struct Int {
     {
     }
     template <class T, class = std::enable_if_t<std::is_arithmetic<T>::value>> explicit operator T() const { return T(0); }
-    z3::expr term() const { return terms[static_cast<std::size_t>(id)]; }
+    z3::expr term() const
+    {
+        if (id == beyond) {
+            std::printf("q31_paths: %s: a number beyond the plays is used\n", running.c_str());
+            std::exit(1);
+        }
+        return terms[static_cast<std::size_t>(id)];
+    }
 
     // Implementation-defined where it does not fit; then it may be anything.
     static z3::expr narrowed(const z3::expr &wide)
@@ -396,6 +405,14 @@ struct State {
     bool falling;
 };
 
+static void clear(rdpi_q31_t &self, unsigned plays)
+{
+    std::memset(static_cast<void *>(&self), 0, sizeof self);
+    for (unsigned i = plays; i < RDPI_MAX_PLAYS; i++) {
+        self.bank.y[i].id = beyond;
+    }
+}
+
 // An instance in any state that the invariant allows.
 static bool whole = true; // all of the library, and not the bank alone
 
@@ -437,6 +454,9 @@ static void prove_state(const rdpi_q31_t &self)
     prove(context.bool_val(self.bank.engaged < params.plays), "engaged is one of the plays");
     prove(context.bool_val(self.bank.last == params.play + self.bank.engaged), "last is play[engaged]");
     z3::expr drive = self.drive.term(), x = self.bank.y[0].term(), ramp = self.ramp.term(), wide = number(1LL << 32);
+    for (unsigned i = params.plays; i < RDPI_MAX_PLAYS; i++) {
+        prove(context.bool_val(self.bank.y[i].id == beyond), "no state beyond the plays is written");
+    }
     prove(in_drive_range(params, drive) && drive == nearest(params, x), "the drive is x, inside the range");
     prove(params.min_drive.term() * wide <= ramp && ramp <= params.max_drive.term() * wide, "the ramp is inside");
     prove(invariant(params, self.bank), "the bank's invariant");
@@ -479,7 +499,7 @@ template <class Call> static void walk_all(const char *name, unsigned plays, uns
                [&] {
                    Actuator actuator(plays, bits);
                    rdpi_q31_t self;
-                   std::memset(static_cast<void *>(&self), 0, sizeof self);
+                   clear(self, plays);
                    solver.add(actuator.accepted());
                    coded = &actuator.params;
                    draw(self, actuator, state);
@@ -507,7 +527,7 @@ static void init(unsigned plays, unsigned bits)
         params.memory = memory.get();
         actuator.term.weight = 1 << 30;
         rdpi_q31_t self;
-        std::memset(static_cast<void *>(&self), 0, sizeof self);
+        clear(self, plays);
         if (rdpi_q31_init(&self, &params, 1000) == RDPI_OK) {
             accepted++;
             prove(actuator.accepted(), "what init accepts");
