@@ -80,7 +80,7 @@ def prove(program, macros, runs, fault=None):
             fault_in(source, *fault)
         built = Path(folder, program)
         command = [*CXX, *("-D" + macro for macro in macros), "-I", LIB / "include", "-I", source,
-                   HERE / f"{program}.cpp", "-o", built, *OPTIONS[program]]
+                   HERE / f"{program}.cpp", "-o", built, *OPTIONS[program], *(["-O0"] if fault else [])]  # faults are found soon
         subprocess.run(command, check=True)
         for arguments in runs:
             done = subprocess.run([built, *arguments.split()], env=ENVIRONMENT, text=True, timeout=TIMEOUT_S,
