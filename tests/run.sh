@@ -62,6 +62,7 @@ if [ "$level" != --quick ]; then
     done
     run same-bits '^same-bits: ' tests/emulator/same_bits.sh
     run lint '^lint: ' tests/lint/lint.py
+    run proof '^proof: ' tests/proof/run.py ${level:+"$level"}
     run size '^size: ' tests/size/size.py --check README.md
     run instructions '^instructions: ' .venv/bin/python tests/benchmark/instructions.py --check README.md
     run fuzz '^fuzz: ' tests/fuzz/run.sh 30

@@ -93,6 +93,8 @@ static z3::expr number(long long value) { return context.int_val(static_cast<std
 static z3::expr unknown() { return context.int_const(("n" + std::to_string(fresh_names++)).c_str()); }
 static z3::expr within(const z3::expr &x, long long low, long long high) { return x >= number(low) && x <= number(high); }
 
+static const int beyond = -1; // id of the states behind those of the plays
+
 template <int bits> struct Int {
     int id;
     Int() : Int(0) {}
@@ -105,7 +107,14 @@ template <int bits> struct Int {
     {
     }
     template <class T, class = std::enable_if_t<std::is_arithmetic<T>::value>> explicit operator T() const { return T(0); }
-    z3::expr term() const { return terms[static_cast<std::size_t>(id)]; }
+    z3::expr term() const
+    {
+        if (id == beyond) {
+            std::printf("q31_paths: %s: a number beyond the plays is used\n", running.c_str());
+            std::exit(1);
+        }
+        return terms[static_cast<std::size_t>(id)];
+    }
 
     // Implementation-defined where it does not fit; then it may be anything.
     static z3::expr narrowed(const z3::expr &wide)
@@ -311,7 +320,7 @@ struct Actuator {
     rdpi_q31_params_t params;
     rdpi_q31_deadzone_t term;
 
-    // Parameters of any kind that init accepts.
+    // Parameters of any kind; the shifts are one choice of many.
     explicit Actuator(unsigned plays, unsigned bits) : play(new rdpi_q31_play_t[plays])
     {
         std::memset(static_cast<void *>(&params), 0, sizeof params);
@@ -324,16 +333,31 @@ struct Actuator {
         params.play = play.get();
         params.saturation = params.inverse_saturation = &term;
         for (unsigned i = 0; i < plays; i++) {
-            z3::expr r = drawn(play[i].r), slope = drawn(play[i].slope), rate = drawn(play[i].slope_rate);
-            solver.add(i == 0 ? r == 0 : r > play[i - 1].r.term() && r <= number(format));
-            solver.add(within(slope, 1 << 24, 1 << 30) && within(slope + rate, 1 << 24, 1 << 30));
+            for (I32 *member : {&play[i].r, &play[i].slope, &play[i].slope_rate}) {
+                *member = any32(INT32_MIN, INT32_MAX);
+            }
         }
-        z3::expr min = drawn(params.min_drive), max = drawn(params.max_drive), end = drawn(params.sweep_end);
-        solver.add(number(-format) <= min && min < max && max <= number(format) && min <= end && end <= max);
-        z3::expr zero = drawn(params.code_0_drive);
-        solver.add(zero == min || zero == max);
-        solver.add(within(drawn(params.codes_per_drive), INT32_MIN, INT32_MAX));
-        solver.add(within(drawn(params.drive_per_code), INT32_MIN, INT32_MAX));
+        for (I32 *member : {&params.min_drive, &params.max_drive, &params.sweep_end, &params.code_0_drive,
+                            &params.codes_per_drive, &params.drive_per_code}) {
+            *member = any32(INT32_MIN, INT32_MAX);
+        }
+    }
+
+    // What holds of those that init accepts.
+    z3::expr accepted() const
+    {
+        z3::expr all = play[0].r.term() == 0;
+        for (unsigned i = 0; i < params.plays; i++) {
+            z3::expr r = play[i].r.term(), slope = play[i].slope.term();
+            if (i > 0) {
+                all = all && r > play[i - 1].r.term() && r <= number(format);
+            }
+            all = all && within(slope, 1 << 24, 1 << 30) && within(slope + play[i].slope_rate.term(), 1 << 24, 1 << 30);
+        }
+        z3::expr min = params.min_drive.term(), max = params.max_drive.term(), end = params.sweep_end.term();
+        z3::expr zero = params.code_0_drive.term();
+        return all && number(-format) <= min && min < max && max <= number(format) && min <= end && end <= max &&
+               (zero == min || zero == max);
     }
 };
 
@@ -381,6 +405,14 @@ struct State {
     bool falling;
 };
 
+static void clear(rdpi_q31_t &self, unsigned plays)
+{
+    std::memset(static_cast<void *>(&self), 0, sizeof self);
+    for (unsigned i = plays; i < RDPI_MAX_PLAYS; i++) {
+        self.bank.y[i].id = beyond;
+    }
+}
+
 // An instance in any state that the invariant allows.
 static bool whole = true; // all of the library, and not the bank alone
 
@@ -422,6 +454,9 @@ static void prove_state(const rdpi_q31_t &self)
     prove(context.bool_val(self.bank.engaged < params.plays), "engaged is one of the plays");
     prove(context.bool_val(self.bank.last == params.play + self.bank.engaged), "last is play[engaged]");
     z3::expr drive = self.drive.term(), x = self.bank.y[0].term(), ramp = self.ramp.term(), wide = number(1LL << 32);
+    for (unsigned i = params.plays; i < RDPI_MAX_PLAYS; i++) {
+        prove(context.bool_val(self.bank.y[i].id == beyond), "no state beyond the plays is written");
+    }
     prove(in_drive_range(params, drive) && drive == nearest(params, x), "the drive is x, inside the range");
     prove(params.min_drive.term() * wide <= ramp && ramp <= params.max_drive.term() * wide, "the ramp is inside");
     prove(invariant(params, self.bank), "the bank's invariant");
@@ -430,8 +465,9 @@ static void prove_state(const rdpi_q31_t &self)
     }
 }
 
-template <class Call> static void walk_all(const char *name, unsigned plays, unsigned bits, const State &state, Call call)
+template <class Body> static void walk_paths(const std::string &name, Body body)
 {
+    running = name;
     way.clear();
     for (;;) {
         solver.reset();
@@ -440,17 +476,7 @@ template <class Call> static void walk_all(const char *name, unsigned plays, uns
         products.clear();
         fresh_names = 0;
         chosen = 0;
-        running = name + std::string(" from ") + std::to_string(state.engaged) + " engaged of " +
-                  std::to_string(plays) + (state.falling ? ", falling" : ", rising");
-        {
-            Actuator actuator(plays, bits);
-            rdpi_q31_t self;
-            std::memset(static_cast<void *>(&self), 0, sizeof self);
-            coded = &actuator.params;
-            draw(self, actuator, state);
-            call(self);
-            prove_state(self);
-        }
+        body();
         paths++;
         way.resize(chosen);
         while (!way.empty() && !way.back().open) {
@@ -463,6 +489,54 @@ template <class Call> static void walk_all(const char *name, unsigned plays, uns
             return;
         }
         way.back() = {true, false};
+    }
+}
+
+template <class Call> static void walk_all(const char *name, unsigned plays, unsigned bits, const State &state, Call call)
+{
+    walk_paths(name + std::string(" from ") + std::to_string(state.engaged) + " engaged of " + std::to_string(plays) +
+                   (state.falling ? ", falling" : ", rising"),
+               [&] {
+                   Actuator actuator(plays, bits);
+                   rdpi_q31_t self;
+                   clear(self, plays);
+                   solver.add(actuator.accepted());
+                   coded = &actuator.params;
+                   draw(self, actuator, state);
+                   call(self);
+                   prove_state(self);
+               });
+}
+
+// What init accepts is what accepted() says, and what it leaves is what the invariant says.
+static void init(unsigned plays, unsigned bits)
+{
+    unsigned long accepted = 0;
+    coded = nullptr;
+    walk_paths("init with " + std::to_string(plays) + " plays, " + std::to_string(bits) + " bits", [&] {
+        Actuator actuator(plays, bits);
+        rdpi_q31_params_t &params = actuator.params;
+        std::unique_ptr<I32[]> memory(new I32[plays]);
+        for (unsigned i = 0; i < plays; i++) {
+            memory[i] = any32(INT32_MIN, INT32_MAX);
+        }
+        params.schema = RDPI_PARAMS_SCHEMA;
+        params.guard_mantissa = 1u << 31;
+        params.min_slope_ratio = 1; // larger ones refuse more
+        params.sweep_per_us = 1000;
+        params.memory = memory.get();
+        actuator.term.weight = 1 << 30;
+        rdpi_q31_t self;
+        clear(self, plays);
+        if (rdpi_q31_init(&self, &params, 1000) == RDPI_OK) {
+            accepted++;
+            prove(actuator.accepted(), "what init accepts");
+            prove_state(self);
+        }
+    });
+    if (accepted == 0) {
+        std::printf("q31_paths: %s: nothing is accepted\n", running.c_str());
+        std::exit(1);
     }
 }
 
@@ -544,19 +618,23 @@ static void bank_from(unsigned plays, const State &state)
     });
 }
 
-// q31_paths bank|all PLAYS
+// q31_paths init|bank|all PLAYS
 int main(int argc, char **argv)
 {
-    const bool bank = argc > 1 && std::strcmp(argv[1], "bank") == 0;
+    const std::string what = argc > 1 ? argv[1] : "all";
+    const bool bank = what == "bank", all = what == "all";
     whole = !bank;
     const unsigned most = argc > 2 ? static_cast<unsigned>(std::atoi(argv[2])) : 1;
     for (unsigned plays = 1; plays <= most; plays++) {
+        for (unsigned bits = 0; what == "init" && bits <= 16; bits += 16) {
+            init(plays, bits);
+        }
         for (unsigned engaged = 0; bank && engaged < plays; engaged++) {
             bank_from(plays, {engaged, false});
             bank_from(plays, {engaged, true});
         }
         for (unsigned bits : {16u, 0u}) {
-            for (unsigned engaged = 0; !bank && engaged < plays; engaged++) {
+            for (unsigned engaged = 0; all && engaged < plays; engaged++) {
                 from(plays, bits, {engaged, false});
                 from(plays, bits, {engaged, true});
             }

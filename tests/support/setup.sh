@@ -56,7 +56,7 @@ tests)
     libclang-rt-dev     runtime  fuzzer
     clang-tidy          command  clang-tidy
     cppcheck            command  cppcheck
-    libz3-dev           header   z3.h
+    libz3-dev           header   z3++.h g++ -x c++
     doxygen             command  doxygen
     gcc-arm-none-eabi   command  arm-none-eabi-gcc
     libnewlib-arm-none-eabi  header  math.h arm-none-eabi-gcc
