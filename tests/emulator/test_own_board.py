@@ -89,6 +89,27 @@ def test_a_port_that_states_no_core_is_told_so(checkout: Path) -> None:
     assert f"port/{BOARD}/CMakeLists.txt states no core" in " ".join(done.stderr.split())
 
 
+def test_a_port_with_the_templates_placeholder_is_told_what_to_set(checkout: Path) -> None:
+    settings = checkout / "port" / BOARD / "CMakeLists.txt"
+    settings.write_text(settings.read_text().replace(f'"{CORE}"', '"BOARD"'))
+    done = subprocess.run(commands()[0], cwd=checkout, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert f"states no core: set the property RDPI_CORES of rdpi_port_{BOARD}" in " ".join(done.stderr.split())
+
+
+def test_a_port_that_declares_a_watchdog_may_be_asked_for_it(checkout: Path) -> None:
+    """By the template's line for it."""
+    settings = checkout / "port" / BOARD / "CMakeLists.txt"
+    configure = [*commands()[0], "-DRDPI_WATCHDOG_MS=100"]
+    done = subprocess.run(configure, cwd=checkout, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert "does not set the property RDPI_WATCHDOG" in " ".join(done.stderr.split())
+    line = f"set_target_properties(rdpi_port_{BOARD} PROPERTIES RDPI_WATCHDOG ON)"
+    settings.write_text(settings.read_text().replace(f"# {line}", line))
+    done = subprocess.run(configure, cwd=checkout, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_a_build_folder_made_for_another_core_is_not_used_again(checkout: Path) -> None:
     """CMake keeps the flags of the first time."""
     configure = [word.replace(f"PORT={BOARD}", "PORT=qemu_mps2") for word in commands("cortex-m3")[0]]
