@@ -78,7 +78,8 @@ bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
     overruns = 0;
     cortex_m_enable(TICK_IRQ, 0x40u);
     cortex_m_enable(TIMER_IRQ, CORTEX_M_HIGHEST);
-    /* BOARD: let the timer go, and return true. */
+    /* BOARD: start the watchdog if RDPI_WATCHDOG_MS is not 0; the tick's interrupt feeds it. See port/stm32/watchdog.h.
+     * Let the timer go, and return true. */
     return false;
 }
 

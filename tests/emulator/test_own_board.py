@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-BOARD, CORE = "rp2040", "cortex-m0plus"
+BOARD, CORE, FLASH_ORIGIN = "rp2040", "cortex-m0plus", 0x10000100
 pytestmark = pytest.mark.slow
 
 
@@ -31,7 +31,7 @@ def checkout(tmp_path: Path) -> Path:
     (folder / "template.c").rename(folder / f"{BOARD}.c")
     settings = folder / "CMakeLists.txt"
     text = settings.read_text().replace("template", BOARD).replace('"BOARD"', f'"{CORE}"')
-    text = text.replace("flash_origin=0", "flash_origin=0x10000100").replace("ram_size=16K", "ram_size=264K")
+    text = text.replace("flash_origin=0", f"flash_origin={FLASH_ORIGIN:#x}").replace("ram_size=16K", "ram_size=264K")
     settings.write_text(text)
     return tmp_path
 
@@ -45,14 +45,25 @@ def commands(core: str = CORE) -> list[list[str]]:
     return [shlex.split(line) for line in lines if line.strip()]
 
 
-def test_the_image_is_for_the_core_that_was_named(checkout: Path) -> None:
+@pytest.fixture
+def image(checkout: Path) -> Path:
     for command in commands():
         done = subprocess.run(command, cwd=checkout, capture_output=True, text=True)
         assert done.returncode == 0, done.stdout + done.stderr
-    image = checkout / "build" / BOARD / "track"
+    return checkout / "build" / BOARD / "track"
+
+
+def test_the_image_is_for_the_core_that_was_named(image: Path) -> None:
     attributes = subprocess.run(["arm-none-eabi-readelf", "-A", image], capture_output=True, text=True).stdout
     assert re.search(r"Tag_CPU_arch: (.*)", attributes)[1] == "v6S-M"
     assert "Tag_FP_arch" not in attributes
+
+
+def test_the_image_leaves_the_boot_block_alone(image: Path) -> None:
+    """A programmer that goes by the program headers writes nothing in front of the flash's origin."""
+    headers = subprocess.run(["arm-none-eabi-readelf", "-lW", image], capture_output=True, text=True).stdout
+    physical = [int(line.split()[3], 16) for line in headers.splitlines() if line.split()[:1] == ["LOAD"]]
+    assert min(physical) == FLASH_ORIGIN
 
 
 @pytest.mark.parametrize("what, options, words", [
@@ -76,6 +87,27 @@ def test_a_port_that_states_no_core_is_told_so(checkout: Path) -> None:
     done = subprocess.run(commands()[0], cwd=checkout, capture_output=True, text=True)
     assert done.returncode != 0
     assert f"port/{BOARD}/CMakeLists.txt states no core" in " ".join(done.stderr.split())
+
+
+def test_a_port_with_the_templates_placeholder_is_told_what_to_set(checkout: Path) -> None:
+    settings = checkout / "port" / BOARD / "CMakeLists.txt"
+    settings.write_text(settings.read_text().replace(f'"{CORE}"', '"BOARD"'))
+    done = subprocess.run(commands()[0], cwd=checkout, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert f"states no core: set the property RDPI_CORES of rdpi_port_{BOARD}" in " ".join(done.stderr.split())
+
+
+def test_a_port_that_declares_a_watchdog_may_be_asked_for_it(checkout: Path) -> None:
+    """By the template's line for it."""
+    settings = checkout / "port" / BOARD / "CMakeLists.txt"
+    configure = [*commands()[0], "-DRDPI_WATCHDOG_MS=100"]
+    done = subprocess.run(configure, cwd=checkout, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert "does not set the property RDPI_WATCHDOG" in " ".join(done.stderr.split())
+    line = f"set_target_properties(rdpi_port_{BOARD} PROPERTIES RDPI_WATCHDOG ON)"
+    settings.write_text(settings.read_text().replace(f"# {line}", line))
+    done = subprocess.run(configure, cwd=checkout, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_build_folder_made_for_another_core_is_not_used_again(checkout: Path) -> None:
