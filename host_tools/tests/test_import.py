@@ -296,6 +296,23 @@ def test_what_is_printed_and_kept(imported: Callable, rdpi: Callable, tmp_path: 
     assert "left out: spare (--also" in output
 
 
+def test_counts_beyond_any_time(refused: Callable, tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    content, options, _ = INSTRUMENTS["Rigol, rows counted"]
+    (tmp_path / "run.csv").write_text(content.replace("1.000000e-03", "1.000000e+308"))
+    message = refused("import", tmp_path / "run.csv", *options, "--displacement", SENSED, "-o", refused.output)
+    assert "time_s becomes infinite" in message and not recwarn.list
+
+
+def test_numbers_beyond_a_double(refused: Callable, tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    largest = np.longdouble(np.finfo(float).max)
+    with np.errstate(over="ignore"):
+        matrix = np.column_stack([TIME_S, COMMAND_V, DISPLACEMENT_UM]).astype(np.longdouble)
+        matrix[3, 2] = 2 * largest
+    np.save(tmp_path / "long.npy", matrix)
+    message = refused("import", tmp_path / "long.npy", *BY_NUMBER, "-o", refused.output)
+    assert "long.npy, row 3: column 2 is inf" in message and not recwarn.list
+
+
 def test_memory_belongs_to_the_first_row(imported: Callable) -> None:
     content = "# memory: reset\n" + table(*RUN.values(), header="t,voltage,position\n")
     assert imported(content, "--rows", ":20")[0].memory == "reset"
