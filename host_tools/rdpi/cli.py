@@ -907,7 +907,7 @@ def profile(source: str, output: str, reference_column: str | None,
 def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offset: bool, memory: str,
              max_rms_percent: float | None) -> dict[str, Any]:
     """Predict the displacement from the command and score it; percentages are of each run's measured stroke."""
-    from . import chain
+    from . import chain, effects
     from .model import read_model
     from .recording import read_recording, write_recording
 
@@ -915,6 +915,7 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
         raise BadInput("-o takes one RUN; simulate them one by one (memory: carried is then lost)")
     with progress("simulating"):
         parameters = read_model(model)
+        effects.acting(parameters, model)  # refuses by the file's name
         recordings = [read_recording(path, required=("time_s", "command_V")) for path in runs]
         predictions = chain.simulate(parameters, recordings, memory)
     scores = [(run.path, chain.score(prediction.predicted_um, run.displacement_um, remove_offset, run.path),
@@ -1077,7 +1078,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
     that were recorded before tell smaller changes.
     """
     from . import gap_report, intake, passport
-    from .effects import CATALOGUE
+    from .effects import CATALOGUE, acting
     from .gap import diagnose
     from .model import read_model, write_model
     from .recording import read_recording
@@ -1089,6 +1090,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
         parameters = read_model(model)
         intake.fitted_digests(parameters, model)
         passport.read(parameters, model)
+        acting(parameters, model)
         found = diagnose(parameters, [read_recording(path) for path in runs], without, report_progress,
                          [read_recording(path) for path in earlier])
     document = {**found.document, "model": model, "model_digest": parameters.digest()}
@@ -1112,7 +1114,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
               type=click.Path(dir_okay=False), help="The picture, .png, .svg or .pdf.")
 def plot(model: str, runs: tuple[str, ...], output: str) -> dict[str, Any]:
     """Draw loops, slopes against rate, the prediction where it is worst, and the residual."""
-    from . import chain, identify, report
+    from . import chain, effects, identify, report
     from .model import read_model
     from .recording import read_recording
 
@@ -1120,6 +1122,7 @@ def plot(model: str, runs: tuple[str, ...], output: str) -> dict[str, Any]:
         raise BadInput(f"{output}: write a picture as .png, .svg or .pdf")
     with progress("drawing"):
         parameters = read_model(model)
+        effects.acting(parameters, model)  # refuses by the file's name
         recordings = [read_recording(path) for path in runs]
         predictions = chain.simulate(parameters, recordings)
         figure = report.picture(parameters, recordings, predictions, identify.rate_slopes(parameters, recordings))

@@ -389,7 +389,8 @@ def _arrays(path: str, data: bytes, kind: str, what: str, remedy: str) -> Source
                            + ", ".join(f"{name} has {length}" for name, length in zip(told, lengths))
                            + "; choose columns that were recorded together")
         start = rows.indices(lengths[0])[0]
-        taken = [np.ascontiguousarray(columns[number][rows], dtype=np.float64) for number in numbers]
+        with np.errstate(over="ignore"):  # what a double does not hold is refused as infinite
+            taken = [np.ascontiguousarray(columns[number][rows], dtype=np.float64) for number in numbers]
         for name, values in zip(told, taken):
             bad = ~np.isfinite(values)
             if bad.any():
@@ -429,8 +430,9 @@ def _table(path: str, data: bytes) -> Source:
             raise _another_table(path, error, lines, taken, start, first + 1, found.delimiter) from None
         columns = [np.ascontiguousarray(values) for values in table.T]
         if clock is not None:
-            columns = [clock[0] + clock[1] * values if number == 0 else values
-                       for number, values in zip(numbers, columns)]
+            with np.errstate(over="ignore"):  # times beyond range are refused as they are scaled
+                columns = [clock[0] + clock[1] * values if number == 0 else values
+                           for number, values in zip(numbers, columns)]
         return Cut(columns, start, len(full), line_of_row(path, part, first_line))
 
     return Source(path, kind, names, read, _digest(data), found.preamble.metadata, found.preamble.settings)

@@ -20,6 +20,7 @@ MAX_COLUMNS = 10_000
 DIALECT_NAMES = {";": "semicolon-separated", "\t": "tab-separated", ",": "comma-separated", None: "white space"}
 
 _NUMBER = re.compile(r"[+-]?(?:(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?|nan|inf)", re.ASCII | re.IGNORECASE)
+_HEXADECIMAL = re.compile(r"0x[0-9a-f]+", re.ASCII | re.IGNORECASE)  # of a scope's digital channels: text like other
 _DIALECTS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (None, "."), (None, ","))
 _COUNTED = {"sequence", "samples", "sample", "points", "point", "index"}  # in place of a unit: the rows are counted
 _NO_UNIT = {"", "-", "value", "bit"}
@@ -64,10 +65,10 @@ def decode(data: bytes) -> str:
 def layout(path: str, text: str) -> Layout:
     """Recognise a table by its first lines. Raises BadInput where there is none."""
     head = text.split("\n", SNIFFED_LINES)[:SNIFFED_LINES]
-    delimiter, decimal, first, count = _sniff(path, head)
+    delimiter, decimal, first, count, filled = _sniff(path, head)
     if count > MAX_COLUMNS:
         raise BadInput(f"{path}:{first + 1}: {count} columns, at most {MAX_COLUMNS}; write one line per sample")
-    preamble = _preamble(head[:first], delimiter, decimal, count)
+    preamble = _preamble(head[:first], delimiter, decimal, count, filled)
     rows = [row for row in (fields(line, delimiter) for line in head[first:]) if any(row)]
     for column in range(count):
         if not any(column < len(row) and row[column] for row in rows):
@@ -92,29 +93,54 @@ def begins_a_preamble(lines: Sequence[str], delimiter: str | None) -> bool:
     return all(words[0]) or len(words) == 2 and words[0][0] and words[1][0]
 
 
-def _sniff(path: str, head: Sequence[str]) -> tuple[str | None, str, int, int]:
-    """Delimiter, decimal sign, index of the first line of numbers and number of columns, from a file's first lines."""
+def _sniff(path: str, head: Sequence[str]) -> tuple[str | None, str, int, int, int]:
+    """From a file's first lines: delimiter, decimal sign, index of the first line of numbers, number of columns, and
+    of those up to the last one that holds something.
+    """
     full = [index for index, line in enumerate(head) if line.strip()]
     for delimiter, decimal in _DIALECTS:
         parted = [index for index in full if delimiter is None or delimiter in head[index]]
         rows = {index: fields(head[index], delimiter) for index in parted}
-        numeric = {index: len(row) for index, row in rows.items() if _all_numbers(row, decimal)}
+        numeric = {index: len(row) for index, row in rows.items()
+                   if _all_numbers([value for value in row if not _HEXADECIMAL.fullmatch(value)], decimal)}
         for index, following in zip(full, [*full[1:], None]):
             # A lone number may be part of a preamble; two equal rows are a table.
             if index in numeric and (following is None or numeric.get(following) == numeric[index]):
-                return delimiter, decimal, _first_row(head, delimiter, decimal, index, numeric[index]), numeric[index]
+                count = numeric[index]
+                filled = _filled(head[index:], delimiter, decimal, count)
+                return (delimiter, decimal, _first_row(head, delimiter, decimal, index, count, filled), count, filled)
     for delimiter in (";", "\t", ","):  # a table that also has columns of text: names, then rows with some numbers
         rows = [(index, fields(head[index], delimiter)) for index in full if not head[index].lstrip().startswith("#")]
-        for (_, names), (index, row) in zip(rows, rows[1:]):
-            if 1 < len(names) == len(row) and not any(map(_NUMBER.fullmatch, names)):
-                for decimal in (".", ",") if delimiter != "," else (".",):
-                    if any(_all_numbers([value], decimal) for value in row if value):
-                        return delimiter, decimal, index, len(row)
+        for (_, names), (index, row), below in zip(rows, rows[1:], [*rows[2:], None]):
+            if len(names) < 2 or any(map(_NUMBER.fullmatch, names)):
+                continue
+            for decimal in (".", ",") if delimiter != "," else (".",):
+                first, count, most = index, len(row), len(row)
+                if below is not None:
+                    filled = _filled(head[below[0]:], delimiter, decimal, len(below[1]))
+                    if _units(row, len(below[1]), filled):
+                        first, count, most = below[0], len(below[1]), len(below[1]) + _MAX_EXTRA
+                if count <= len(names) <= most and _any_number(fields(head[first], delimiter), decimal):
+                    return delimiter, decimal, first, count, _filled(head[first:], delimiter, decimal, count)
     raise BadInput(f"{path}:1: no table of numbers in the first {min(len(head), SNIFFED_LINES)} lines; give columns "
                    "of numbers separated by comma, semicolon, tab or white space")
 
 
-def _first_row(head: Sequence[str], delimiter: str | None, decimal: str, index: int, count: int) -> int:
+def _filled(lines: Sequence[str], delimiter: str | None, decimal: str, count: int) -> int:
+    """Columns of a table's first lines up to the last that holds something: below settings beside the names, some
+    instruments pad the rows.
+    """
+    filled = 0
+    for line in lines:
+        row = fields(line, delimiter)
+        if any(row) and not _any_number(row, decimal):
+            break  # another table may begin
+        if len(row) == count:
+            filled = max(filled, *(column for column, value in enumerate(row, 1) if value), 0)
+    return filled
+
+
+def _first_row(head: Sequence[str], delimiter: str | None, decimal: str, index: int, count: int, filled: int) -> int:
     """Move up over rows that hold numbers and a mistake: they must be reported, not taken for a preamble."""
     highest = index
     for above in range(index - 1, -1, -1):
@@ -122,9 +148,9 @@ def _first_row(head: Sequence[str], delimiter: str | None, decimal: str, index: 
         if not line.strip():
             continue
         row = fields(line, delimiter)
-        if _header(_uncomment(line), delimiter, count) or _units(row, count):
+        if _header(_uncomment(line), delimiter, count) or _units(row, count, filled):
             return highest
-        if line != _uncomment(line) or not any(_all_numbers([value], decimal) for value in row):
+        if line != _uncomment(line) or not _any_number(row, decimal):
             break
         highest = above
         if len(row) == count:
@@ -139,7 +165,11 @@ def _all_numbers(row: Sequence[str], decimal: str) -> bool:
     return any(row) and all(_NUMBER.fullmatch(value) for value in row if value)
 
 
-def _preamble(lines: Sequence[str], delimiter: str | None, decimal: str, count: int) -> Preamble:
+def _any_number(row: Sequence[str], decimal: str) -> bool:
+    return any(_all_numbers([value], decimal) for value in row)
+
+
+def _preamble(lines: Sequence[str], delimiter: str | None, decimal: str, count: int, filled: int) -> Preamble:
     metadata: dict[str, str] = {}
     rows: list[tuple[int, list[str], list[str] | None]] = []  # line, fields, names if it may hold them
     for number, line in enumerate(lines, 1):
@@ -149,16 +179,16 @@ def _preamble(lines: Sequence[str], delimiter: str | None, decimal: str, count: 
         elif (text := _uncomment(line)).strip():
             rows.append((number, fields(text, delimiter) or [""], _header(text, delimiter, count)))
     settings = _settings([row for _, row, _ in rows], decimal)
-    if not rows or rows[-1][2] is None and not _units(rows[-1][1], count):
+    if not rows or rows[-1][2] is None and not _units(rows[-1][1], count, filled):
         return Preamble(metadata, [""] * count, None, settings)
 
     number, row, names = rows[-1]
-    units = _units(row, count)
+    units = _units(row, count, filled)
     above = rows[-2] if len(rows) > 1 else None
     over = (above[2] or _numbered(above[1], count)) if above is not None and units is not None else None
     if over is not None:
-        number, names, extra = above[0], over[:count], over[count:]
-        settings.update((name, _number(value, decimal)) for name, value in zip(extra, row[count:])
+        number, names = above[0], over[:count]
+        settings.update((name, _number(value, decimal)) for name, value in zip(over[filled:], row[filled:])
                         if _all_numbers([value], decimal) and value)
     else:
         units = None
@@ -198,15 +228,16 @@ def _header(line: str, delimiter: str | None, count: int) -> list[str] | None:
     return None
 
 
-def _units(row: Sequence[str], count: int) -> list[str] | None:
-    """The units in a line that holds nothing else, but perhaps numbers behind them."""
+def _units(row: Sequence[str], count: int, filled: int) -> list[str] | None:
+    """The units in a line that holds nothing else, but perhaps numbers behind those of the columns that are filled."""
     units = [value.strip("[]() ") for value in row[:count]]
+    units[filled:] = ["" if _NUMBER.fullmatch(unit) else unit for unit in units[filled:]]
     told = [unit for unit in units if unit.lower() not in _NO_UNIT]
-    if not told or not count <= len(row) <= count + _MAX_EXTRA:
+    if not told or not filled <= len(row) <= count + _MAX_EXTRA:
         return None
     if any(known_unit(unit) is None and unit.lower() not in _COUNTED for unit in told):
         return None
-    return units
+    return units + [""] * (count - len(units))
 
 
 def _numbered(row: Sequence[str], count: int) -> list[str] | None:

@@ -260,7 +260,7 @@ def test_a_hopeless_case_is_said_to_be_one(monkeypatch: pytest.MonkeyPatch) -> N
 # ---- what cannot be simulated ----
 
 def test_unknown_effects_are_refused() -> None:
-    model = replace(paper_model(), effects=[{"name": "delay"}, {"name": "poltergeist"}])
+    model = replace(paper_model(), effects=[{"name": "delay", "parameters": {"delay_s": 0.0}}, {"name": "poltergeist"}])
     with pytest.raises(BadInput, match=r'effects\[1\] is "poltergeist", which this version cannot simulate; it knows'):
         chain.simulate(model, [recording(np.zeros(20))])
 

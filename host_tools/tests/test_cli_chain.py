@@ -530,7 +530,8 @@ def test_missing_model(command: str, folder: Path, rdpi: Callable) -> None:
 def test_effects_of_a_later_version(folder: Path, rdpi: Callable) -> None:
     change_model(effects=[{"name": "poltergeist"}])
     for command in ("simulate", "plot"):
-        assert re.match(r".*effects\[0\].*poltergeist.*cannot simulate", refusal(rdpi, command, "static.json"))
+        assert re.match(r"static\.json: effects\[0\].*poltergeist.*cannot simulate",
+                        refusal(rdpi, command, "static.json"))
 
 
 def columns_without(name: str) -> Callable[[list[str]], list[str]]:

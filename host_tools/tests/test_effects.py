@@ -29,10 +29,11 @@ PLACES = [(name, stage) for name, kind in CATALOGUE.items() for stage in kind.st
 SIZES: dict[str, dict[str, float]] = {
     "quantisation": {"step": 0.5}, "delay": {"delay_s": 0.0034}, "slew_limit": {"V_per_s": 120.0},
     "lag": {"time_constant_s": 0.004}, "rail_saturation": {"V_min": 5.0, "V_max": 70.0},
-    "initial_memory": {}, "rate_dependence": {"widening": 0.3, "change": -0.1, "exponent": 0.7},
+    "initial_memory": {"position_um": 0.0}, "rate_dependence": {"widening": 0.3, "change": -0.1, "exponent": 0.7},
     "hysteresis_change": {"scale": 0.4, "shape": 0.3}, "creep": {"percent_per_decade": 2.0},
     "gain_change": {"factor": 1.04}, "backlash": {"width_um": 0.3}, "resonance": {"f0_hz": 60.0, "damping": 0.1},
-    "cross_coupling": {"um_per_V": 0.1}, "thermal_drift": {}, "periodic_disturbance": {"frequency_hz": 50.0},
+    "cross_coupling": {"um_per_V": 0.1}, "thermal_drift": {"um_per_s": 0.0},
+    "periodic_disturbance": {"frequency_hz": 50.0},
     "static_nonlinearity": {"linear": 0.01, "quadratic": 0.05, "cubic": -0.04}}
 
 
@@ -316,7 +317,7 @@ def test_initial_memory_is_sought_whatever_the_recording_says() -> None:
     run = moving()
     assert run.memory == "reset"
     plain, with_it = (chain.simulate(replace(bent(), effects=entries), [run])[0]
-                      for entries in ([], [entry("initial_memory")]))
+                      for entries in ([], [entry("initial_memory", position_um=0.0)]))
     assert plain.memory == "reset" and with_it.memory == "estimated"
     rms = [np.sqrt(np.mean((one.predicted_um - run.displacement_um) ** 2)) for one in (plain, with_it)]
     assert rms[0] > 0.03 and rms[1] < 0.0125  # noise is 0.01
@@ -325,7 +326,7 @@ def test_initial_memory_is_sought_whatever_the_recording_says() -> None:
 def test_a_drive_alone_starts_as_its_metadata_say() -> None:
     """Nothing can be sought in it."""
     run = drive(waves(90, 4, 2, RATE_HZ, 20.0))
-    found = chain.simulate(replace(bent(), effects=[entry("initial_memory")]), [run])[0]
+    found = chain.simulate(replace(bent(), effects=[entry("initial_memory", position_um=0.0)]), [run])[0]
     assert found.memory == "reset" and np.array_equal(found.predicted_um, shown(bent(), run))
 
 
@@ -337,7 +338,8 @@ def test_every_effect_has_a_size_at_which_it_does_nothing(name: str, stage: str)
     plain = shown(bent(), run)
     effect = CATALOGUE[name](stage)
     run = changed(run, displacement_um=plain + 0.2 * (name != "thermal_drift"))  # drift is a matter of the zero too
-    assert shown(bent(), run, entry(name, stage)) == pytest.approx(plain, abs=1e-9)
+    with pytest.raises(BadInput, match="in its parameters"):  # left out they would silently be this size
+        shown(bent(), run, entry(name, stage))
     assert shown(bent(), run, entry(name, stage, **effect.absent())) == pytest.approx(plain, abs=1e-9)
     assert np.abs(shown(bent(), moving(), entry(name, stage, **SIZES[name])) - shown(bent(), moving())).max() > 2e-3
 
@@ -478,6 +480,15 @@ BAD_EFFECTS: dict[str, tuple[object, str]] = {
     "true": (entry("gain_change", factor=True), r"factor is true; must be a number"),
     "a list": (entry("gain_change", factor=[1.1]), r"factor is \[1.1\]; must be a number"),
     "text as value": (entry("gain_change", factor={"value": "1.1"}), r'factor is "1.1"; must be a number'),
+    "a misspelt parameter": (entry("delay", dely_s=0.5), r'\(delay\): no delay_s in its parameters, but "dely_s"; they '
+                             r"are delay_s \(s\)"),
+    "one of several misspelt": (entry("rail_saturation", V_min=0.0, Vmax=60.0),
+                                r'no V_max in its parameters, but "Vmax"; they are V_min \(V\), V_max \(V\)'),
+    "a parameter beside the others": ({"name": "quantisation", "stage": "DAC", "step": 20},
+                                      r"no step and no origin and no dither in its parameters, "
+                                      r'but "step" beside them; they are step \(um or V\)'),
+    "no parameters": ({"name": "creep"}, r"no percent_per_decade in its parameters; they are percent_per_decade \(%\)"),
+    "parameters empty": (entry("lag"), r"no time_constant_s in its parameters; they are"),
     "rails that cross": (entry("rail_saturation", V_min=60.0, V_max=20.0), r"\(rail_saturation\): V_min"),
 }
 
@@ -491,7 +502,14 @@ def test_malformed_effects(folder: Path, rdpi: Callable, case: str) -> None:
     with pytest.raises(BadInput, match=expected):
         chain.simulate(read_model("model.json"), [read_recording("run.csv")])
     done = rdpi("simulate", "model.json", "run.csv")
-    assert done.exit_code == 2 and done.output.startswith("rdpi: ") and done.output.count("\n") == 1
+    assert done.exit_code == 2 and done.output.startswith("rdpi: model.json: effects[0] ")
+    assert done.output.count("\n") == 1
+
+
+@pytest.mark.parametrize("parameters", [{"delay_s": 0.1, "later": 1}, {"delay_s": {"value": 0.1, "later": 1}}])
+def test_keys_that_this_version_does_not_know(parameters: dict) -> None:
+    bent_by = replace(bent(), effects=[{"name": "delay", "later": 1, "parameters": parameters}])
+    assert [one.values for one in effects.acting(bent_by)] == [{"delay_s": 0.1}]
 
 
 # --- what recordings excite ------------------------------------------------------------------------------------------

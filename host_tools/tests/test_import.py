@@ -197,6 +197,42 @@ def test_what_instruments_write(name: str, imported: Callable) -> None:
     assert f"from column 0 '{time}" in output if time else "1000 samples per second" in output
 
 
+PADDED = "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-2.000000e-02,1.000000e-03\n"
+BITS = np.char.mod("0x%02X", np.arange(COUNT) % 256)
+BESIDE = {  # what scopes put beside the columns: separators below the settings' names, digital channels
+    "one separator more": PADDED + table(np.arange(COUNT), *VOLTS).replace("\n", ",,\n"),
+    "as many fields as names": PADDED + table(np.arange(COUNT), *VOLTS).replace("\n", ",,,\n"),
+    "seconds, padded": PADDED.replace("Sequence", "Second") + table(TIME_S - 0.02, *VOLTS).replace("\n", ",,,\n"),
+    **{f"digital channels{padding}": "X,CH1,D7-D0,D15-D8,CH2,Start,Increment,\nSequence,Volt,,,Volt,-2e-2,1e-3\n"
+       + "".join(f"{k},{u:.9g},{bits},0x00,{z:.9g},{padding}\n"
+                 for k, (u, bits, z) in enumerate(zip(VOLTS[0], BITS, VOLTS[1])))
+       for padding in ("", ",", ",,")},
+    **{f"a column of text{padding}": "X,CH1,State,CH2,Start,Increment\nSequence,Volt,,Volt,-2e-2,1e-3\n"
+       + "".join(f"{k},{u:.9g},ok,{z:.9g}{padding}\n" for k, (u, z) in enumerate(zip(*VOLTS)))
+       for padding in ("", ",", ",,,")},
+}
+
+
+@pytest.mark.parametrize("name", BESIDE)
+def test_fields_beside_the_numbers(name: str, imported: Callable, refused: Callable, tmp_path: Path) -> None:
+    recording, output = imported(BESIDE[name], "--command", "CH1", "--displacement", SENSED)
+    np.testing.assert_allclose(recording.time_s, TIME_S - 0.02, atol=1e-9)
+    np.testing.assert_allclose(recording.command_V, COMMAND_V, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(recording.displacement_um, DISPLACEMENT_UM, rtol=1e-5, atol=1e-5)
+    assert "from column 0 'X" in output
+    (tmp_path / "run.csv").write_text(BESIDE[name])
+    assert "V, not um" in refused("import", tmp_path / "run.csv", "--command", "CH1", "--displacement", "CH2", "-o",
+                                  refused.output)
+
+
+def test_hexadecimal_numbers_are_text(imported: Callable, refused: Callable, tmp_path: Path) -> None:
+    (tmp_path / "scope.csv").write_text(BESIDE["digital channels"])
+    options = ["--command", "CH1", "--displacement", SENSED]
+    assert "left out: D7-D0, D15-D8 (" in imported(tmp_path / "scope.csv", *options)[1]
+    message = refused("import", tmp_path / "scope.csv", *options, "--also", "bits=D7-D0", "-o", refused.output)
+    assert "column 2 'D7-D0' is '0x00', not a number" in message
+
+
 def test_counted_rows_begin_where_the_scope_says(imported: Callable) -> None:
     content, options, _ = INSTRUMENTS["Rigol, rows counted"]
     recording, _ = imported(content, *options, "--displacement", SENSED)
@@ -258,6 +294,23 @@ def test_what_is_printed_and_kept(imported: Callable, rdpi: Callable, tmp_path: 
     assert result["samples"] == COUNT and result["columns"] == list(recording.columns)
     _, output = imported(content)
     assert "left out: spare (--also" in output
+
+
+def test_counts_beyond_any_time(refused: Callable, tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    content, options, _ = INSTRUMENTS["Rigol, rows counted"]
+    (tmp_path / "run.csv").write_text(content.replace("1.000000e-03", "1.000000e+308"))
+    message = refused("import", tmp_path / "run.csv", *options, "--displacement", SENSED, "-o", refused.output)
+    assert "time_s becomes infinite" in message and not recwarn.list
+
+
+def test_numbers_beyond_a_double(refused: Callable, tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    largest = np.longdouble(np.finfo(float).max)
+    with np.errstate(over="ignore"):
+        matrix = np.column_stack([TIME_S, COMMAND_V, DISPLACEMENT_UM]).astype(np.longdouble)
+        matrix[3, 2] = 2 * largest
+    np.save(tmp_path / "long.npy", matrix)
+    message = refused("import", tmp_path / "long.npy", *BY_NUMBER, "-o", refused.output)
+    assert "long.npy, row 3: column 2 is inf" in message and not recwarn.list
 
 
 def test_memory_belongs_to_the_first_row(imported: Callable) -> None:

@@ -38,7 +38,7 @@ const char *rdpi_status_text(rdpi_status_t status)
     case RDPI_ERR_SWEEP:
         return "start-up sweep: needs 1 to 10000 cycles, an end in range, a speed within the slew and not too slow";
     case RDPI_ERR_DIGEST:
-        return "the parameters differ from those that were generated: generate or flash them again";
+        return "parameters differ from those generated, or are of another number type: generate or flash them again";
     case RDPI_ERR_SIZE:
         return "library and application were compiled with different RDPI_MAX_PLAYS, RDPI_MAX_WINDOW or number type";
     }

@@ -53,10 +53,12 @@ class Acting(NamedTuple):
     values: dict[str, float]
 
 
-def acting(model: Model) -> list[Acting]:
-    """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete."""
+def acting(model: Model, where: str = "model") -> list[Acting]:
+    """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete, named
+    by `where` the model is from.
+    """
     arguments.of_kind(model, Model, "model")
-    found = [_acting(entry, f"effects[{k}]") for k, entry in enumerate(model.effects)]
+    found = [_acting(entry, f"{where}: effects[{k}]") for k, entry in enumerate(model.effects)]
     return in_order(found)
 
 
@@ -118,10 +120,10 @@ def disturbed(effects: Sequence[Acting], predicted_um: np.ndarray, run: Recordin
 def _acting(entry: Any, where: str) -> Acting:
     if not isinstance(entry, dict) or str(entry.get("name")) not in CATALOGUE:
         name = entry.get("name") if isinstance(entry, dict) else entry
-        raise BadInput(f"the model's {where} is {json.dumps(name)[:40]}, which this version cannot simulate; it knows "
+        raise BadInput(f"{where} is {json.dumps(name)[:40]}, which this version cannot simulate; it knows "
                        f"{', '.join(CATALOGUE)}")
     kind = CATALOGUE[entry["name"]]
-    where = f"the model's {where} ({kind.name})"
+    where += f" ({kind.name})"
     stage = entry.get("stage", kind.stages[0])
     if stage not in kind.stages:
         raise BadInput(f"{where}: stage is {json.dumps(stage)[:40]}; must be one of {', '.join(kind.stages)}")
@@ -131,6 +133,8 @@ def _acting(entry: Any, where: str) -> Acting:
     given = entry.get("parameters", {})
     if not isinstance(given, dict):
         raise BadInput(f"{where}: parameters must be an object")
+    if (complaint := _misnamed(entry, given, kind)) is not None:
+        raise BadInput(f"{where}: {complaint}")
     values = {}
     for parameter in kind.parameters:
         value = given.get(parameter.name, parameter.absent)
@@ -146,3 +150,22 @@ def _acting(entry: Any, where: str) -> Acting:
     if (complaint := kind.refusal(values)) is not None:
         raise BadInput(f"{where}: {complaint}")
     return Acting(kind(stage, **options), values)
+
+
+def _misnamed(entry: dict[str, Any], given: dict[str, Any], kind: type[Effect]) -> str | None:
+    """What is wrong with the names of parameters; None: nothing.
+
+    Keys that this version does not know are accepted beside all that the effect has. Where one of those is missing
+    they are a misspelling of it, and the effect would silently do nothing.
+    """
+    own = [parameter.name for parameter in kind.parameters]
+    missing = [name for name in own if name not in given]
+    strange = [key for key in given if key not in own]
+    beside = [key for key in own if key in entry]
+    if not missing or not strange and not beside and len(missing) < len(own):
+        return None
+    known = ", ".join(f"{parameter.name} ({parameter.unit})" for parameter in kind.parameters)
+    found = json.dumps([*strange, *beside])[1:-1]
+    return (f"no {' and no '.join(missing)} in its parameters"
+            + (f", but {found[:80]}{' beside them' if beside and not strange else ''}" if found else "")
+            + f"; they are {known}")

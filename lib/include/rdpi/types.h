@@ -31,6 +31,10 @@ extern "C" {
 #define RDPI_MAX_WINDOW 16 /**< samples spanned by the rate estimator's difference, N */
 #endif
 
+#if RDPI_MAX_PLAYS < 1 || RDPI_MAX_DEADZONES < 1 || RDPI_MAX_WINDOW < 1
+#error "define RDPI_MAX_PLAYS, RDPI_MAX_DEADZONES and RDPI_MAX_WINDOW as at least 1"
+#endif
+
 /** How a state and parameters lie in memory where this is compiled: what decides it, in one number. init compares that
  * of its caller with the library's. */
 #define RDPI_LAYOUT(state, params)                                                                                    \
@@ -63,7 +67,8 @@ typedef enum {
     RDPI_ERR_MEMORY = -15,      /**< the plays' states cannot come from one history, or lie outside the drive range */
     RDPI_ERR_SWEEP = -16,       /**< start-up sweep: not 1 to 10000 cycles, end outside the range, speed above the slew
                                      limit or too slow for one sample's share to survive rounding */
-    RDPI_ERR_DIGEST = -17,      /**< the parameters are not those that were generated: flash or file damaged */
+    RDPI_ERR_DIGEST = -17,      /**< the parameters are not those that were generated: flash or file damaged, or
+                                     generated for another RDPI_REAL */
     RDPI_ERR_SIZE = -18         /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW), another
                                      RDPI_REAL or other alignment than the library */
 } rdpi_status_t;
