@@ -541,7 +541,7 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
     recording: a last line that was cut is left out. The longest and the present one are kept, with --stretches all.
     They are removed when RUN.csv is written.
     """
-    from .record import Raw, Safe, is_part, record, stop_signals
+    from .record import Raw, Safe, is_part, record, reserved, stop_signals
     from .telemetry import REFUSED, Decoder, Following
 
     _refuse_overwriting([Path(output)], stretches)
@@ -552,9 +552,9 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
     texts = _texts(actuator=actuator, memory=memory, note=note)
     scale = um_per_count, count_0_um
     decoder, copy = Decoder(port), Raw(raw)
-    safe = Safe(None if _is_device(output) else target, stretches, Following(decoder, *scale),
-                {"source": _printable(port), **texts}, copy)
-    with stop_signals() as stopped:  # until all is written
+    with stop_signals() as stopped, reserved(output), reserved(raw):  # until all is written
+        safe = Safe(None if _is_device(output) else target, stretches, Following(decoder, *scale),
+                    {"source": _printable(port), **texts}, copy)
         with safe, _recording_line() as report:
             end = record(decoder, baud, duration_s, timeout_s, safe, report, stopped)
         copied = [f"--raw {copy.failure}"] if copy.failure else []
