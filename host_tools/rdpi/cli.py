@@ -102,11 +102,16 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
                     from .recording import atomic_write
 
                     text = json.dumps(result, indent=2, allow_nan=False, default=lambda value: value.tolist()) + "\n"
-                    click.echo(text, nl=False) if json_path == "-" else atomic_write(json_path, text)
+                    _print_json(text) if json_path == "-" else atomic_write(json_path, text)
                 if result.get("gate_failed"):
                     raise click.exceptions.Exit(1)
             except BadInput as error:
                 _fail(str(error))
+            except MemoryError:
+                context = click.get_current_context()
+                given = [context.params[one.name] for one in context.command.params if isinstance(one, click.Argument)]
+                names = ", ".join(name for value in given for name in ([value] if isinstance(value, str) else value))
+                _fail(f"{names}: there is not enough memory for this; give shorter files")
             except BrokenPipeError:
                 raise  # `rdpi … | head`: click ends quietly
             except OSError as error:
@@ -121,6 +126,16 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
     return decorate
 
 
+def _print_json(text: str) -> None:
+    try:
+        click.echo(text, nl=False)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        error.filename = "standard output"
+        raise
+
+
 def _check_paths(context: click.Context) -> None:
     """Refuse, before any work, outputs that cannot be written or that are inputs or each other."""
     paths: dict[str, list[str]] = {"in": [], "out": []}
@@ -128,6 +143,8 @@ def _check_paths(context: click.Context) -> None:
         if isinstance(parameter.type, click.Path) and (value := context.params.get(parameter.name)):
             kind = "out" if parameter.name in ("output", "json_path", "report", "raw") else "in"
             if value == "-" and parameter.name == "json_path":
+                if getattr(sys.stdout, "name", None) == os.devnull:
+                    raise BadInput("--json -: standard output is closed; name a file")
                 continue
             if value == "-" and kind == "out":
                 raise BadInput(f"{parameter.opts[0]} -: standard output is only for --json; name a file")
@@ -541,7 +558,7 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
     recording: a last line that was cut is left out. The longest and the present one are kept, with --stretches all.
     They are removed when RUN.csv is written.
     """
-    from .record import Raw, Safe, is_part, record, stop_signals
+    from .record import Raw, Safe, is_part, record, reserved, stop_signals
     from .telemetry import REFUSED, Decoder, Following
 
     _refuse_overwriting([Path(output)], stretches)
@@ -552,9 +569,9 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
     texts = _texts(actuator=actuator, memory=memory, note=note)
     scale = um_per_count, count_0_um
     decoder, copy = Decoder(port), Raw(raw)
-    safe = Safe(None if _is_device(output) else target, stretches, Following(decoder, *scale),
-                {"source": _printable(port), **texts}, copy)
-    with stop_signals() as stopped:  # until all is written
+    with stop_signals() as stopped, reserved(output), reserved(raw):  # until all is written
+        safe = Safe(None if _is_device(output) else target, stretches, Following(decoder, *scale),
+                    {"source": _printable(port), **texts}, copy)
         with safe, _recording_line() as report:
             end = record(decoder, baud, duration_s, timeout_s, safe, report, stopped)
         copied = [f"--raw {copy.failure}"] if copy.failure else []

@@ -236,6 +236,8 @@ def rate(z_um: np.ndarray, sample_time_s: float, window_s: float, filter_s: floa
     sample_time_s, window_s, filter_s = (
         arguments.number(value, name, finite=False) for name, value in
         (("sample_time_s", sample_time_s), ("window_s", window_s), ("filter_s", filter_s)))
+    if sample_time_s == 0:
+        raise BadInput("sample_time_s is 0; must be positive")
     result = np.empty_like(z_um)
     status = module.lib.rdpi_batch_rate(window_s, filter_s, sample_time_s, _pointer(module.ffi, z_um), len(z_um),
                                         _pointer(module.ffi, result))

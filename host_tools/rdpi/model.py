@@ -19,7 +19,7 @@ import numpy as np
 
 from . import arguments, version
 from .errors import BadInput
-from .recording import atomic_write
+from .recording import atomic_write, content
 
 SCHEMA = "rdpi-model/1"
 SOURCES = ("displacement", "control")
@@ -348,7 +348,7 @@ def read_model(path: str | os.PathLike[str]) -> Model:
     """Read and validate a model file. Raises BadInput naming file, key and remedy."""
     path = str(path)
     try:
-        data = Path(path).read_bytes()
+        data = content(path)
         if len(data) > MAX_FILE_BYTES:
             raise BadInput(f"{path}: has {len(data)} bytes; a model has at most {MAX_FILE_BYTES}: is it another file?")
         text = data.decode("utf-8-sig")

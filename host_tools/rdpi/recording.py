@@ -248,10 +248,29 @@ def sample_times(count: int, rate_hz: float, first: int = 0) -> np.ndarray:
     return np.round(np.arange(first, first + count) / rate_hz, 9)
 
 
+def content(path: str) -> bytes:
+    """Of a file, or of a pipe that is being written to. Raises BadInput for what may have no end, and OSError."""
+    try:
+        mode = os.stat(path).st_mode
+        if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+            raise BadInput(f"{path}: is a device; give a file")
+        if not stat.S_ISFIFO(mode):
+            return Path(path).read_bytes()
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # else opening waits for a writer, for ever if none comes
+        os.set_blocking(handle, True)
+        with open(handle, "rb") as pipe:
+            data = pipe.read()
+        if not data:
+            raise BadInput(f"{path}: nothing came through this pipe; start what writes to it first")
+        return data
+    except MemoryError:
+        raise BadInput(f"{path}: there is not enough memory for this file; give a shorter one") from None
+
+
 def read_bytes(path: str) -> bytes:
     """Content of a file. Raises BadInput when it cannot be read."""
     try:
-        return Path(path).read_bytes()
+        return content(path)
     except OSError as error:
         raise BadInput(f"{path}: cannot be read ({error.strerror}); check the file name and permissions") from None
 

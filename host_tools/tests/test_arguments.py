@@ -130,6 +130,10 @@ def test_what_is_no_number(case: str) -> None:
         refused(name, function, value)
 
 
+def test_a_rate_without_a_sample_time() -> None:
+    refused("sample_time_s is 0", lambda value: firmware.rate(np.zeros(3), value, 0.0, 0.0), 0)
+
+
 @pytest.mark.parametrize("value", NOT_FINITE.values(), ids=NOT_FINITE)
 @pytest.mark.parametrize("do", DO)
 @pytest.mark.parametrize("column", ["time_s", "command_V", "displacement_um", "other_axis_V"])

@@ -246,3 +246,43 @@ def test_other_outputs_are_files(name: str, rdpi: Callable, tmp_path: Path, monk
     result = rdpi(name, *needed.get(name, ["m"]), "-o", "-")
     assert result.exit_code == 2 and result.output == "rdpi: -o -: standard output is only for --json; name a file\n"
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("where, message", [
+    (">&-", "--json -: standard output is closed; name a file"),
+    (">/dev/full", "standard output: No space left on device; check the path and permissions")])
+def test_json_that_standard_output_does_not_take(where: str, message: str, tmp_path: Path) -> None:
+    line = f'"{sys.executable}" -m rdpi excite startup -o drive.csv --json - {where}'
+    done = subprocess.run(["sh", "-c", line], stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    assert done.returncode == 2 and done.stderr.splitlines()[-1] == f"rdpi: {message}", done.stderr
+
+
+@pytest.mark.parametrize("words", [["import"], ["import", "--telemetry"]])
+def test_what_has_no_end_is_not_read(words: list[str], tmp_path: Path, refused: Callable) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    assert "is a device" in refused(*words, "/dev/zero", "-o", refused.output)
+    assert "nothing came through this pipe" in refused(*words, tmp_path / "pipe", "-o", refused.output)
+
+
+@pytest.mark.parametrize("size", [3 << 30, 500 << 20])
+def test_a_file_larger_than_memory(size: int, tmp_path: Path) -> None:
+    with open(tmp_path / "large.csv", "wb") as file:
+        file.truncate(size)
+    line = f'ulimit -v 1000000; OPENBLAS_NUM_THREADS=1 "{sys.executable}" -m rdpi import large.csv -o out.csv'
+    done = subprocess.run(["sh", "-c", line], stderr=subprocess.PIPE, text=True, cwd=tmp_path, timeout=60)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert done.stderr.startswith("rdpi: large.csv: there is not enough memory"), done.stderr
+
+
+def test_a_model_is_no_device(refused: Callable) -> None:
+    assert refused("header", "/dev/zero", "-o", refused.output) == "/dev/zero: is a device; give a file"
+
+
+def test_a_pipe_is_read(tmp_path: Path, rdpi: Callable) -> None:
+    rows = "".join(f"{k / 1000},{k},{k}\n" for k in range(40))
+    reader, writer = os.pipe()
+    os.write(writer, f"time_s,command_V,displacement_um\n{rows}".encode())
+    os.close(writer)
+    done = rdpi("import", f"/dev/fd/{reader}", "-o", tmp_path / "run.csv")
+    os.close(reader)
+    assert done.exit_code == 0, done.output

@@ -325,6 +325,38 @@ def test_what_a_recording_that_was_cut_off_has_left_is_not_written_over(board: B
             2, f"rdpi: {left}: is where samples go while the recording goes on; give another name\n")
 
 
+@pytest.mark.parametrize("name", ["run.csv", "raw"])
+def test_two_recordings_to_one_file(board: Board, run_csv: Path, rdpi: Callable, tmp_path: Path, name: str) -> None:
+    """The second is refused from the beginning, before there is a sample, until the first has ended or was killed."""
+    first, both = Board(), tmp_path / name
+    one = run_csv, tmp_path / "raw"
+    other = [path if path == both else path.with_name("other") for path in one]
+    first.renew()
+    with subprocess.Popen([sys.executable, "-m", "rdpi", "record", first.port, "-o", one[0], "--raw", one[1]],
+                          stdout=subprocess.DEVNULL) as process:
+        first.wait()
+        try:
+            done = subprocess.run([sys.executable, "-m", "rdpi", "record", board.port, "-o", other[0], "--raw",
+                                   other[1]], stderr=subprocess.PIPE, text=True, timeout=20)
+        finally:
+            process.kill()
+    first.unplug()
+    assert (done.returncode, done.stderr) == (2, f"rdpi: {both}: another recording is being written there; end that "
+                                                 "first, or give another name\n")
+    board.later(lambda: board.send(stream(SENT)))
+    assert rdpi("record", board.port, "-o", other[0], "--raw", other[1]).exit_code == 0
+    assert len(codes(other[0])) == len(SENT) and not both.with_name(f".rdpi.{name}.lock").exists()
+
+
+def test_what_came_beside_a_recording_since_it_began_is_not_written_over(run_csv: Path) -> None:
+    decoder = Decoder("board")
+    with Safe(run_csv, True, Following(decoder), {}, Raw(None)) as safe:
+        part(run_csv).write_text("another's")
+        decoder.feed(stream(SENT[:100]))
+        safe.save()
+    assert part(run_csv).read_text() == "another's" and len(codes(run_csv.with_name("run.csv.part2"))) == 100
+
+
 def test_a_recording_to_a_device_has_no_files_beside_it(board: Board, rdpi: Callable) -> None:
     board.later(lambda: board.send(stream(SENT, finished=0)), lambda: time.sleep(4 * SAVE_S),
                 lambda: board.send(stream([])))
