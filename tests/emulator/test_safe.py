@@ -173,9 +173,8 @@ def running(image: Path, board: str, folder: Path) -> Iterator[Outside]:
         return
     with emulator.emulate(image, board, *options, "-qmp", f"unix:{folder / 'qmp'},server=on,wait=off"), \
             socket.socket(socket.AF_UNIX) as line:
-        until((folder / "qmp").exists)
         line.settimeout(30)
-        line.connect(str(folder / "qmp"))
+        until(lambda: line.connect_ex(str(folder / "qmp")) == 0)
         ask(line, "qmp_capabilities")
         yield Outside(image, board, folder, line)
 
