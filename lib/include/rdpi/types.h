@@ -38,8 +38,8 @@ extern "C" {
 /** How a state and parameters lie in memory where this is compiled: what decides it, in one number. init compares that
  * of its caller with the library's. */
 #define RDPI_LAYOUT(state, params)                                                                                    \
-    ((UINT64_C(1) << 44) * sizeof(state) + (UINT64_C(1) << 32) * sizeof(params) +                                     \
-     (UINT64_C(1) << 16) * RDPI_MAX_PLAYS + RDPI_MAX_WINDOW)
+    (((uint64_t)1 << 44) * sizeof(state) + ((uint64_t)1 << 32) * sizeof(params) +                                     \
+     ((uint64_t)1 << 16) * RDPI_MAX_PLAYS + RDPI_MAX_WINDOW)
 
 /** After more missed samples than this the rate starts afresh; up to it, they cost one turn of a loop each. */
 #define RDPI_MAX_MISSED 16u
