@@ -3,7 +3,7 @@
 #
 #   ./tests/run.sh           all that a change can break: also sanitizers, coverage, emulators, analysers, slow tests
 #   ./tests/run.sh --quick   CTest and the fast pytests
-#   ./tests/run.sh --long    everything, as CI does: also mutation, all proofs, longer fuzzing
+#   ./tests/run.sh --long    everything, as CI does: also mutation, instruction counts, withheld cases, all proofs
 #
 # All runners run even when one fails; their own closing lines come last, whole outputs are in build/logs.
 set -uo pipefail
@@ -64,15 +64,16 @@ if [ "$level" != --quick ]; then
     run lint '^lint: ' tests/lint/lint.py
     run proof '^proof: ' tests/proof/run.py ${level:+"$level"}
     run size '^size: ' tests/size/size.py --check README.md
-    run instructions '^instructions: ' .venv/bin/python tests/benchmark/instructions.py --check README.md
-    run fuzz '^fuzz: ' tests/fuzz/run.sh 30
+    fuzz_seconds=10
+    [ "$level" = --long ] && fuzz_seconds=60
+    run fuzz '^fuzz: ' tests/fuzz/run.sh $fuzz_seconds
 fi
 if [ "$level" = --long ]; then
+    run instructions '^instructions: ' .venv/bin/python tests/benchmark/instructions.py --check README.md
     run mutation '^mutation: ' tests/mutation/mutate.py
 fi
-slow=()
-[ "$level" != --quick ] || slow=(-m 'not slow')
-run pytest ' in [0-9.]+s' pytests "${slow[@]}"
+declare -A tests=([--quick]='not slow and not long' [normal]='not long' [--long]='')
+run pytest ' in [0-9.]+s' pytests -m "${tests[${level:-normal}]}" --durations 30
 
 echo
 printf '%s\n' "${closing[@]}" | grep .

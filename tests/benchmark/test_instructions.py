@@ -79,7 +79,7 @@ def test_counts_nothing_without_icount() -> None:
         instructions.emulate(image, "M3")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [2, 3, 4])
 @pytest.mark.parametrize("key", TARGETS)
 def test_no_other_search_finds_worse(key: tuple[str, str], seed: int) -> None:

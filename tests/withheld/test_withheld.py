@@ -482,7 +482,7 @@ def test_proposed_drive_is_played_as_it_is_written(tmp_path):
 
 # --- the tool --------------------------------------------------------------------------------------------------------
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_reduced_set(tmp_path, monkeypatch):
     """`rdpi gap` on 40 cases of the set to tune on; the limits leave room for what so few cases scatter."""
     monkeypatch.setattr(check, "each", lambda jobs, what, function, items: map(function, items))
@@ -499,7 +499,7 @@ def test_reduced_set(tmp_path, monkeypatch):
     assert found["promised - realised shrink, median error"] <= 0.08
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_effect_that_the_tool_is_denied_is_not_misnamed(tmp_path, monkeypatch):
     monkeypatch.setattr(check, "each", lambda jobs, what, function, items: map(function, items))
     judged = check.run(tmp_path, {"cases": 16, "seed": 7, "set": "tune", "withhold": "all", "paired": False}, jobs=1)
@@ -509,7 +509,7 @@ def test_effect_that_the_tool_is_denied_is_not_misnamed(tmp_path, monkeypatch):
     assert {row.name: row.value for row in rows}["withheld: misnamed"] <= 0.4
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_next_experiment_settles_what_sines_cannot_tell(tmp_path, monkeypatch):
     """Two machines of the set to tune on; the limits leave room for what so few cases scatter."""
     monkeypatch.setattr(check, "each", lambda jobs, what, function, items: map(function, items))
