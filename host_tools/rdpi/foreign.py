@@ -102,7 +102,9 @@ def _send(stream: BinaryIO, arrays: list[tuple[str, np.ndarray]], error: str = "
     """A line of JSON with the names or what went wrong, then the arrays."""
     stream.write(json.dumps({"error": error, "names": [name for name, _ in arrays]}).encode() + b"\n")
     for _, array in arrays:
-        np.lib.format.write_array(stream, np.ascontiguousarray(array).reshape(array.shape), allow_pickle=False)
+        packed = io.BytesIO()  # to a file NumPy writes by its position, which a pipe does not have
+        np.lib.format.write_array(packed, np.ascontiguousarray(array).reshape(array.shape), allow_pickle=False)
+        stream.write(packed.getbuffer())
     stream.flush()
 
 
