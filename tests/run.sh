@@ -16,6 +16,7 @@ case "$*" in
     exit 2
     ;;
 esac
+unset PYTHONUNBUFFERED # as users have it: what a program leaves in its buffers counts
 tests/support/setup.sh tests || exit
 
 logs=build/logs

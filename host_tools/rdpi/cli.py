@@ -132,6 +132,8 @@ def _print_json(text: str) -> None:
     except BrokenPipeError:
         raise
     except OSError as error:
+        with suppress(OSError, ValueError):  # the rest goes nowhere: at the program's end it would fail again
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         error.filename = "standard output"
         raise
 

@@ -114,6 +114,8 @@ def _receive(stream: BinaryIO) -> list[tuple[str, np.ndarray]]:
         arrays = [(name, np.lib.format.read_array(stream, allow_pickle=False)) for name in told["names"]]
     except Exception as error:  # of a process whose memory is damaged
         raise Unreadable(f"its reader sent {_one_line(str(error))}") from None
+    if stream.read(1):
+        raise Unreadable("its reader sent more than its arrays")
     if told["error"]:
         raise Unreadable(told["error"])
     return arrays
