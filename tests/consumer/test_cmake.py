@@ -46,13 +46,17 @@ def came_with(page: Path) -> tuple[int, ...]:
 
 
 def later_options(page: Path) -> set[str]:
-    """Words of a command that came later than the oldest CMake claimed; the line above each such mark names them."""
+    """Words of a command that came later than the oldest CMake claimed; the line above each such mark names them.
+
+    A mark behind other text is about what follows it, such as an option of an option.
+    """
     lines, words = page.read_text().splitlines(), set()
     for k, line in enumerate(lines):
         mark = re.match(r"(\s+)\.\. versionadded:: ([0-9.]+)", line)
         if mark and version(mark[2]) > oldest():
-            above = next((text for text in lines[k - 1::-1]
-                          if text.strip() and len(text) - len(text.lstrip()) < len(mark[1])), "")
+            above = next((text for text in lines[k - 1::-1] if text.strip()), "")
+            if len(above) - len(above.lstrip()) >= len(mark[1]):
+                continue
             words |= set(re.findall(r"\b[A-Z][A-Z_]{3,}\b", above.partition("<")[0]))
     return words
 
