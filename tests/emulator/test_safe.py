@@ -99,7 +99,9 @@ bool rdpi_reference_um(uint32_t ticks, float *reference_um)
     static uint32_t calls;
     (void)ticks;
     *reference_um = 1.0f;
-    while (++calls >= %d) {
+    if (++calls >= %d) {
+        for (;;) { /* not a loop that ends when calls wraps: newer compilers go straight to its end */
+        }
     }
     return true;
 }
