@@ -101,8 +101,7 @@ def taken(runs: Sequence[Recording], needs: Sequence[str], name: str = "runs", l
         for key, values in columns.items():
             if len(values) != len(columns["time_s"]):
                 raise BadInput(f"{run.path}: {key} has {len(values)} values, time_s has {len(columns['time_s'])}")
-        if len(columns["time_s"]) < MIN_SAMPLES:
-            raise BadInput(f"{run.path}: {len(columns['time_s'])} samples; a recording needs at least {MIN_SAMPLES}")
+        check_count(run.path, columns["time_s"])
         same = all(columns[key] is run.columns[key] for key in columns)
         found.append(run if same else replace(run, columns=columns))
     if len(found) < least:
