@@ -22,7 +22,7 @@ import measured  # noqa: E402
 import score  # noqa: E402
 import settle  # noqa: E402
 from actuators import EFFECTS, FORMS, IN_CATALOGUE, Machine, Put, Run, simulate  # noqa: E402
-from rdpi.recording import Recording, read_recording  # noqa: E402
+from rdpi.data import Recording, read_recording  # noqa: E402
 
 RATE_HZ = 1000.0
 CLEAN = Machine(noise=0.0, flicker=0.0, creep=0.0, adc_bits=30, monitor=True)
