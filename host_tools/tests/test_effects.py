@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +18,7 @@ from injected import entry
 from models import SEEDS, random_model
 from plants import Plant, changed, marked, model_of, quasi_static, recording, stack, waves
 
+import rdpi as rdpi_package
 from rdpi.data import Recording, read_recording, write_recording
 from rdpi.errors import BadInput
 from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
@@ -391,6 +394,64 @@ def test_every_effect_says_what_a_person_needs_to_know() -> None:
         assert all(one.low <= one.absent <= one.high and one.unit for one in kind.parameters)
         with pytest.raises(ValueError, match=f"{name} does not act at nowhere"):
             kind("nowhere")
+
+
+def test_a_parameters_name_means_one_thing() -> None:
+    for kind in CATALOGUE.values():
+        for one in kind.parameters:
+            other = effects.PARAMETERS[one.name]
+            assert (one.unit, one.internal, one.digits, one.joined) == (
+                other.unit, other.internal, other.digits, other.joined)
+
+
+def test_comparisons_with_others_are_sound() -> None:
+    for kind in CATALOGUE.values():
+        assert kind.contains is None or kind.contains in CATALOGUE.values() and kind.contains.contains is None
+        assert kind.frequency is None or kind.frequency in {one.name for one in kind.parameters}
+        assert len(kind.chance_gain) == 2 and all(0 <= gain < 1 for gain in kind.chance_gain)
+        assert kind.article in ("", "an" if kind.title[0] in "aeiou" else "a")
+
+
+# --- an effect is one file -------------------------------------------------------------------------------------------
+
+PACKAGE = Path(rdpi_package.__file__).parent
+EFFECTS = PACKAGE / "simulate" / "effects"
+
+
+def asked_by_name(source: str) -> set[str]:
+    """Effects that a module asks for: in a string, by an attribute, a class, or anywhere by a name of two words."""
+    classes = {kind.__name__: name for name, kind in CATALOGUE.items()}
+    found = {name for name in CATALOGUE if "_" in name and re.search(rf"\b{name}\b", source)}
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            found |= {node.value} & set(CATALOGUE)
+        for word in (getattr(node, "attr", None), getattr(node, "id", None), getattr(node, "name", None)):
+            found |= {classes[word]} if word in classes else set()
+        if isinstance(node, ast.Attribute) or isinstance(node, ast.alias):
+            found |= {getattr(node, "attr", getattr(node, "name", None))} & set(CATALOGUE)
+    return found
+
+
+@pytest.mark.parametrize("path", [path for path in sorted(PACKAGE.rglob("*.py")) if EFFECTS not in path.parents],
+                         ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_nothing_outside_its_file_asks_for_an_effect_by_name(path: Path) -> None:
+    assert not asked_by_name(path.read_text("utf-8"))
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_an_effect_is_one_file_and_its_registration(name: str) -> None:
+    others = {path.stem: path.read_text("utf-8") for path in EFFECTS.glob("*.py") if path.stem != name}
+    contained = {kind.name for kind in CATALOGUE.values() if kind.contains is CATALOGUE[name]}
+    asking = {stem for stem, source in others.items() if name in asked_by_name(source)}
+    assert (EFFECTS / f"{name}.py").exists() and asking == {"__init__"} | contained
+
+
+@pytest.mark.parametrize(("source", "found"), [
+    ('if one.name == "delay": pass', {"delay"}), ("x = effects.delay", {"delay"}), ("x: Delay", {"delay"}),
+    ("from .effects.lag import Lag", {"lag"}), ("# unlike gain_change", {"gain_change"}),
+    ('"""A delay, with creep."""\nlag = 1', set()), ("GainChange()", {"gain_change"})])
+def test_what_asking_by_name_is(source: str, found: set[str]) -> None:
+    assert asked_by_name(source) == found
 
 
 # --- several ---------------------------------------------------------------------------------------------------------

@@ -261,7 +261,7 @@ def search(bench: Bench, effect: Effect, acting: Sequence[Acting], before: np.nd
     starts = effect.starts(view)
     if not starts:
         return None
-    if effect.name == "initial_memory":
+    if effect.starts_memory:
         return _memory(bench, effect, acting, before)
     if effect.disturbance:
         return _disturbance(bench, effect, starts, left)
@@ -350,7 +350,7 @@ def _memory(bench: Bench, effect: Effect, acting: Sequence[Acting], before: np.n
                 best = min(best, (_square(measured - z), start, z, position), key=lambda one: one[0])
         states.append(best[1])
         shown.append(best[2] - predicted)
-        values.setdefault("position_um", float(best[3]))
+        values.setdefault(effect.free[0], float(best[3]))
     return Candidate(effect, values, (), bench.join(shown), np.zeros((len(before), 0)), states)
 
 
@@ -370,35 +370,29 @@ def _disturbance(bench: Bench, effect: Effect, starts: list[dict[str, float]], l
         return sum(_square(part @ found) for part, found in zip(parts, amplitudes(parts)))
 
     values = dict(starts[0])
-    if "frequency_hz" in values:
+    if effect.frequency is not None:
         values = max(starts, key=explained)
         span = 1 / max(len(rig.recording) * rig.recording.sample_time_s for rig in bench.rigs)
         while span > 0.02 / max(len(rig.recording) * rig.recording.sample_time_s for rig in bench.rigs):
             span /= 2
-            values = max(({**values, "frequency_hz": values["frequency_hz"] + sign * span} for sign in (-1, 0, 1)),
-                         key=explained)
+            values = max(({**values, effect.frequency: values[effect.frequency] + sign * span}
+                          for sign in (-1, 0, 1)), key=explained)
     parts = columns(values)
     found = amplitudes(parts)
-    if "frequency_hz" in values:
-        values["amplitude_um"] = float(np.sqrt(np.mean([_square(one) for one in found])))
-    else:
-        parameter = next(parameter for parameter in effect.parameters if parameter.name == effect.free[0])
-        usual = np.average([one[0] for one in found], weights=bench.lengths)
-        values = {parameter.name: float(np.clip(usual, *parameter.ends))}
+    values = effect.summary(values, found, bench.lengths)
     one = Candidate(effect, values, (), bench.join([part @ size for part, size in zip(parts, found)]),
                     bench.join(parts))
-    one.synchronous = _synchronous(bench, values, found)
+    if effect.frequency is not None:
+        one.synchronous = _synchronous(bench, values[effect.frequency], found)
     return one
 
 
-def _synchronous(bench: Bench, values: dict[str, float], found: list[np.ndarray]) -> float:
+def _synchronous(bench: Bench, frequency_hz: float, found: list[np.ndarray]) -> float:
     """Share of a line's energy in recordings that move at its frequency themselves: that goes with the drive."""
-    if "frequency_hz" not in values:
-        return 0.0
     whole = drowned = 0.0
     for rig, size in zip(bench.rigs, found):
         asked = rig.respond([])
-        turn = np.exp(-2j * np.pi * values["frequency_hz"] * np.arange(len(asked)) * rig.recording.sample_time_s)
+        turn = np.exp(-2j * np.pi * frequency_hz * np.arange(len(asked)) * rig.recording.sample_time_s)
         window = np.hanning(len(asked))
         moved = 2 * abs(np.sum(window * (asked - np.mean(asked)) * turn)) / np.sum(window)
         energy = len(asked) * _square(size)

@@ -163,7 +163,7 @@ def _remarks(state: Selection, gap: Excess, rounds: list[Round], verdict: str) -
     top, fastest = state.model.rate.identified_um_per_s, max(float(np.percentile(rig.rate_um_per_s, 99.9))
                                                              for rig in state.bench.rigs)
     alone = not np.any(state.model.slope_rate_s_per_um) and top and not 1 / RATES < fastest / top < RATES
-    if alone and any(one.effect.name in ("hysteresis_change", "gain_change") for one in state.chosen):
+    if alone and any(one.effect.hides_rate for one in state.chosen):
         notes.append(f"the model is rate-independent and was fitted up to {top:.3g} um/s, these recordings reach "
                      f"{fastest:.3g}: a rate dependence looks like a changed loop or gain; record at several rates")
     return notes

@@ -79,10 +79,7 @@ def _parameters(one: Candidate, widths: dict[str, float]) -> dict[str, dict[str,
         value, width = one.values[parameter.name], widths.get(parameter.name)
         ends = None if width is None else [float(max(parameter.low, value - width)),
                                            float(min(parameter.high, value + width))]
-        unit = parameter.unit
-        if one.effect.name == "quantisation" and parameter.name != "dither":
-            unit = "um" if one.effect.stage == "sensor" else "V"
-        result[parameter.name] = {"value": _finite(value), "ci95": ends, "unit": unit}
+        result[parameter.name] = {"value": _finite(value), "ci95": ends, "unit": one.effect.unit(parameter)}
     return result
 
 

@@ -97,7 +97,8 @@ def _shown(state: Selection, truth: Candidate, run: Recording) -> Recording:
     rig = candidates.rigs(state.model, [run], False)[0]
     shown = rig.respond([Acting(truth.effect, truth.values)])
     if truth.per_run:
-        shown = shown + truth.effect.columns(run, truth.values, state.model) @ _sizes(truth)
+        columns = truth.effect.columns(run, truth.values, state.model)
+        shown = shown + columns @ truth.effect.usual_sizes(truth.values)
     return replace(run, columns={**run.columns, "displacement_um": shown})
 
 
@@ -107,9 +108,3 @@ def _missed(state: Selection, known: dict[str, Any] | None, drive: Recording) ->
         return 1.0
     rig = candidates.rigs(state.model, [drive], False)[0]
     return passport.level_um(known, localise.coordinates(drive, rig.respond([]), rig.rate_um_per_s))
-
-
-def _sizes(truth: Candidate) -> np.ndarray:
-    """Typical coefficients of a disturbance's columns."""
-    size = truth.values.get("amplitude_um") or truth.values.get("um_per_s") or truth.values.get("um_per_degC") or 0.0
-    return np.r_[size, np.zeros(truth.slopes.shape[1])][:truth.slopes.shape[1]]

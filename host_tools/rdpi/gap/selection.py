@@ -29,10 +29,8 @@ USUAL_SPREAD = 0.2  # of the passport; a poorer one's ratio counts less
 SHRINK_WEIGHT = 1.0  # of the best shrink in that evidence, beside the logarithm of the ratio to the passport
 BORN_IN, BORN_IN_FEW = 0.25, 0.45  # shrink that makes an effect where nothing exceeds the passport; few recordings
 FEW = 4
-FREE = {"thermal_drift": 0.10, "periodic_disturbance": 0.08, "initial_memory": 0.03}  # what disturbances gain anyway
 EXCESS = 1.15  # ratio from which something is new, whatever was there before
 CLEAR_EXCESS, BESIDE = 1.5, 0.75  # below this ratio, refitting that leaves less than this share of the squares decides
-FREE_BESIDE = {**FREE, "static_nonlinearity": 0.2}  # ... and what the plays' own misfit lends, the model refitted
 LEAST_SHARE = 0.15  # of the excess that an effect must explain
 LEAST_SHRINK = 0.04
 FURTHER_EXCESS, FURTHER_SHARE, FURTHER_SHRINK = 1.4, 0.3, 0.06  # what a second and third effect must find and bring
@@ -40,8 +38,7 @@ ONE_RATE, LIKE = 3.0, 0.7  # times the slowest recording's rate: less is all one
 TWIN, TWIN_SAME = 0.98, 1.0  # ... for one that reproduces so much of its signature: the rest may be the model's misfit
 ROUNDED_OFF = 0.005  # of the gap's squares: what a monitor shows of any amplifier beside the effect looked for
 SAME = 0.08  # relative excess of the squares left by a rival, below which these recordings cannot tell it
-WITHIN = {"static_nonlinearity": "gain_change"}  # effects that hold a simpler one ...
-HOLDS = 0.9  # ... which is enough if it explains this share of what they do
+HOLDS = 0.9  # share of what an effect explains, from which the simpler one that it contains is enough
 SIMPLER = 0.05  # ... that every further parameter must bring
 GRID = 1.5  # times the passport's step: a coarser grid is a new one
 OLD = 0.5  # times a disturbance's energy: so much in the earlier recordings, and it is not new
@@ -298,9 +295,9 @@ class Selection:
 
         A grid that was there at commissioning is part of the passport, and one of the earlier recordings is not new.
         """
-        if one.effect.name != "quantisation" or one.effect.stage != "sensor":
+        step_um = one.effect.reading_step_um(one.values)
+        if step_um == 0:
             return 0.0
-        step_um = one.values["step"]
         before = max([run["step_um"] for run in (self.model.passport or {}).get("runs", [])]
                      + [signals.grid_step(run.displacement_um) for run in self.earlier], default=0.0)
         return self.samples * (step_um**2 - before**2) / 12 if step_um > GRID * before else 0.0
@@ -388,10 +385,10 @@ def detected(state: Selection) -> float:
 
 
 def _gain(one: Judged, state: Selection) -> float:
-    """Shrink beyond what a disturbance gains from nothing; of a grid, what it explains."""
+    """Shrink beyond what the effect gains from nothing; of a grid, what it explains."""
     if state.grid_noise(one.candidate):
         return float(1 - np.sqrt(one.left / max(state.total, 1e-300)))
-    return one.shrink - FREE.get(one.name, 0.0)
+    return one.shrink - one.candidate.effect.chance_gain[0]
 
 
 def _best(judged: list[Judged], state: Selection, gap: Excess, further: bool) -> tuple[Judged | None, bool]:
@@ -415,7 +412,7 @@ def _best(judged: list[Judged], state: Selection, gap: Excess, further: bool) ->
     frozen = _simplest(open_, lambda one: one.left) if open_ else None
     # Born in: what the fit took up hides an effect, or half of it, until the model is refitted beside it.
     hidden = [one for one in judged if not further and one.candidate.synchronous <= 0.5 and not one.old
-              and one.refitted_shrink - FREE_BESIDE.get(one.name, 0.0) > born_in
+              and one.refitted_shrink - one.candidate.effect.chance_gain[1] > born_in
               and one.refitted_left < state.least * (1 - born_in)]
     beside = _simplest(hidden, lambda one: one.refitted_left) if hidden else None
     excused = gap.ratio is not None and gap.ratio < CLEAR_EXCESS
@@ -430,7 +427,12 @@ def _simplest(near: list[Judged], left: Callable[[Judged], float]) -> Judged:
     lowest = min(map(left, near))
     best = min((one for one in near if left(one) <= lowest * (1 + SAME)),
                key=lambda one: left(one) * (1 + SIMPLER * one.size))
-    return next((one for one in near if one.name == WITHIN.get(best.name) and one.share >= HOLDS * best.share), best)
+    return next((one for one in near if _contains(best, one) and one.share >= HOLDS * best.share), best)
+
+
+def _contains(one: Judged, other: Judged) -> bool:
+    """Whether the other effect is a special case of the one."""
+    return type(other.candidate.effect) is one.candidate.effect.contains
 
 
 def _rivals(judged: list[Judged], best: Judged, refitted: bool, state: Selection, reproduced: np.ndarray
@@ -446,9 +448,9 @@ def _rivals(judged: list[Judged], best: Judged, refitted: bool, state: Selection
         if same and ahead and state.bench.monitored:
             # A monitor's own noise is small: how an amplifier and its sampling round a delay off is not.
             same = one.monitor_left <= best.monitor_left + max(SAME * best.monitor_left, ROUNDED_OFF * state.total)
-        loops = {one.name, best.name} == {"hysteresis_change", "rate_dependence"}
+        loops = one.candidate.effect.changes_loops and best.candidate.effect.changes_loops
         same |= loops and alike[k] > LIKE and state.one_rate()
-        if same and WITHIN.get(one.name) != best.name:
+        if same and not _contains(one, best):
             result.append(one)
     return sorted(result, key=lambda one: one.rest(refitted))
 

@@ -80,7 +80,7 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
     runs, acting = taken(runs, ["command_V"]), effects.acting(model)
     model.validate_lengths()
     plain = effects.operator(acting, replace(model, effects=[]))
-    unknown = any(one.effect.name == "initial_memory" for one in acting)
+    unknown = any(one.effect.starts_memory for one in acting)
     predictions: list[Prediction] = []
     for run in runs:
         check_sizes(run.columns, lambda row, path=run.path: f"{path}, sample {row}")

@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from ...simulate.effects import PARAMETERS
+
 Document = Mapping[str, Any]  # that of `rdpi gap --json`, or a part of it
 
 NONE = "–"
 SAME = 0.1  # relative: a gap within it is as large as what it is compared with
 PICOMETRE = 1e-6  # um
 LEAST = -1.0  # a shrink below it is told no closer
-DETAILS = {"origin", "dither"}  # parameters of a grid that a simulation needs, and no reader
 
 
 def number(value: float | None, digits: int = 3, strip: bool = True) -> str:
@@ -87,7 +88,8 @@ def _whole(value: float) -> str:
 
 def given(parameters: Document) -> dict[str, Document]:
     """Those that have a value and that a reader needs."""
-    return {name: one for name, one in parameters.items() if one["value"] is not None and name not in DETAILS}
+    return {name: one for name, one in parameters.items()
+            if one["value"] is not None and not PARAMETERS[name].internal}
 
 
 def sized(name: str, parameter: Document) -> str:
@@ -118,8 +120,7 @@ def quantity(name: str, parameter: Document) -> str:
     interval = _ends(parameter["ci95"])
     if interval:
         return f"{_fixed(factor * parameter['value'], factor * (interval[1] - interval[0]))} {unit}".strip()
-    digits = 5 if name == "factor" else 3  # near 1, what counts lies behind it
-    return f"{number(factor * parameter['value'], digits)} {unit}".strip()
+    return f"{number(factor * parameter['value'], PARAMETERS[name].digits)} {unit}".strip()
 
 
 def interval(name: str, parameter: Document, unit: bool = True) -> str:

@@ -140,7 +140,7 @@ def _which(document: Document) -> list[dict[str, Any]]:
         scores, rivals = effect["held_out_rms_um"], effect["confusable_with"]
         facts = [f"{sized(name, one)}{bracketed(interval(name, one))}"
                  for name, one in given(effect["parameters"]).items()]
-        if coarse and effect["name"] == "quantisation":
+        if coarse and words.reading_step_um(effect) > 0:
             facts.append(f"its rounding: step / √12 = {um(coarse.own_um)} rms")
         facts += [f"residual, held out: {change(scores['before'], scores['after'], '→')}",
                   f"shrink {shrink(effect['shrink'])}"
@@ -165,7 +165,7 @@ def _candidates(document: Document) -> list[dict[str, Any]]:
             if rank:  # judged beside those that were accepted before it
                 one, refitted = {**one, **own}, None
                 verdict += f", beside {listed(order[:rank])}"
-            if (own["name"], own["stage"]) == ("quantisation", "sensor"):
+            if words.reading_step_um(own) > 0:
                 verdict += ": read off the values"
         elif name in rivals:
             rank, kind, verdict = len(order), "rival", "explains these recordings as well"

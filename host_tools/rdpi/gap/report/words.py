@@ -12,14 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...fit import FITTED
-from ...simulate.effects import CATALOGUE
+from ...simulate.effects import CATALOGUE, PARAMETERS
 from .numbers import (SAME, Document, bin_names, bracketed, change, given, interval, listed, number, percent, plain,
                       quantity, sentence_of, shrinks, sized, times, um, unit_of)
 
-COUNTED = {"delay", "lag", "slew_limit", "initial_memory", "gain_change", "resonance", "periodic_disturbance",
-           "static_nonlinearity"}  # whose titles take an article
-LOOK = {"thermal_drift": "If the residual over time shows a step rather than a slope, something slipped or the "
-                         "sensor's zero jumped."}  # what tells an effect from its like in the pictures
 NOTICED = 0.005  # shrink: less is 0 %
 EXPLAINED = 0.9  # of the energy, from where on an effect explains the gap, and not most of it
 
@@ -91,14 +87,13 @@ def title(name: str) -> str:
 def about(name: str) -> dict[str, str]:
     """Id, title, what it is, and what to do about it on the bench."""
     effect = CATALOGUE[name]
-    remedy = " ".join(filter(None, (sentence_of(effect.remedy), LOOK.get(name))))
+    remedy = " ".join(filter(None, (sentence_of(effect.remedy), effect.look)))
     return {"id": name, "title": effect.title, "what": sentence_of(effect.what), "remedy": remedy}
 
 
 def named(name: str) -> str:
     """Title with its article: "a signal delay", "creep"."""
-    article = "" if name not in COUNTED else "an " if title(name)[0] in "aeiou" else "a "
-    return f"{article}{title(name)}"
+    return f"{CATALOGUE[name].article} {title(name)}".strip()
 
 
 def phrase(effect: Document) -> str:
@@ -107,8 +102,7 @@ def phrase(effect: Document) -> str:
     if len(sizes) == 1 and not {"of", "from"} & set(text.split()):
         (name, one), = sizes.items()
         if unit_of(name, one):
-            of = "in steps of" if name == "step" else "of"
-            return f"{text} {of} {quantity(name, one)}{bracketed(interval(name, one))}"
+            return f"{text} {PARAMETERS[name].joined} {quantity(name, one)}{bracketed(interval(name, one))}"
     return text + bracketed("; ".join(
         ", ".join(filter(None, (sized(name, one), interval(name, one, False))))
         for name, one in sizes.items()))
@@ -124,6 +118,12 @@ def rivals(document: Document) -> set[str]:
     return {name for effect in document["effects"] for name in effect["confusable_with"]}
 
 
+def reading_step_um(effect: Document) -> float:
+    """Step of the grid that an accepted effect puts readings on; 0: none."""
+    values = {name: one["value"] for name, one in effect["parameters"].items()}
+    return CATALOGUE[effect["name"]](effect["stage"]).reading_step_um(values)
+
+
 class Grid(NamedTuple):
     """What the sensor's grid adds to the residual, in um rms."""
 
@@ -134,10 +134,9 @@ class Grid(NamedTuple):
 
 
 def grid(document: Document) -> Grid | None:
-    """Of an accepted quantisation of the sensor: rounding errors lie evenly over a step, which is step / √12 rms."""
+    """Of an accepted effect that rounds readings: their errors lie evenly over a step, which is step / √12 rms."""
     effects, gap = document["effects"], document["gap"]
-    steps = [effect["parameters"]["step"]["value"] for effect in effects
-             if (effect["name"], effect["stage"]) == ("quantisation", "sensor")]
+    steps = [step for step in map(reading_step_um, effects) if step > 0]
     if not steps:
         return None
     alone = len(effects) == 1

@@ -34,13 +34,14 @@ from .slew_limit import SlewLimit
 from .static_nonlinearity import StaticNonlinearity
 from .thermal_drift import ThermalDrift
 
-__all__ = ["BEFORE_MONITOR", "CATALOGUE", "STAGES", "Acting", "Effect", "Parameter", "Values", "View", "acting",
-           "disturbed", "driven", "entries", "moved", "operator"]
+__all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Effect", "Parameter", "Values", "View",
+           "acting", "disturbed", "driven", "entries", "moved", "operator"]
 
 CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
     # where two act at one stage, the first comes first
     InitialMemory, RateDependence, HysteresisChange, Creep, GainChange, Backlash, Resonance, CrossCoupling,
     ThermalDrift, PeriodicDisturbance, StaticNonlinearity, SlewLimit, Lag, RailSaturation, Delay, Quantisation)}
+PARAMETERS = {one.name: one for effect in CATALOGUE.values() for one in effect.parameters}  # a name means one thing
 _ORDER = list(CATALOGUE)
 GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
 LEAST_SLOPE_RATIO = 0.02
@@ -109,11 +110,10 @@ def disturbed(effects: Sequence[Acting], predicted_um: np.ndarray, run: Recordin
     columns = [one.effect.columns(run, one.values, model) for one in effects if one.effect.disturbance]
     if not columns or run.displacement_um is None:
         return predicted_um
-    drifts = any(one.effect.name == "thermal_drift" for one in effects)
     design = np.column_stack([np.ones(len(run)), *columns])
     found = np.linalg.lstsq(design, run.displacement_um - predicted_um, rcond=None)[0]
-    if not drifts:
-        found[0] = 0.0  # the zero is not hum's to move
+    if not any(one.effect.moves_zero for one in effects):
+        found[0] = 0.0
     return predicted_um + design @ found
 
 

@@ -19,9 +19,11 @@ class GainChange(Effect):
     what = "the actuator's stroke, its load or the sensor's scale has changed"
     remedy = "calibrate the sensor, check the load; then identify anew or scale the model"
     needs = "any motion, the model frozen"
+    article = "a"
     stages = "actuator", "sensor"
-    parameters = (Parameter("factor", "1", 0.05, 20.0, 1.0),)
+    parameters = (Parameter("factor", "1", 0.05, 20.0, 1.0, digits=5),)  # near 1, what counts lies behind it
     linear = True
+    hides_rate = True
 
     @classmethod
     def variants(cls, runs: Sequence[Recording]) -> list[Effect]:

@@ -23,6 +23,8 @@ class HysteresisChange(Effect):
     stages = ("actuator",)
     parameters = Parameter("scale", "1", -0.9, 5.0), Parameter("shape", "1", -2.0, 2.0)
     linear = True
+    changes_loops = True
+    hides_rate = True
 
     def operator(self, model: Model, values: Values) -> Model:
         if len(model.thresholds_um) < 2:

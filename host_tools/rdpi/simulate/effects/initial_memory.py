@@ -20,9 +20,12 @@ class InitialMemory(Effect):
     what = "the hysteresis remembered something else at the first sample than the recording says"
     remedy = "run the start-up sweep first, and mark recordings memory: reset only then"
     needs = "a first pass that differs from the second"
+    article = "an"
     stages = ("actuator",)
     parameters = (Parameter("position_um", "um", -np.inf, np.inf),)
     disturbance = True
+    starts_memory = True
+    chance_gain = 0.03, 0.03
 
     def starts(self, view: View) -> list[dict[str, float]]:
         known = [run for run in view.runs if run.memory != "unknown"]
@@ -30,3 +33,6 @@ class InitialMemory(Effect):
 
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
         return np.zeros((len(run), 0))
+
+    def usual_sizes(self, values: Values) -> np.ndarray:
+        return np.zeros(0)

@@ -17,6 +17,7 @@ class Lag(Effect):
     what = "an amplifier into a capacitive load, or a sensor's output filter, follows late and rounds off"
     remedy = "raise the bandwidth: a stronger amplifier or a faster output filter of the sensor"
     needs = "frequencies above sqrt(2 e) / (2 pi T), e the model's relative error"
+    article = "a"
     stages = "amplifier", "sensor"
     parameters = (Parameter("time_constant_s", "s", 0.0, 1.0),)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...data import Recording
@@ -20,15 +22,24 @@ class PeriodicDisturbance(Effect):
     what = "mains hum, a pump or a fan shakes the stage or leaks into the sensor"
     remedy = "find the source at this frequency: ground loops, fans, pumps; or average over its period"
     needs = "a few of its periods in any recording"
+    article = "a"
     stages = ("environment",)
     parameters = Parameter("frequency_hz", "Hz", 0.0, np.inf), Parameter("amplitude_um", "um", 0.0, np.inf)
     disturbance = True
+    frequency = "frequency_hz"
+    chance_gain = 0.08, 0.08
 
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
         if values["frequency_hz"] == 0:
             return np.zeros((len(run), 0))
         phase = 2 * np.pi * values["frequency_hz"] * (run.time_s - run.time_s[0])
         return np.column_stack([np.sin(phase), np.cos(phase)])
+
+    def summary(self, values: Values, sizes: Sequence[np.ndarray], samples: Sequence[int]) -> dict[str, float]:
+        return {**values, "amplitude_um": float(np.sqrt(np.mean([float(one @ one) for one in sizes])))}
+
+    def usual_sizes(self, values: Values) -> np.ndarray:
+        return np.array([values["amplitude_um"], 0.0] if values["frequency_hz"] else [])
 
     def starts(self, view: View) -> list[dict[str, float]]:
         """The strongest lines of the residual, each recording's spectrum weighed by its length."""

@@ -32,12 +32,19 @@ class Quantisation(Effect):
     needs = "repeated values in the record"
     stages = "sensor", "DAC"
     shows_stage = True
-    parameters = (Parameter("step", "um or V", 0.0, np.inf), Parameter("origin", "um or V", -np.inf, np.inf),
-                  Parameter("dither", "um", 0.0, np.inf))
+    parameters = (Parameter("step", "um or V", 0.0, np.inf, joined="in steps of"),
+                  Parameter("origin", "um or V", -np.inf, np.inf, internal=True),
+                  Parameter("dither", "um", 0.0, np.inf, internal=True))
 
     @property
     def free(self) -> tuple[str, ...]:
         return () if self.stage == "sensor" else ("step", "origin")  # a sensor's grid is read off its values
+
+    def unit(self, parameter: Parameter) -> str:
+        return parameter.unit if parameter.unit != "um or V" else "um" if self.stage == "sensor" else "V"
+
+    def reading_step_um(self, values: Values) -> float:
+        return values["step"] if self.stage == "sensor" else 0.0
 
     def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         step = values["step"]

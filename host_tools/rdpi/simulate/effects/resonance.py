@@ -27,6 +27,7 @@ class Resonance(Effect):
     what = "the moved mass rings on the actuator's stiffness"
     remedy = "stay below a third of f0 or shape the reference; stiffen or lighten the mechanics"
     needs = "steps, chirps or multisines that reach it"
+    article = "a"
     stages = ("mechanics",)
     parameters = Parameter("f0_hz", "Hz", 1e-3, np.inf, np.inf), Parameter("damping", "1", 1e-3, 0.95, 0.05)
 

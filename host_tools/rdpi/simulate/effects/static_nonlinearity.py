@@ -9,6 +9,7 @@ import numpy as np
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Values, View
+from .gain_change import GainChange
 
 
 class StaticNonlinearity(Effect):
@@ -22,10 +23,13 @@ class StaticNonlinearity(Effect):
     what = "the sensor's or the actuator's scale is curved"
     remedy = "calibrate the sensor against a reference, or identify with more dead zones"
     needs = "mean of both branches against position"
+    article = "a"
     stages = "sensor", "actuator"
     parameters = (Parameter("linear", "1", -2.0, 2.0), Parameter("quadratic", "1", -2.0, 2.0),
                   Parameter("cubic", "1", -2.0, 2.0))
     linear = True
+    contains = GainChange  # by `linear`
+    chance_gain = 0.0, 0.2  # beside a refitted model: what the plays' own misfit lends
 
     @classmethod
     def variants(cls, runs: Sequence[Recording]) -> list[Effect]:

@@ -26,9 +26,12 @@ class ThermalDrift(Effect):
     needs = "rest or repetition over a long time"
     stages = ("environment",)
     parameters = Parameter("um_per_s", "um/s", -np.inf, np.inf), Parameter("um_per_degC", "um/°C", -np.inf, np.inf)
-    disturbance = True
-
+    look = ("If the residual over time shows a step rather than a slope, something slipped or the sensor's zero "
+            "jumped.")
     of_column = COLUMNS[0]
+    disturbance = True
+    moves_zero = True
+    chance_gain = 0.10, 0.10
 
     @classmethod
     def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
@@ -45,6 +48,14 @@ class ThermalDrift(Effect):
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
         wandering = run.columns.get(self.column, np.zeros(len(run)))
         return (wandering - wandering[0])[:, None]
+
+    def summary(self, values: Values, sizes: Sequence[np.ndarray], samples: Sequence[int]) -> dict[str, float]:
+        parameter = self.parameters[COLUMNS.index(self.column)]
+        usual = np.average([one[0] for one in sizes], weights=samples)
+        return {parameter.name: float(np.clip(usual, *parameter.ends))}
+
+    def usual_sizes(self, values: Values) -> np.ndarray:
+        return np.array([values[self.parameters[COLUMNS.index(self.column)].name]])
 
     def starts(self, view: View) -> list[dict[str, float]]:
         seen = [self.column in run.columns and np.ptp(run.columns[self.column]) > 0 for run in view.runs]
