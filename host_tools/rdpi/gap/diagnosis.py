@@ -8,19 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from .. import arguments
 from ..data import RUN_COLUMNS, Recording, taken
 from ..fit import checks, localise, passport
-from ..model import Model
+from ..model import Model, records
 from ..simulate import signals
 from ..simulate.effects import CATALOGUE
 from . import document
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
+from .sections import GapDocument, Offset, Verdict
 from .selection import USUAL_SPREAD, Excess, Round, Selection, detected, excess, select
 
 # Learnt on the tuning set of tests/withheld, as the thresholds of the selection are.
@@ -37,7 +37,7 @@ RATES = 2.0  # times the identified rate, or that part of it: other rates
 class Diagnosis:
     """What `rdpi gap` found: the document for --json, the improved model, and residuals for the pictures."""
 
-    document: dict[str, Any]
+    document: GapDocument
     improved: Model
     runs: list[Recording]
     before_um: list[np.ndarray]
@@ -98,15 +98,14 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     axes = localise.localise(runs, before, coords, known, noise)
     if verdict == "none" and (there := _elsewhere(axes, _terms(state))):
         notes.append(there)
-    offset = {"mean": float(np.mean(zeros)), "low": min(zeros), "high": max(zeros), "added": zero, "moved": moved}
+    offset = Offset(mean=float(np.mean(zeros)), low=min(zeros), high=max(zeros), added=zero, moved=moved)
     found = document.build(state, gap, rounds, verdict, model, known, axes, noise, before, after, offset, notes)
     spectrum = localise.along_frequency(runs, after, coords, known, noise) if state.chosen else None
-    entries = [{key: entry[key] for key in ("name", "stage", "column", "parameters") if key in entry}
-               | ({"new": True} if earlier else {}) for entry in found["effects"]]
+    entries = [records.EffectEntry(name=one.name, stage=one.stage, column=one.column, parameters=one.parameters,
+                                   new=True if earlier else None).to_json() for one in found.effects]
     improved = replace(state.model, effects=[*model.effects, *entries], offset_um=model.offset_um + zero)
     progress(1.0)
-    return Diagnosis(found, improved, list(runs), before, after,
-                     localise.table(before, coords), spectrum)
+    return Diagnosis(found, improved, list(runs), before, after, localise.table(before, coords), spectrum)
 
 
 def _terms(state: Selection) -> Terms:
@@ -134,7 +133,7 @@ def _zeros(state: Selection) -> list[float]:
     return [float(one - other) for one, other in zip(now, then)]
 
 
-def _verdict(state: Selection, gap: Excess, rounds: list[Round]) -> str:
+def _verdict(state: Selection, gap: Excess, rounds: list[Round]) -> Verdict:
     first = rounds[0]
     if first.best is None:
         return "unknown" if _sure(state, gap) else "none"

@@ -3,49 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from .. import version
 from ..fit import localise
-from ..model import Model
+from ..model import Model, Passport, records
 from ..simulate import signals
 from ..simulate.effects import CATALOGUE, STAGES
 from . import experiment, numerics
 from .candidates import Bench, Candidate, Grams
+from .sections import (AcceptedEffect, BeforeAfter, CandidateEntry, GapDocument, GapFigures, Leftover, Matrix,
+                       NotExcited, Offset, PassportFigures, Promise, Refit, RunEntry, StageShares, Verdict, Where)
 from .selection import SAME, WIDEN, Excess, Judged, Round, Selection, shrink_of
 
-SCHEMA = "rdpi-gap/1"
 
-
-def build(state: Selection, gap: Excess, rounds: list[Round], verdict: str, model: Model, known: dict[str, Any] | None,
+def build(state: Selection, gap: Excess, rounds: list[Round], verdict: Verdict, model: Model, known: Passport | None,
           axes: Sequence[localise.Axis], noise_um: float, before_um: Sequence[np.ndarray],
-          after_um: Sequence[np.ndarray], offset: dict[str, Any], notes: list[str]) -> dict[str, Any]:
+          after_um: Sequence[np.ndarray], offset_um: Offset, notes: list[str]) -> GapDocument:
     """The document, from a selection that has ended; `model` is the one that was given, `known` its passport."""
     final = Grams(state.bench, state.rest, [], state.chosen) if state.chosen else None
-    return {
-        "schema": SCHEMA, "tool": f"rdpi {version()}", "verdict": verdict, "detection": state.detection,
-        "paired": bool(state.earlier),
-        "effects": _effects(state, rounds, final), "candidates": _candidates(state, rounds),
-        "gap": {**_gap(state, noise_um, before_um, after_um), "whole_um": _whole(state)},
-        "where": _where(state, axes, before_um, rounds[0].rivals),
-        "runs": _runs(state, gap, before_um, after_um),
-        "passport": None if known is None else {"ratio": gap.ratio, "rms_um": gap.expected_um,
-                                                "held_out": known["held_out"], "spread": gap.spread},
-        "promised": _promised(state, final), "refit": {"shrink": rounds[0].refit_alone},
-        "numerics": numerics.compare(model, state.runs), "not_excited": _not_excited(state, rounds),
-        "leftover": _leftover(state, gap), "matrix": _matrix(rounds[0]),
-        "next_experiment": experiment.propose(state, rounds, verdict), "notes": notes,
-        "offset_um": offset,
-    }
+    passport = None if known is None else PassportFigures(ratio=gap.ratio, rms_um=gap.expected_um,
+                                                          held_out=known.held_out, spread=gap.spread)
+    return GapDocument(
+        tool=f"rdpi {version()}", verdict=verdict, detection=state.detection, paired=bool(state.earlier),
+        effects=_effects(state, rounds, final), candidates=_candidates(state, rounds),
+        gap=_gap(state, noise_um, before_um, after_um), where=_where(state, axes, before_um, rounds[0].rivals),
+        runs=_runs(state, gap, before_um, after_um), passport=passport, promised=_promised(state, final),
+        refit=Refit(shrink=rounds[0].refit_alone), numerics=numerics.compare(model, state.runs),
+        not_excited=_not_excited(state, rounds), leftover=_leftover(state, gap), matrix=_matrix(rounds[0]),
+        next_experiment=experiment.propose(state, rounds, verdict), notes=notes, offset_um=offset_um)
 
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _effects(state: Selection, rounds: list[Round], final: Grams | None) -> list[dict[str, Any]]:
+def _effects(state: Selection, rounds: list[Round], final: Grams | None) -> list[AcceptedEffect]:
     """The accepted effects, in the order added, with their final parameters."""
     if final is None:
         return []
@@ -62,24 +56,24 @@ def _effects(state: Selection, rounds: list[Round], final: Grams | None) -> list
         if done.refitted:
             shrink, ends = judged.refitted_shrink, judged.refitted_ci
         before = rms(state.before_um) * float(np.sqrt(done.before / rounds[0].before)) if rounds[0].before > 0 else 0.0
-        found.append({
-            "name": one.effect.name, "stage": one.effect.stage, **one.effect.options,
-            "parameters": _parameters(one, widths),
-            "held_out_rms_um": {"before": before, "after": before * (1 - shrink)},
-            "shrink": shrink, "shrink_ci95": ends, "confidence": _confidence(done),
-            "confusable_with": list(dict.fromkeys(rival.name for rival in done.rivals))})
+        found.append(AcceptedEffect(
+            name=one.effect.name, stage=one.effect.stage, **one.effect.options, parameters=_parameters(one, widths),
+            held_out_rms_um=BeforeAfter(before=before, after=before * (1 - shrink)),
+            shrink=shrink, shrink_ci95=ends, confidence=_confidence(done),
+            confusable_with=list(dict.fromkeys(rival.name for rival in done.rivals))))
     return found
 
 
-def _parameters(one: Candidate, widths: dict[str, float]) -> dict[str, dict[str, Any]]:
+def _parameters(one: Candidate, widths: dict[str, float]) -> dict[str, records.EffectParameter]:
     result = {}
     for parameter in one.effect.parameters:
         if parameter.name not in one.values:
             continue
         value, width = one.values[parameter.name], widths.get(parameter.name)
-        ends = None if width is None else [float(max(parameter.low, value - width)),
-                                           float(min(parameter.high, value + width))]
-        result[parameter.name] = {"value": _finite(value), "ci95": ends, "unit": one.effect.unit(parameter)}
+        ends = None if width is None else (float(max(parameter.low, value - width)),
+                                           float(min(parameter.high, value + width)))
+        result[parameter.name] = records.EffectParameter(value=_finite(value), ci95=ends,
+                                                         unit=one.effect.unit(parameter))
     return result
 
 
@@ -91,7 +85,7 @@ def _confidence(done: Round) -> float:
     return float(1 / (1 + sum(weights)))
 
 
-def _candidates(state: Selection, rounds: list[Round]) -> list[dict[str, Any]]:
+def _candidates(state: Selection, rounds: list[Round]) -> list[CandidateEntry]:
     """Every effect that was tried, each at its stage that explains most, as the first round judged it."""
     first, accepted = rounds[0], [one.effect.name for one in state.chosen]
     result = {}
@@ -105,22 +99,22 @@ def _candidates(state: Selection, rounds: list[Round]) -> list[dict[str, Any]]:
             rejected = "takes up a part of the gap, but leaves too much to be its cause"
         elif rejected is None and one not in first.rivals:
             rejected = f"{first.best.name} explains more of the gap"
-        result[one.name] = {
-            "name": one.name, "stage": one.candidate.effect.stage, "shrink": one.shrink, "shrink_ci95": one.shrink_ci,
-            "refitted_shrink": one.refitted_shrink, "parameters": _parameters(one.candidate, {}), "excited": True,
-            "share_of_excess": one.share, "rejected_because": rejected}
+        result[one.name] = CandidateEntry(
+            name=one.name, stage=one.candidate.effect.stage, shrink=one.shrink, shrink_ci95=one.shrink_ci,
+            refitted_shrink=one.refitted_shrink, parameters=_parameters(one.candidate, {}), excited=True,
+            share_of_excess=one.share, rejected_because=rejected)
     for name, kind in CATALOGUE.items():
         if name not in result:
-            result[name] = {"name": name, "stage": kind.stages[0], "shrink": 0.0, "shrink_ci95": None,
-                            "refitted_shrink": 0.0, "parameters": {}, "excited": False,
-                            "rejected_because": "left out by --without" if name in state.without else
-                            state.refused.get(name, "these recordings do not excite it")}
+            why = "left out by --without" if name in state.without else \
+                state.refused.get(name, "these recordings do not excite it")
+            result[name] = CandidateEntry(name=name, stage=kind.stages[0], shrink=0.0, shrink_ci95=None,
+                                          refitted_shrink=0.0, parameters={}, excited=False, rejected_because=why)
     return list(result.values())
 
 
-def _not_excited(state: Selection, rounds: list[Round]) -> list[dict[str, str]]:
+def _not_excited(state: Selection, rounds: list[Round]) -> list[NotExcited]:
     tried = {one.name for one in rounds[0].judged}
-    return [{"name": name, "needs": kind.needs} for name, kind in CATALOGUE.items()
+    return [NotExcited(name=name, needs=kind.needs) for name, kind in CATALOGUE.items()
             if name not in tried and name not in state.without]
 
 
@@ -130,24 +124,25 @@ def rms(parts: Sequence[np.ndarray]) -> float:
 
 
 def _gap(state: Selection, noise_um: float, before_um: Sequence[np.ndarray], after_um: Sequence[np.ndarray]
-         ) -> dict[str, Any]:
+         ) -> GapFigures:
     before, after = rms(before_um), rms(after_um)
     stroke = max(float(np.ptp(run.displacement_um)) for run in state.runs)
-    return {"rms_um": before, "percent_of_stroke": 100 * before / stroke, "noise_floor_um": noise_um,
-            "explained_um": float(np.sqrt(max(before**2 - after**2, 0.0))), "remaining_um": after}
+    return GapFigures(rms_um=before, percent_of_stroke=100 * before / stroke, noise_floor_um=noise_um,
+                      explained_um=float(np.sqrt(max(before**2 - after**2, 0.0))), remaining_um=after,
+                      whole_um=_whole(state))
 
 
-def _whole(state: Selection) -> dict[str, float] | None:
+def _whole(state: Selection) -> BeforeAfter | None:
     """rms of what the displacement misses in all, without and with the effects, where the gap is a change only."""
     if not state.earlier:
         return None
     bench = Bench(state.model, state.runs, monitored=False)
-    return {name: rms(bench.split(bench.measured - state.predict(bench, chosen)))
-            for name, chosen in (("before", []), ("after", state.chosen))}
+    before, after = (rms(bench.split(bench.measured - state.predict(bench, chosen))) for chosen in ([], state.chosen))
+    return BeforeAfter(before=before, after=after)
 
 
 def _where(state: Selection, axes: Sequence[localise.Axis], before: Sequence[np.ndarray], rivals: Sequence[Judged]
-           ) -> dict[str, Any]:
+           ) -> Where:
     energy = [float(np.sum(part**2)) for part in before]
     ranked = sorted(range(len(energy)), key=lambda k: -energy[k])
     stages = None
@@ -155,44 +150,42 @@ def _where(state: Selection, axes: Sequence[localise.Axis], before: Sequence[np.
         side = state.bench.of_monitor[state.bench.block]
         ahead = float(np.sum(state.first[side] ** 2))
         whole = ahead + float(np.sum(state.first[~side] ** 2))
-        stages = {"before_monitor": ahead / whole, "after_monitor": 1 - ahead / whole}
+        stages = StageShares(before_monitor=ahead / whole, after_monitor=1 - ahead / whole)
     if state.chosen:
         open_ = [state.chosen[0].effect, *(one.candidate.effect for one in rivals)]
         possible = {stage for effect in open_ for stage in (
             [effect.stage] if state.bench.monitored or effect.shows_stage else effect.stages)}
         stage = " or ".join(sorted(possible, key=STAGES.index))
     elif stages:
-        stage = "before the monitor" if stages["before_monitor"] > 0.5 else "after the monitor"
+        stage = "before the monitor" if stages.before_monitor > 0.5 else "after the monitor"
     else:
         stage = "not known"
-    return {"stage": stage, "stages": stages, "runs": [state.runs[k].path for k in ranked],
-            "axes": {axis.name: axis.to_json() for axis in axes}, "dominant": localise.dominant(axes).name}
+    return Where(stage=stage, stages=stages, runs=[state.runs[k].path for k in ranked],
+                 axes={axis.name: axis.entry() for axis in axes}, dominant=localise.dominant(axes).name)
 
 
-def _runs(state: Selection, gap: Excess, before: Sequence[np.ndarray], after: Sequence[np.ndarray]
-          ) -> list[dict[str, Any]]:
+def _runs(state: Selection, gap: Excess, before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> list[RunEntry]:
     whole = max(float(sum(np.sum(part**2) for part in before)), 1e-300)
     earlier = [run.path for run in state.earlier] or [None] * len(state.runs)
-    return [{"file": run.path, "digest": run.digest, "samples": len(run), "earlier": earlier[k],
-             "rms_um": {"before": rms([one]), "after": rms([other])},
-             "offset_um": rig.missed_um(state.known),
-             "noise_floor_um": signals.noise_um(run.displacement_um),
-             "percent_of_stroke": 100 * rms([one]) / float(np.ptp(run.displacement_um)),
-             "ratio": None if gap.ratios is None else gap.ratios[k], "share": float(np.sum(one**2)) / whole}
+    return [RunEntry(file=run.path, digest=run.digest, samples=len(run), earlier=earlier[k],
+                     rms_um=BeforeAfter(before=rms([one]), after=rms([other])),
+                     offset_um=rig.missed_um(state.known), noise_floor_um=signals.noise_um(run.displacement_um),
+                     percent_of_stroke=100 * rms([one]) / float(np.ptp(run.displacement_um)),
+                     ratio=None if gap.ratios is None else gap.ratios[k], share=float(np.sum(one**2)) / whole)
             for k, (run, rig, one, other) in enumerate(zip(state.runs, state.bench.rigs, before, after))]
 
 
-def _promised(state: Selection, final: Grams | None) -> dict[str, Any]:
+def _promised(state: Selection, final: Grams | None) -> Promise:
     """Shrink of the gap's rms by all effects together, in recordings left out in turn."""
     if final is None:
-        return {"shrink": None, "ci90": None, "why_no_interval": "no effect was accepted"}
+        return Promise(shrink=None, ci90=None, why_no_interval="no effect was accepted")
     after = final.held_out()
     before = np.bincount(state.bench.block, state.first**2, len(after))
-    return {"shrink": shrink_of(after, before), "ci90": state.interval(after, before, 90),
-            "why_no_interval": None if len(state.runs) > 1 else "one recording shows no spread between recordings"}
+    why = None if len(state.runs) > 1 else "one recording shows no spread between recordings"
+    return Promise(shrink=shrink_of(after, before), ci90=state.interval(after, before, 90), why_no_interval=why)
 
 
-def _leftover(state: Selection, gap: Excess) -> dict[str, Any]:
+def _leftover(state: Selection, gap: Excess) -> Leftover:
     """What is left with the effects: against the passport, and whether it still goes with something."""
     left = np.concatenate(state.bench.split(state.rest))
     drive = [run.command_V - np.mean(run.command_V) for run in state.runs]
@@ -204,14 +197,14 @@ def _leftover(state: Selection, gap: Excess) -> dict[str, Any]:
         other = np.concatenate(parts)
         related[name] = float(np.corrcoef(left, other)[0, 1]) if np.ptp(left) and np.ptp(other) else 0.0
     spread = float(np.mean(left**2))
-    return {"ratio": gap.left(float(np.sum(state.rest**2))) if gap.ratio else None, "correlation": related,
-            "kurtosis": float(np.mean(left**4) / spread**2) if spread > 0 else None}
+    return Leftover(ratio=gap.left(float(np.sum(state.rest**2))) if gap.ratio else None, correlation=related,
+                    kurtosis=float(np.mean(left**4) / spread**2) if spread > 0 else None)
 
 
-def _matrix(done: Round) -> dict[str, Any]:
+def _matrix(done: Round) -> Matrix:
     """Share of a true signature (row) that another effect (column) reproduces in these recordings."""
     rank = sorted(range(len(done.judged)), key=lambda k: done.judged[k].left)
     kept = list({done.judged[k].name: k for k in reversed(rank)}.values())
     kept.sort(key=rank.index)
-    return {"names": [done.judged[k].name for k in kept],
-            "r2": [[_finite(done.reproduced[i, j]) for j in kept] for i in kept]}
+    return Matrix(names=[done.judged[k].name for k in kept],
+                  r2=[[_finite(done.reproduced[i, j]) for j in kept] for i in kept])

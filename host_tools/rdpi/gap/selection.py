@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..data import Recording
 from ..errors import BadInput
 from ..fit import localise, passport
-from ..model import Model
+from ..model import Model, Passport
 from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE, Acting
 from . import candidates
@@ -341,7 +340,7 @@ class Excess:
         return float(np.sqrt(total / max(self.floor, 1e-300)))
 
 
-def excess(state: Selection, known: dict[str, Any] | None, coords: Sequence[localise.Coordinates]) -> Excess:
+def excess(state: Selection, known: Passport | None, coords: Sequence[localise.Coordinates]) -> Excess:
     """How far the gap exceeds what the passport expects of these recordings."""
     total = float(np.sum(state.first**2))
     if known is None:
