@@ -3,7 +3,7 @@
 
     tests/mutation/mutate.py [WORD...]    all faults, or those whose first line contains every word
 
-A fault must be seen in both builds, with the short way of the float step and without (RDPI_QUICK_STEP), but for one
+A fault must be seen in both builds, with the quick way of the float step and without (RDPI_QUICK_STEP), but for one
 where its object code is the same as without the fault. Unit tests, then property tests, with sanitizers; a test that
 hangs has failed, one that does not compile has not. Needs what tests/support/setup.sh tests installs.
 """

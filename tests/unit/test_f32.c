@@ -15,15 +15,15 @@ TEST_SOURCE_FILE("lib/src/rdpi_f32.c")
 #define EQUAL_REAL(expected, actual) TEST_ASSERT_FLOAT_WITHIN(2e-5f, (float)(expected), (float)(actual))
 #define SAME_REAL(expected, actual) TEST_ASSERT_EQUAL_MEMORY(&(expected), &(actual), sizeof(rdpi_real_t))
 
-/* As play.h has it, whose tgmath.h newlib's double functions do not bear. */
+/* As f32_math.h has it, whose tgmath.h newlib's double functions do not bear. */
 #if !defined(RDPI_QUICK_STEP) && defined(__OPTIMIZE_SIZE__)
 #define RDPI_QUICK_STEP 0
 #elif !defined(RDPI_QUICK_STEP)
 #define RDPI_QUICK_STEP 1
 #endif
 
-/* Whether the next step may take the short way, in a build that has one. */
-#define ASSERT_PLAIN(expected) TEST_ASSERT_EQUAL(RDPI_QUICK_STEP && (expected), axis.plain)
+/* Whether the next step may take the quick way, in a build that has one. */
+#define ASSERT_QUICK(expected) TEST_ASSERT_EQUAL(RDPI_QUICK_STEP && (expected), axis.quick)
 
 /* At rest v = 0.5 at x = 1, 2.5 at 3, then 1.5 per um; at the guard, 256 um/s, W_0 and W_1 have lost 0.25.
  * z = v up to 2, half as steep beyond. */
@@ -175,7 +175,7 @@ void test_init_refuses_no_saturation(void)
 
 void test_init_refuses_no_inverse_of_the_saturation(void)
 {
-    given.params.inverse = NULL;
+    given.params.inverse_saturation = NULL;
     refused_as_they_are(RDPI_ERR_NULL);
 }
 
@@ -231,8 +231,9 @@ static rdpi_real_t *number(size_t k)
         &given.play[PLAYS - 1].r_um, &given.play[PLAYS - 1].slope, &given.play[PLAYS - 1].slope_rate_s_per_um,
         &given.play[PLAYS - 1].intercept_um, &given.play[PLAYS - 1].intercept_rate_s,
         &given.saturation[DEADZONES - 1].d_um, &given.saturation[DEADZONES - 1].weight,
-        &given.inverse[DEADZONES - 1].from_um, &given.inverse[DEADZONES - 1].to_um,
-        &given.inverse[DEADZONES - 1].slope, &given.inverse[DEADZONES - 1].intercept_um, &given.params.last_code,
+        &given.inverse_saturation[DEADZONES - 1].from_um, &given.inverse_saturation[DEADZONES - 1].to_um,
+        &given.inverse_saturation[DEADZONES - 1].slope, &given.inverse_saturation[DEADZONES - 1].intercept_um,
+        &given.params.last_code,
         &given.params.codes_per_um,
         &given.params.code_of_x_0, &given.params.um_per_code, &given.params.x_of_code_0_um, &given.params.V_per_code};
     return numbers[k];
@@ -566,7 +567,7 @@ void test_init_refuses_one_wrong_bit_in_any_array(void)
 {
     each_bit_counts(given.play, PLAYS * sizeof given.play[0]);
     each_bit_counts(given.saturation, DEADZONES * sizeof given.saturation[0]);
-    each_bit_counts(given.inverse, DEADZONES * sizeof given.inverse[0]);
+    each_bit_counts(given.inverse_saturation, DEADZONES * sizeof given.inverse_saturation[0]);
     each_bit_counts(given.memory_um, PLAYS * sizeof given.memory_um[0]);
 }
 
@@ -612,8 +613,9 @@ void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
         crc = rdpi_crc32(crc, term, sizeof term);
     }
     for (size_t j = 0; j < DEADZONES; j++) {
-        const rdpi_real_t piece[] = {given.inverse[j].from_um, given.inverse[j].to_um, given.inverse[j].slope,
-                                     given.inverse[j].intercept_um};
+        const rdpi_real_t piece[] = {given.inverse_saturation[j].from_um, given.inverse_saturation[j].to_um,
+                                     given.inverse_saturation[j].slope,
+                                     given.inverse_saturation[j].intercept_um};
         crc = rdpi_crc32(crc, piece, sizeof piece);
     }
     crc = rdpi_crc32(crc, given.memory_um, PLAYS * sizeof(rdpi_real_t));
@@ -678,7 +680,7 @@ void test_nothing_beyond_the_counts_is_read(void)
     }
     for (size_t j = DEADZONES; j < RDPI_MAX_DEADZONES; j++) {
         given.saturation[j] = (rdpi_f32_deadzone_t){NAN, NAN};
-        given.inverse[j] = (rdpi_f32_piece_t){NAN, NAN, NAN, NAN};
+        given.inverse_saturation[j] = (rdpi_f32_piece_t){NAN, NAN, NAN, NAN};
     }
     start();
     EQUAL_REAL(3, rdpi_f32_step(&axis, (rdpi_real_t)3.25)); /* as without */
@@ -1118,7 +1120,7 @@ static void input_changes_nothing(rdpi_real_t reference_um)
     SAME_REAL(twin.drive_V, axis.drive_V);
     SAME_REAL(twin.rate_um_per_s, axis.rate_um_per_s);
     SAME_REAL(twin.ramp_V, axis.ramp_V);
-    TEST_ASSERT_EQUAL_MEMORY(&twin.rate, &axis.rate, sizeof axis.rate);
+    TEST_ASSERT_EQUAL_MEMORY(&twin.rate_estimator, &axis.rate_estimator, sizeof axis.rate_estimator);
     TEST_ASSERT_EQUAL_MEMORY(&twin.bank, &axis.bank, sizeof axis.bank);
     TEST_ASSERT_EQUAL_UINT32(twin.dac_code, axis.dac_code);
     TEST_ASSERT_EQUAL_UINT32(twin.guard_count, axis.guard_count);
@@ -1800,7 +1802,7 @@ void test_missed_samples_do_not_survive_a_reset(void)
     TEST_ASSERT_EQUAL_UINT32(0, axis.flags);
 }
 
-/* ---- the short way ---- */
+/* ---- the quick way ---- */
 
 /* Steps through references of all kinds, beside a twin that is made to take the long way: the same, bit for bit. */
 static void equals_the_long_way(size_t plays)
@@ -1810,7 +1812,7 @@ static void equals_the_long_way(size_t plays)
     rdpi_f32_t twin = axis;
     uint32_t seed = 5;
     double reference_um = 0;
-    unsigned short_ways = 0;
+    unsigned quick_ways = 0;
     for (int k = 0; k < 20000; k++) {
         seed = seed * 1664525u + 1013904223u;
         double change = (double)(seed >> 8) / (1 << 23) - 1;
@@ -1828,8 +1830,8 @@ static void equals_the_long_way(size_t plays)
             reference_um = 4 * sin(0.02 * k);
             break;
         }
-        bool plain = axis.plain;
-        twin.plain = false;
+        bool quick = axis.quick;
+        twin.quick = false;
         rdpi_real_t drive_V = rdpi_f32_step(&twin, (rdpi_real_t)reference_um);
         rdpi_real_t quick_V = rdpi_f32_step(&axis, (rdpi_real_t)reference_um);
         SAME_REAL(drive_V, quick_V);
@@ -1843,15 +1845,15 @@ static void equals_the_long_way(size_t plays)
         for (size_t i = 0; i < plays; i++) {
             SAME_REAL(twin_y_um[i], y_um[i]);
         }
-        short_ways += plain;
+        quick_ways += quick;
     }
-    TEST_ASSERT_TRUE(RDPI_QUICK_STEP ? short_ways > 15000 : short_ways == 0);
+    TEST_ASSERT_TRUE(RDPI_QUICK_STEP ? quick_ways > 15000 : quick_ways == 0);
     TEST_ASSERT_EQUAL_UINT32(twin.clip_count, axis.clip_count);
     TEST_ASSERT_EQUAL_UINT32(twin.guard_count, axis.guard_count);
     TEST_ASSERT_TRUE(axis.clip_count > 100 && axis.guard_count > 100);
 }
 
-void test_short_and_long_way_lead_to_the_same_drive(void)
+void test_quick_and_long_way_lead_to_the_same_drive(void)
 {
     for (size_t plays = 1; plays <= PLAYS; plays++) {
         given.params.dac_bits = 20; /* codes of 3e-5 V, which single precision just resolves */
@@ -1859,7 +1861,7 @@ void test_short_and_long_way_lead_to_the_same_drive(void)
     }
 }
 
-void test_short_and_long_way_lead_to_the_same_code(void)
+void test_quick_and_long_way_lead_to_the_same_code(void)
 {
     five_bit_dac();
     equals_the_long_way(PLAYS);
@@ -1867,7 +1869,7 @@ void test_short_and_long_way_lead_to_the_same_code(void)
     equals_the_long_way(PLAYS);
 }
 
-void test_short_and_long_way_are_the_same_where_half_a_code_leads_past_a_corner(void)
+void test_quick_and_long_way_are_the_same_where_half_a_code_leads_past_a_corner(void)
 {
     given.play[0].slope = 2; /* steeper than beyond r_1: W_0 alone would hold back what gets to the next code */
     given.params.min_V = -15;
@@ -1894,7 +1896,7 @@ void test_back_from_beyond_the_range_half_a_code_the_other_way_is_clipped(void)
     }
 }
 
-void test_the_short_way_refuses_what_is_no_reference(void)
+void test_the_quick_way_refuses_what_is_no_reference(void)
 {
     const rdpi_real_t bad_um[] = {(rdpi_real_t)NAN, (rdpi_real_t)INFINITY, (rdpi_real_t)-INFINITY,
                                   (rdpi_real_t)1.001e6, (rdpi_real_t)-1.001e6};
@@ -1903,7 +1905,7 @@ void test_the_short_way_refuses_what_is_no_reference(void)
         start();
         rdpi_f32_step(&axis, 1);
         rdpi_real_t drive_V = rdpi_f32_step(&axis, 2); /* above the guard: flagged */
-        ASSERT_PLAIN(true);
+        ASSERT_QUICK(true);
         rdpi_real_t held_V = rdpi_f32_step(&axis, bad_um[k]);
         SAME_REAL(drive_V, held_V);
         TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_INPUT, axis.flags);
@@ -1914,7 +1916,7 @@ void test_the_short_way_refuses_what_is_no_reference(void)
     }
 }
 
-void test_a_sweep_after_the_short_way_starts_from_the_drive(void)
+void test_a_sweep_after_the_quick_way_starts_from_the_drive(void)
 {
     given.params.dac_bits = 16;
     start();
@@ -1929,7 +1931,7 @@ void test_a_sweep_after_the_short_way_starts_from_the_drive(void)
     EQUAL_REAL(0, axis.rate_um_per_s);
 }
 
-/* Such a sample ends the short way, which is then no sign of where the drive comes from. */
+/* Such a sample ends the quick way, which is then no sign of where the drive comes from. */
 void test_a_sweep_after_an_unusable_or_missed_sample_starts_from_the_drive(void)
 {
     given.params.dac_bits = 16;
@@ -1979,7 +1981,7 @@ void test_a_sweep_after_slewing_goes_on_from_the_drive_before_rounding(void)
     EQUAL_REAL(1.5, axis.drive_V);
 }
 
-void test_the_range_ends_the_short_way_while_no_play_is_engaged(void)
+void test_the_range_ends_the_quick_way_while_no_play_is_engaged(void)
 {
     rdpi_real_t y_um[PLAYS];
     given.params.dac_bits = 16;
@@ -2011,7 +2013,7 @@ void test_states_that_were_set_are_heeded_by_the_next_step(void)
     set3(y_um, (rdpi_real_t)0.25, (rdpi_real_t)1.25, (rdpi_real_t)2.25); /* the same output, but other corners */
     TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_f32_set_memory(&axis, y_um));
     rdpi_f32_t twin = axis;
-    twin.plain = false;
+    twin.quick = false;
     for (int k = 0; k < 20; k++) {
         rdpi_real_t reference_um = (rdpi_real_t)2.125 - (rdpi_real_t)k / 64;
         rdpi_real_t drive_V = rdpi_f32_step(&twin, reference_um);
@@ -2025,25 +2027,25 @@ void test_windows_filters_slew_limits_and_drives_without_codes_take_the_long_way
 {
     start();
     rdpi_f32_step(&axis, 0);
-    ASSERT_PLAIN(false);
+    ASSERT_QUICK(false);
     five_bit_dac();
     start();
     rdpi_f32_step(&axis, 0);
-    ASSERT_PLAIN(true);
+    ASSERT_QUICK(true);
     given.params.rate_window_s = 2 * T_S;
     start();
     rdpi_f32_step(&axis, 0);
-    ASSERT_PLAIN(false);
+    ASSERT_QUICK(false);
     given.params.rate_window_s = 0;
     given.params.rate_filter_s = T_S;
     start();
     rdpi_f32_step(&axis, 0);
-    ASSERT_PLAIN(false);
+    ASSERT_QUICK(false);
     given.params.rate_filter_s = 0;
     given.params.slew_V_per_s = 512;
     start();
     rdpi_f32_step(&axis, 0);
-    ASSERT_PLAIN(false);
+    ASSERT_QUICK(false);
 }
 
 void test_codes_too_far_from_x_0_for_single_precision_take_the_long_way(void)
@@ -2054,7 +2056,7 @@ void test_codes_too_far_from_x_0_for_single_precision_take_the_long_way(void)
         set3(given.memory_um, 160, 160, 160);
         start();
         rdpi_f32_step(&axis, 100);
-        ASSERT_PLAIN(k == 0);
+        ASSERT_QUICK(k == 0);
     }
 }
 
