@@ -28,8 +28,9 @@ static rdpi_real_t *number(size_t k)
         &given.play[PLAYS - 1].r_um, &given.play[PLAYS - 1].slope, &given.play[PLAYS - 1].slope_rate_s_per_um,
         &given.play[PLAYS - 1].intercept_um, &given.play[PLAYS - 1].intercept_rate_s,
         &given.saturation[DEADZONES - 1].d_um, &given.saturation[DEADZONES - 1].weight,
-        &given.inverse[DEADZONES - 1].from_um, &given.inverse[DEADZONES - 1].to_um,
-        &given.inverse[DEADZONES - 1].slope, &given.inverse[DEADZONES - 1].intercept_um, &given.params.last_code,
+        &given.inverse_saturation[DEADZONES - 1].from_um, &given.inverse_saturation[DEADZONES - 1].to_um,
+        &given.inverse_saturation[DEADZONES - 1].slope, &given.inverse_saturation[DEADZONES - 1].intercept_um,
+        &given.params.last_code,
         &given.params.codes_per_um,
         &given.params.code_of_x_0, &given.params.um_per_code, &given.params.x_of_code_0_um, &given.params.V_per_code};
     return numbers[k];
@@ -101,7 +102,7 @@ void test_init_refuses_one_wrong_bit_in_any_array(void)
 {
     each_bit_counts(given.play, PLAYS * sizeof given.play[0]);
     each_bit_counts(given.saturation, DEADZONES * sizeof given.saturation[0]);
-    each_bit_counts(given.inverse, DEADZONES * sizeof given.inverse[0]);
+    each_bit_counts(given.inverse_saturation, DEADZONES * sizeof given.inverse_saturation[0]);
     each_bit_counts(given.memory_um, PLAYS * sizeof given.memory_um[0]);
 }
 
@@ -135,8 +136,8 @@ void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
         crc = rdpi_crc32(crc, term, sizeof term);
     }
     for (size_t j = 0; j < DEADZONES; j++) {
-        const rdpi_real_t piece[] = {given.inverse[j].from_um, given.inverse[j].to_um, given.inverse[j].slope,
-                                     given.inverse[j].intercept_um};
+        const rdpi_real_t piece[] = {given.inverse_saturation[j].from_um, given.inverse_saturation[j].to_um,
+                                     given.inverse_saturation[j].slope, given.inverse_saturation[j].intercept_um};
         crc = rdpi_crc32(crc, piece, sizeof piece);
     }
     crc = rdpi_crc32(crc, given.memory_um, PLAYS * sizeof(rdpi_real_t));

@@ -324,7 +324,7 @@ void test_nothing_beyond_the_counts_is_read(void)
     }
     for (size_t j = DEADZONES; j < RDPI_MAX_DEADZONES; j++) {
         given.saturation[j] = (rdpi_f32_deadzone_t){NAN, NAN};
-        given.inverse[j] = (rdpi_f32_piece_t){NAN, NAN, NAN, NAN};
+        given.inverse_saturation[j] = (rdpi_f32_piece_t){NAN, NAN, NAN, NAN};
     }
     start();
     EQUAL(3, rdpi_f32_step(&axis, (rdpi_real_t)3.25)); /* as without */

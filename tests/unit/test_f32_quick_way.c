@@ -1,4 +1,4 @@
-/* rdpi_f32: the short way of the step, which gives the same as the long way. */
+/* rdpi_f32: the quick way of the step, which gives the same as the long way. */
 #include "unity.h"
 
 #include "rdpi/f32.h"
@@ -9,15 +9,15 @@ TEST_SOURCE_FILE("lib/src/rdpi_f32.c")
 void setUp(void); /* there, named here for the generator of the runner */
 void tearDown(void);
 
-/* As play.h has it, whose tgmath.h newlib's double functions do not bear. */
+/* As f32_math.h has it, whose tgmath.h newlib's double functions do not bear. */
 #if !defined(RDPI_QUICK_STEP) && defined(__OPTIMIZE_SIZE__)
 #define RDPI_QUICK_STEP 0
 #elif !defined(RDPI_QUICK_STEP)
 #define RDPI_QUICK_STEP 1
 #endif
 
-/* Whether the next step may take the short way, in a build that has one. */
-#define ASSERT_PLAIN(expected) TEST_ASSERT_EQUAL(RDPI_QUICK_STEP && (expected), axis.plain)
+/* Whether the next step may take the quick way, in a build that has one. */
+#define ASSERT_QUICK(expected) TEST_ASSERT_EQUAL(RDPI_QUICK_STEP && (expected), axis.quick)
 
 /* Steps through references of all kinds, beside a twin that is made to take the long way: the same, bit for bit. */
 static void equals_the_long_way(size_t plays)
@@ -27,7 +27,7 @@ static void equals_the_long_way(size_t plays)
     rdpi_f32_t twin = axis;
     uint32_t seed = 5;
     double reference_um = 0;
-    unsigned short_ways = 0;
+    unsigned quick_ways = 0;
     for (int k = 0; k < 20000; k++) {
         seed = seed * 1664525u + 1013904223u;
         double change = (double)(seed >> 8) / (1 << 23) - 1;
@@ -45,8 +45,8 @@ static void equals_the_long_way(size_t plays)
             reference_um = 4 * sin(0.02 * k);
             break;
         }
-        bool plain = axis.plain;
-        twin.plain = false;
+        bool quick = axis.quick;
+        twin.quick = false;
         rdpi_real_t drive_V = rdpi_f32_step(&twin, (rdpi_real_t)reference_um);
         rdpi_real_t quick_V = rdpi_f32_step(&axis, (rdpi_real_t)reference_um);
         SAME(drive_V, quick_V);
@@ -60,15 +60,15 @@ static void equals_the_long_way(size_t plays)
         for (size_t i = 0; i < plays; i++) {
             SAME(twin_y_um[i], y_um[i]);
         }
-        short_ways += plain;
+        quick_ways += quick;
     }
-    TEST_ASSERT_TRUE(RDPI_QUICK_STEP ? short_ways > 15000 : short_ways == 0);
+    TEST_ASSERT_TRUE(RDPI_QUICK_STEP ? quick_ways > 15000 : quick_ways == 0);
     TEST_ASSERT_EQUAL_UINT32(twin.clip_count, axis.clip_count);
     TEST_ASSERT_EQUAL_UINT32(twin.guard_count, axis.guard_count);
     TEST_ASSERT_TRUE(axis.clip_count > 100 && axis.guard_count > 100);
 }
 
-void test_short_and_long_way_lead_to_the_same_drive(void)
+void test_quick_and_long_way_lead_to_the_same_drive(void)
 {
     for (size_t plays = 1; plays <= PLAYS; plays++) {
         given.params.dac_bits = 20; /* codes of 3e-5 V, which single precision just resolves */
@@ -76,7 +76,7 @@ void test_short_and_long_way_lead_to_the_same_drive(void)
     }
 }
 
-void test_short_and_long_way_lead_to_the_same_code(void)
+void test_quick_and_long_way_lead_to_the_same_code(void)
 {
     five_bit_dac();
     equals_the_long_way(PLAYS);
@@ -84,7 +84,7 @@ void test_short_and_long_way_lead_to_the_same_code(void)
     equals_the_long_way(PLAYS);
 }
 
-void test_short_and_long_way_are_the_same_where_half_a_code_leads_past_a_corner(void)
+void test_quick_and_long_way_are_the_same_where_half_a_code_leads_past_a_corner(void)
 {
     given.play[0].slope = 2; /* steeper than beyond r_1: W_0 alone would hold back what gets to the next code */
     given.params.min_V = -15;
@@ -111,7 +111,7 @@ void test_back_from_beyond_the_range_half_a_code_the_other_way_is_clipped(void)
     }
 }
 
-void test_the_short_way_refuses_what_is_no_reference(void)
+void test_the_quick_way_refuses_what_is_no_reference(void)
 {
     const rdpi_real_t bad_um[] = {(rdpi_real_t)NAN, (rdpi_real_t)INFINITY, (rdpi_real_t)-INFINITY,
                                   (rdpi_real_t)1.001e6, (rdpi_real_t)-1.001e6};
@@ -120,7 +120,7 @@ void test_the_short_way_refuses_what_is_no_reference(void)
         start();
         rdpi_f32_step(&axis, 1);
         rdpi_real_t drive_V = rdpi_f32_step(&axis, 2); /* above the guard: flagged */
-        ASSERT_PLAIN(true);
+        ASSERT_QUICK(true);
         rdpi_real_t held_V = rdpi_f32_step(&axis, bad_um[k]);
         SAME(drive_V, held_V);
         TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_INPUT, axis.flags);
@@ -131,7 +131,7 @@ void test_the_short_way_refuses_what_is_no_reference(void)
     }
 }
 
-void test_a_sweep_after_the_short_way_starts_from_the_drive(void)
+void test_a_sweep_after_the_quick_way_starts_from_the_drive(void)
 {
     given.params.dac_bits = 16;
     start();
@@ -146,7 +146,7 @@ void test_a_sweep_after_the_short_way_starts_from_the_drive(void)
     EQUAL(0, axis.rate_um_per_s);
 }
 
-/* Such a sample ends the short way, which is then no sign of where the drive comes from. */
+/* Such a sample ends the quick way, which is then no sign of where the drive comes from. */
 void test_a_sweep_after_an_unusable_or_missed_sample_starts_from_the_drive(void)
 {
     given.params.dac_bits = 16;
@@ -196,7 +196,7 @@ void test_a_sweep_after_slewing_goes_on_from_the_drive_before_rounding(void)
     EQUAL(1.5, axis.drive_V);
 }
 
-void test_the_range_ends_the_short_way_while_no_play_is_engaged(void)
+void test_the_range_ends_the_quick_way_while_no_play_is_engaged(void)
 {
     rdpi_real_t y_um[PLAYS];
     given.params.dac_bits = 16;
@@ -228,7 +228,7 @@ void test_states_that_were_set_are_heeded_by_the_next_step(void)
     set3(y_um, (rdpi_real_t)0.25, (rdpi_real_t)1.25, (rdpi_real_t)2.25); /* the same output, but other corners */
     TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_f32_set_memory(&axis, y_um));
     rdpi_f32_t twin = axis;
-    twin.plain = false;
+    twin.quick = false;
     for (int k = 0; k < 20; k++) {
         rdpi_real_t reference_um = (rdpi_real_t)2.125 - (rdpi_real_t)k / 64;
         rdpi_real_t drive_V = rdpi_f32_step(&twin, reference_um);
@@ -242,25 +242,25 @@ void test_windows_filters_slew_limits_and_drives_without_codes_take_the_long_way
 {
     start();
     rdpi_f32_step(&axis, 0);
-    ASSERT_PLAIN(false);
+    ASSERT_QUICK(false);
     five_bit_dac();
     start();
     rdpi_f32_step(&axis, 0);
-    ASSERT_PLAIN(true);
+    ASSERT_QUICK(true);
     given.params.rate_window_s = 2 * T_S;
     start();
     rdpi_f32_step(&axis, 0);
-    ASSERT_PLAIN(false);
+    ASSERT_QUICK(false);
     given.params.rate_window_s = 0;
     given.params.rate_filter_s = T_S;
     start();
     rdpi_f32_step(&axis, 0);
-    ASSERT_PLAIN(false);
+    ASSERT_QUICK(false);
     given.params.rate_filter_s = 0;
     given.params.slew_V_per_s = 512;
     start();
     rdpi_f32_step(&axis, 0);
-    ASSERT_PLAIN(false);
+    ASSERT_QUICK(false);
 }
 
 void test_codes_too_far_from_x_0_for_single_precision_take_the_long_way(void)
@@ -271,6 +271,6 @@ void test_codes_too_far_from_x_0_for_single_precision_take_the_long_way(void)
         set3(given.memory_um, 160, 160, 160);
         start();
         rdpi_f32_step(&axis, 100);
-        ASSERT_PLAIN(k == 0);
+        ASSERT_QUICK(k == 0);
     }
 }

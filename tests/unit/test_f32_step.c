@@ -97,7 +97,7 @@ static void input_changes_nothing(rdpi_real_t reference_um)
     SAME(twin.drive_V, axis.drive_V);
     SAME(twin.rate_um_per_s, axis.rate_um_per_s);
     SAME(twin.ramp_V, axis.ramp_V);
-    TEST_ASSERT_EQUAL_MEMORY(&twin.rate, &axis.rate, sizeof axis.rate);
+    TEST_ASSERT_EQUAL_MEMORY(&twin.rate_estimator, &axis.rate_estimator, sizeof axis.rate_estimator);
     TEST_ASSERT_EQUAL_MEMORY(&twin.bank, &axis.bank, sizeof axis.bank);
     TEST_ASSERT_EQUAL_UINT32(twin.dac_code, axis.dac_code);
     TEST_ASSERT_EQUAL_UINT32(twin.guard_count, axis.guard_count);

@@ -65,12 +65,12 @@ void test_init_accepts_the_smallest_and_the_largest_shifts_of_codes(void)
 void test_init_refuses_a_code_0_that_is_at_neither_end(void)
 {
     five_bit_dac();
-    given.params.code_0_drive++;
+    given.params.drive_of_code_0++;
     refused(RDPI_ERR_DRIVE);
     actuator_q31_codes(&given, 5, true);
-    given.params.code_0_drive++;
+    given.params.drive_of_code_0++;
     refused(RDPI_ERR_DRIVE);
-    given.params.code_0_drive--;
+    given.params.drive_of_code_0--;
     start();
 }
 
@@ -83,7 +83,7 @@ void test_init_refuses_codes_that_run_away_from_the_range(void)
     given.params.drive_per_code *= -1;
     refused(RDPI_ERR_DRIVE);
     five_bit_dac();
-    given.params.code_0_drive = given.params.max_drive;
+    given.params.drive_of_code_0 = given.params.max_drive;
     refused(RDPI_ERR_DRIVE);
     actuator_q31_codes(&given, 5, true);
     given.params.codes_per_drive *= -1;
@@ -136,10 +136,10 @@ void test_init_refuses_steps_of_codes_twice_and_half_as_large(void)
 
 void test_init_refuses_a_code_0_at_neither_end_even_where_there_are_no_codes(void)
 {
-    given.params.code_0_drive = -32 * U + 1;
+    given.params.drive_of_code_0 = -32 * U + 1;
     actuator_q31_seal(&given);
     refused_as_they_are(RDPI_ERR_DRIVE);
-    given.params.code_0_drive = 28 * U;
+    given.params.drive_of_code_0 = 28 * U;
     actuator_q31_seal(&given);
     refused_as_they_are(RDPI_OK);
 }
@@ -276,7 +276,7 @@ void test_the_last_code_s_drive_ends_with_the_range(void)
     actuator_q31_codes(&given, 20, false);
     given.params.drive_per_code++; /* a unit of 2^30, and so is the last drive */
     start();
-    TEST_ASSERT_TRUE(axis.plain);
+    TEST_ASSERT_TRUE(axis.direct_output);
     TEST_ASSERT_EQUAL_INT32(MAX - 10, rdpi_q31_step(&axis, FAR));
     TEST_ASSERT_EQUAL_INT32((1 << 20) - 1, axis.dac_code);
     rdpi_q31_get_memory(&axis, y);
@@ -292,7 +292,7 @@ static void ends_with_the_range(bool falling)
     int64_t last = ((int64_t)1 << params->dac_bits) - 1, unit = ((int64_t)1 << params->drive_shift) / last + 1;
     given.params.drive_per_code += (int32_t)(falling ? -unit : unit);
     start();
-    TEST_ASSERT_FALSE(axis.plain);
+    TEST_ASSERT_FALSE(axis.direct_output);
     TEST_ASSERT_EQUAL_INT32(end, rdpi_q31_step(&axis, falling ? -FAR : FAR));
     TEST_ASSERT_EQUAL_INT32(last, axis.dac_code);
     rdpi_q31_reset(&axis);
@@ -331,7 +331,7 @@ void test_codes_do_not_depend_on_how_their_steps_are_written(void)
 {
     rdpi_q31_t twin;
     given.params.dac_bits = 16;
-    given.params.min_drive = given.params.code_0_drive = -(1 << 28);
+    given.params.min_drive = given.params.drive_of_code_0 = -(1 << 28);
     given.params.max_drive = given.params.min_drive + (65535 << 13);
     given.params.codes_per_drive = given.params.drive_per_code = 1 << 30;
     given.params.code_shift = 43;

@@ -65,7 +65,7 @@ void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
     ADD(rate_filter_ns);
     ADD(min_drive);
     ADD(max_drive);
-    ADD(code_0_drive);
+    ADD(drive_of_code_0);
     ADD(codes_per_drive);
     ADD(drive_per_code);
     ADD(sweep_end);

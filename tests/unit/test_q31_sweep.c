@@ -76,7 +76,7 @@ void test_a_sweep_after_slewing_goes_on_from_the_drive_before_rounding(void)
 void test_sweep_with_a_negative_gain_goes_down_first(void)
 {
     const int32_t turns[] = {-32 * U, 28 * U, -23 * U, 22 * U, -14 * U, 16 * U, -5 * U, 10 * U, 4 * U};
-    given.params.code_0_drive = 28 * U;
+    given.params.drive_of_code_0 = 28 * U;
     actuator_q31_seal(&given);
     refused_as_they_are(RDPI_OK);
     plant_at_rest();
