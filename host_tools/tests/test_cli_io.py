@@ -116,9 +116,10 @@ def test_bugs_are_not_hidden(rdpi: Callable, scratch: Callable) -> None:
 
 
 SLOW = """
-import time, rdpi.cli.program as cli
-cli.PROGRESS_DELAY_S = 0.05
-with cli.progress("working") as report:
+import time
+from rdpi.cli import progress
+progress.DELAY_S = 0.05
+with progress.progress("working") as report:
     time.sleep({before}); report(0.5); time.sleep(0.3)
 """
 

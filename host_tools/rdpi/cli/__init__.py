@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from .program import command, main, progress
+from . import diagnosis, firmware, models, recordings
+from .program import command, main
 
-__all__ = ["command", "main", "progress"]
+__all__ = ["command", "diagnosis", "firmware", "main", "models", "recordings"]
