@@ -15,6 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import click
+from docutils import nodes
+from sphinx import addnodes
 from sphinx.application import Sphinx
 
 import rdpi
@@ -25,7 +27,7 @@ SITE = "tests/site"
 HEADERS = [path for folder in ("lib/include/rdpi", "port/include", "port/drivers")
            for path in sorted((ROOT / folder).glob("*.h"))]
 REFERENCE = "c", "commands", "python"
-HELP_WIDTH = 100
+HELP_WIDTH = 86
 
 project = "rdpi"
 version = release = rdpi.version()
@@ -59,9 +61,10 @@ def c() -> Iterator[str]:
 
 def commands() -> Iterator[str]:
     """A section for every command: its help, as in a terminal."""
-    yield from literal(main.get_help(click.Context(main, info_name="rdpi", max_content_width=HELP_WIDTH)))
+    program = click.Context(main, info_name="rdpi", **{**main.context_settings, "terminal_width": HELP_WIDTH})
+    yield from literal(main.get_help(program))
     for name, command in sorted(main.commands.items()):
-        context = click.Context(command, info_name=f"rdpi {name}", terminal_width=HELP_WIDTH)
+        context = click.Context(command, info_name=name, parent=program)
         yield from (f".. _rdpi-{name}:", "", f"rdpi {name}", "-" * 40, "")
         yield from literal(command.get_help(context))
 
@@ -168,7 +171,15 @@ def target(folder: Path, link: str) -> str:
 
 
 def docstring(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
-    lines[:] = plain("\n".join(lines))
+    """Of a NamedTuple's fields, Python says no more than their number."""
+    lines[:] = [] if lines[:1] and lines[0].startswith("Alias for field number") else plain("\n".join(lines))
+
+
+def join_paragraphs(app: Sphinx, doctree: nodes.document) -> None:
+    """Breathe 4.34 puts paragraphs into paragraphs, which a browser shows as a break in the middle of a sentence."""
+    for paragraph in [*doctree.findall(nodes.paragraph)]:
+        if isinstance(paragraph.parent, nodes.paragraph):
+            paragraph.parent.replace(paragraph, paragraph.children)
 
 
 def front_page(app: Sphinx, error: Exception | None) -> None:
@@ -180,4 +191,5 @@ def front_page(app: Sphinx, error: Exception | None) -> None:
 def setup(app: Sphinx) -> None:
     app.connect("source-read", add_what_is_made)
     app.connect("autodoc-process-docstring", docstring)
+    app.connect("doctree-read", join_paragraphs)
     app.connect("build-finished", front_page)
