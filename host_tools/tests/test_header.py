@@ -261,7 +261,7 @@ def test_what_follows_from_other_fields_follows_from_them_as_rounded(model: Mode
         assert numbers.V_per_um == np.float32(1 / float(np.float32(gain)))
     v = np.linspace(-3, 9, 50)
     z = operators.saturation(v, *single.saturation.T.astype(float))
-    low, high, slope, intercept = single.inverse.T.astype(float)
+    low, high, slope, intercept = single.inverse_saturation.T.astype(float)
     assert low[0] == -parameters.MAX_REFERENCE_UM and high[-1] == parameters.MAX_REFERENCE_UM
     assert low[1:].tolist() == high[:-1].tolist()
     piece = np.searchsorted(high[:-1], z + single.offset_um)

@@ -1,6 +1,6 @@
 #include "unity.h"
 
-#include "q31_deadzone.h"
+#include "q31_saturation.h"
 #include "random_bits.h"
 
 #define COUNT 3

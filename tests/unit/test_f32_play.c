@@ -1,6 +1,6 @@
 #include "unity.h"
 
-#include "play.h"
+#include "f32_play.h"
 
 #define EQUAL_REAL(expected, actual) TEST_ASSERT_FLOAT_WITHIN(1e-6f, (float)(expected), (float)(actual))
 

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "actuator.h"
-#include "inverse.h"
+#include "f32_bank.h"
 
 TEST_SOURCE_FILE("lib/src/rdpi_f32.c")
 
@@ -38,7 +38,7 @@ static void move(rdpi_real_t x_um)
 static rdpi_real_t solution(const rdpi_f32_play_t *play, size_t count, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
     rdpi_f32_bank_t copy = bank;
-    copy.at = &play[copy.engaged];
+    copy.last_engaged = &play[copy.engaged];
     return rdpi_f32_bank_solve(&copy, play, count, rate_um_per_s, v_um).x_um;
 }
 
@@ -148,7 +148,7 @@ void test_a_play_reached_but_not_pushed_yet_is_not_engaged(void)
 void test_noting_the_engaged_plays_moves_none(void)
 {
     move(5);
-    rdpi_f32_bank_note(&bank, halving, 1);
+    rdpi_f32_bank_store(&bank, halving, 1);
     equal_states(5, 4, 3, 1);
     EQUAL_REAL(4, bank.y_um[1]);
     EQUAL_REAL(3, bank.y_um[2]);
@@ -165,7 +165,7 @@ void test_what_turns_back_only_to_stay_where_it_was_has_not_turned(void)
     EQUAL_REAL(1, rdpi_f32_bank_move(&bank, halving, COUNT, target));
     TEST_ASSERT_EQUAL_UINT(before.engaged, bank.engaged);
     TEST_ASSERT_EQUAL(before.falling, bank.falling);
-    EQUAL_REAL(before.rest_um, bank.rest_um);
+    EQUAL_REAL(before.remainder_um, bank.remainder_um);
     equal_states(5, 4, 3, 1);
 }
 
@@ -229,8 +229,8 @@ void test_slope_and_rest_make_the_output_that_the_definition_gives(void)
     for (size_t k = 0; k < sizeof path_um / sizeof path_um[0]; k++) {
         move(path_um[k]);
         for (int rate = 0; rate < 2; rate++) {
-            rdpi_real_t v_um = rdpi_f32_slope(&halving[bank.engaged], (rdpi_real_t)rate) * path_um[k] + bank.rest_um +
-                               (rdpi_real_t)rate * bank.rest_rate_s;
+            rdpi_real_t slope = rdpi_f32_slope(&halving[bank.engaged], (rdpi_real_t)rate);
+            rdpi_real_t v_um = slope * path_um[k] + bank.remainder_um + (rdpi_real_t)rate * bank.remainder_rate_s;
             EQUAL_REAL(rdpi_f32_bank_at(&bank, halving, COUNT, (rdpi_real_t)rate, path_um[k]), v_um);
         }
     }
@@ -361,7 +361,7 @@ void test_solution_says_whether_x_has_turned(void)
     TEST_ASSERT_TRUE(rdpi_f32_bank_solve(&bank, halving, COUNT, 0, (rdpi_real_t)7.5).turned);
 }
 
-/* ---- the short way ---- */
+/* ---- the quick way ---- */
 
 /* Whether a play engages or lets go on the way to `x_um`. */
 static bool happens(rdpi_real_t x_um)
@@ -376,7 +376,7 @@ static bool happens(rdpi_real_t x_um)
 }
 
 /* And x alone need be noted: the states follow. */
-void test_where_no_play_engages_or_lets_go_the_short_way_leads_to_the_solution(void)
+void test_where_no_play_engages_or_lets_go_the_quick_way_leads_to_the_solution(void)
 {
     const rdpi_real_t path_um[] = {0, (rdpi_real_t)0.5, 3, 5, 4, 2, -1, -4, -5, -4, 1};
     unsigned found = 0;
@@ -426,7 +426,7 @@ void test_after_solving_the_bank_can_move_anywhere(void)
                 }
                 equal_states(plain_um[0], plain_um[1], plain_um[2], plain_um[3]);
                 EQUAL_REAL(rdpi_f32_bank_at(&bank, halving, COUNT, 0, bank.y_um[0]),
-                           rdpi_f32_slope(&halving[bank.engaged], 0) * bank.y_um[0] + bank.rest_um);
+                           rdpi_f32_slope(&halving[bank.engaged], 0) * bank.y_um[0] + bank.remainder_um);
             }
         }
     }

@@ -3,12 +3,12 @@
  *
  *   rho_k = |z_k - z_(k-N)| / (N T),  N = max(1, round(window_s / T)),  z_0 in place of samples before the first
  *   low-pass: rho'_k = rho'_(k-1) + (1 - exp(-T / filter_s)) (rho_k - rho'_(k-1)),  rho'_0 = 0; none if filter_s = 0 */
-#ifndef RDPI_RATE_H
-#define RDPI_RATE_H
+#ifndef RDPI_F32_RATE_H
+#define RDPI_F32_RATE_H
 
 #include <tgmath.h> /* fabs of whichever type rdpi_real_t is */
 
-#include "play.h"
+#include "f32_math.h"
 
 /* Forgets the samples seen. */
 static inline void rdpi_f32_rate_reset(rdpi_f32_rate_t *rate)
@@ -19,7 +19,7 @@ static inline void rdpi_f32_rate_reset(rdpi_f32_rate_t *rate)
 
 /* E = 1 - exp(-u), 0 <= u <= 64: a series at u / 2^16, then E(2 u) = E (2 - E), which cancels nothing. Not expm1 of
  * libm, which is larger than all the rest of the step. */
-static inline rdpi_real_t rdpi_f32_fraction(rdpi_real_t u)
+static inline rdpi_real_t rdpi_f32_rate_blend(rdpi_real_t u)
 {
     u /= 65536;
     rdpi_real_t fraction = u * (1 - u / 2 * (1 - u / 3 * (1 - u / 4)));
@@ -47,14 +47,14 @@ static inline rdpi_status_t rdpi_f32_rate_init(rdpi_f32_rate_t *rate, rdpi_real_
     }
     rate->window = (uint16_t)(samples < 2 ? 1 : samples);
     rate->per_window_s = 1 / ((rdpi_real_t)rate->window * sample_time_s);
-    rate->keep = sample_time_s < 64 * filter_s ? 1 - rdpi_f32_fraction(sample_time_s / filter_s) : 0;
+    rate->keep = sample_time_s < 64 * filter_s ? 1 - rdpi_f32_rate_blend(sample_time_s / filter_s) : 0;
     rdpi_f32_rate_reset(rate);
     return RDPI_OK;
 }
 
 /* The rate of the sample `z_um` in the plain case, which is the frequent one: N = 1, no low-pass, the sample before it
  * seen and none missed. Takes no note of it. O(1). */
-static inline rdpi_real_t rdpi_f32_rate_plain(const rdpi_f32_rate_t *rate, rdpi_real_t z_um)
+static inline rdpi_real_t rdpi_f32_rate_direct(const rdpi_f32_rate_t *rate, rdpi_real_t z_um)
 {
     return fabs(z_um - rate->z_um[0]) * rate->per_window_s;
 }

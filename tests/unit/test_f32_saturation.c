@@ -1,6 +1,6 @@
 #include "unity.h"
 
-#include "deadzone.h"
+#include "f32_saturation.h"
 
 #define COUNT 3
 #define EQUAL_REAL(expected, actual) TEST_ASSERT_FLOAT_WITHIN(1e-6f, (float)(expected), (float)(actual))
@@ -16,7 +16,7 @@ static rdpi_real_t saturation(rdpi_real_t v_um)
 
 static rdpi_real_t inverse(rdpi_real_t reference_um)
 {
-    return rdpi_f32_unsaturate(rdpi_f32_piece(inverse_stage, COUNT, reference_um), reference_um);
+    return rdpi_f32_piece_at(rdpi_f32_piece_find(inverse_stage, COUNT, reference_um), reference_um);
 }
 
 void setUp(void)
@@ -92,9 +92,9 @@ void test_inverse_on_the_last_piece(void)
 
 void test_the_first_and_last_piece_of_the_inverse_go_on_beyond_their_ends(void)
 {
-    TEST_ASSERT_EQUAL_PTR(&inverse_stage[0], rdpi_f32_piece(inverse_stage, COUNT, -1000));
-    TEST_ASSERT_EQUAL_PTR(&inverse_stage[2], rdpi_f32_piece(inverse_stage, COUNT, 1000));
-    TEST_ASSERT_EQUAL_PTR(&inverse_stage[0], rdpi_f32_piece(inverse_stage, 1, 1000));
+    TEST_ASSERT_EQUAL_PTR(&inverse_stage[0], rdpi_f32_piece_find(inverse_stage, COUNT, -1000));
+    TEST_ASSERT_EQUAL_PTR(&inverse_stage[2], rdpi_f32_piece_find(inverse_stage, COUNT, 1000));
+    TEST_ASSERT_EQUAL_PTR(&inverse_stage[0], rdpi_f32_piece_find(inverse_stage, 1, 1000));
 }
 
 void test_inverse_at_each_corner_is_the_threshold(void)

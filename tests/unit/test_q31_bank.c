@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "q31_inverse.h"
+#include "q31_bank.h"
 #include "random_bits.h"
 
 #define COUNT 4
@@ -38,7 +38,7 @@ static void set(const int32_t *y)
 /* From where a solution was looked for, or nothing has happened since. */
 static void move_from(int32_t from, int32_t x)
 {
-    if (!rdpi_q31_bank_goes_on(&bank, x)) {
+    if (!rdpi_q31_bank_try_slide(&bank, x)) {
         rdpi_q31_bank_move(&bank, &params, from, x);
     }
     for (size_t i = 0; i < params.plays; i++) {
@@ -254,14 +254,14 @@ void test_first_rise_follows_the_loading_curve(void)
     }
 }
 
-/* What the solution starts from: 2^30 f = f_rest + rate / 2^30 f_rate. */
+/* What the solution starts from: 2^30 f = f_at_rest + rate / 2^30 f_rate. */
 void test_both_parts_make_the_output_that_the_definition_gives(void)
 {
     const int32_t path[] = {0, 2, 6, 10, 12, 10, 4, 8, -2, -12, -12, -10, 0, -1, 14};
     for (size_t k = 0; k < sizeof path / sizeof path[0]; k++) {
         move(path[k] * (U / 2));
         for (int64_t rate = 0; rate <= ONE; rate += ONE / 2) {
-            int64_t sum = bank.f_rest + rate * (bank.f_rate / ONE);
+            int64_t sum = bank.f_at_rest + rate * (bank.f_rate / ONE);
             int32_t v = rdpi_q31_bank_at(&bank, &params, (int32_t)rate, bank.y[0]);
             TEST_ASSERT_EQUAL_INT64((int64_t)v * ONE, sum);
         }
@@ -496,7 +496,7 @@ void test_the_largest_numbers_of_the_format_do_not_overflow(void)
                 solution(2 * rate, ONE); /* the sanitizers listen */
                 solution(2 * rate, -ONE);
             }
-            TEST_ASSERT_TRUE(bank.f_rest <= (int64_t)1 << 60 && bank.f_rest >= -((int64_t)1 << 60));
+            TEST_ASSERT_TRUE(bank.f_at_rest <= (int64_t)1 << 60 && bank.f_at_rest >= -((int64_t)1 << 60));
             TEST_ASSERT_TRUE(bank.f_rate <= (int64_t)1 << 60 && bank.f_rate >= -((int64_t)1 << 60));
             move(path[k]);
             for (size_t i = 0; i < RDPI_MAX_PLAYS; i++) {
@@ -535,17 +535,17 @@ static void any_bank(int32_t fewest)
 /* Every state where eq. 1 has it, and f what they sum up to, to the last bit; no more room than there is. */
 static void exact_in_every_bit(void)
 {
-    int64_t f_rest = (int64_t)any_play[0].slope * plain[0], f_rate = (int64_t)any_play[0].slope_rate * plain[0];
+    int64_t f_at_rest = (int64_t)any_play[0].slope * plain[0], f_rate = (int64_t)any_play[0].slope_rate * plain[0];
     for (size_t i = 0; i < params.plays; i++) {
         TEST_ASSERT_EQUAL_INT32(plain[i], rdpi_q31_bank_state(&bank, &params, i));
     }
     for (size_t i = 1; i < params.plays; i++) {
-        f_rest += (int64_t)(any_play[i].slope - any_play[i - 1].slope) * plain[i];
+        f_at_rest += (int64_t)(any_play[i].slope - any_play[i - 1].slope) * plain[i];
         f_rate += (int64_t)(any_play[i].slope_rate - any_play[i - 1].slope_rate) * plain[i];
     }
-    TEST_ASSERT_EQUAL_INT64(f_rest, bank.f_rest);
+    TEST_ASSERT_EQUAL_INT64(f_at_rest, bank.f_at_rest);
     TEST_ASSERT_EQUAL_INT64(f_rate, bank.f_rate);
-    TEST_ASSERT_EQUAL_PTR(&any_play[bank.engaged], bank.last);
+    TEST_ASSERT_EQUAL_PTR(&any_play[bank.engaged], bank.last_engaged);
     int32_t room = bank.falling ? plain[0] - params.min_drive : params.max_drive - plain[0];
     if (bank.engaged + 1u < params.plays) {
         int32_t y = plain[bank.engaged + 1], r = any_play[bank.engaged + 1].r;
@@ -642,7 +642,7 @@ void test_after_solving_the_bank_can_move_anywhere(void)
                 solve(0, output() + asked[k]);
                 move_from(from * U, to * U);
                 equal_states(plain[0], plain[1], plain[2], plain[3]);
-                TEST_ASSERT_EQUAL_INT64((int64_t)output() * ONE, bank.f_rest);
+                TEST_ASSERT_EQUAL_INT64((int64_t)output() * ONE, bank.f_at_rest);
             }
         }
     }

@@ -1,6 +1,6 @@
 /* The saturation stage in fixed point: Ang et al., IROS 2003, eq. 7, 8 and 13. */
-#ifndef RDPI_Q31_DEADZONE_H
-#define RDPI_Q31_DEADZONE_H
+#ifndef RDPI_Q31_SATURATION_H
+#define RDPI_Q31_SATURATION_H
 
 #include "q31_math.h"
 
@@ -23,14 +23,14 @@ static inline int32_t rdpi_q31_saturation(const rdpi_q31_deadzone_t *term, size_
 }
 
 /* Finds the piece on which `v` lies: whether its numbers fit, as they do for shifts of 30 to 61 and slopes below 2.
- * Scaling and overflow: slope and offset are rounded down, the output is off by |v| / 2^30 + 1 units of 2^-30 at most;
+ * Scaling and overflow: slope and intercept are rounded down, the output is off by |v| / 2^30 + 1 units of 2^-30 at most;
  * before it is divided by 2^30 it stays within 2^62. */
 static inline bool rdpi_q31_piece_find(rdpi_q31_piece_t *piece, const rdpi_q31_deadzone_t *term, size_t count,
                                        unsigned shift, int32_t v)
 {
     const rdpi_q31_deadzone_t *const end = &term[count];
     uint32_t slope = (uint32_t)term->weight;
-    int64_t offset = 0;
+    int64_t intercept = 0;
     int32_t from = -INT32_MAX, to = INT32_MAX;
     for (const rdpi_q31_deadzone_t *next = &term[1]; next != end; next++) {
         if (v < next->d) {
@@ -39,7 +39,7 @@ static inline bool rdpi_q31_piece_find(rdpi_q31_piece_t *piece, const rdpi_q31_d
         }
         from = next->d;
         slope += (uint32_t)next->weight;
-        offset -= rdpi_q31_mul(next->weight, from);
+        intercept -= rdpi_q31_mul(next->weight, from);
     }
     shift -= 30u;
     piece->length = 0;
@@ -47,7 +47,7 @@ static inline bool rdpi_q31_piece_find(rdpi_q31_piece_t *piece, const rdpi_q31_d
         return false;
     }
     piece->slope = (int32_t)(slope >> shift);
-    piece->offset = offset >> shift;
+    piece->intercept = intercept >> shift;
     piece->from = from;
     piece->length = (uint32_t)to - (uint32_t)from;
     return true;
@@ -61,7 +61,7 @@ static inline bool rdpi_q31_piece_holds(const rdpi_q31_piece_t *piece, int32_t v
 /* Eq. 8 or 13, times 2^30. */
 static inline int64_t rdpi_q31_piece_at(const rdpi_q31_piece_t *piece, int32_t v)
 {
-    return rdpi_q31_mul(piece->slope, v) + piece->offset;
+    return rdpi_q31_mul(piece->slope, v) + piece->intercept;
 }
 
 #endif

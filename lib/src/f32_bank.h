@@ -16,13 +16,13 @@
  *
  * rest is summed afresh whenever a play engages or x turns round, so rounding cannot pile up. While none engages and
  * the engaged ones do not let go, the solution is one division (rdpi_f32_bank_way). */
-#ifndef RDPI_INVERSE_H
-#define RDPI_INVERSE_H
+#ifndef RDPI_F32_BANK_H
+#define RDPI_F32_BANK_H
 
 #include <float.h>
 #include <math.h> /* INFINITY */
 
-#include "play.h"
+#include "f32_play.h"
 
 static inline rdpi_real_t rdpi_f32_bank_side(bool falling)
 {
@@ -53,29 +53,29 @@ static inline rdpi_real_t rdpi_f32_bank_at(const rdpi_f32_bank_t *bank, const rd
 /* Takes x, where it is heading, to `x_um`: finds out which plays engage, and sums rest afresh over those that do not,
  * by parts as rdpi_f32_bank_at does. The state of the last that is engaged already is implied by x, so its place can
  * end the search. */
-static inline void rdpi_f32_bank_settle(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
+static inline void rdpi_f32_bank_advance(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
                                         rdpi_real_t side, rdpi_real_t x_um)
 {
     rdpi_real_t way_um = side * x_um;
     const rdpi_f32_play_t *row = &play[count - 1u];
     const rdpi_real_t *y_um = &bank->y_um[count - 1u];
-    rdpi_real_t rest_um = 0, rest_rate_s = 0, above_um = 0;
+    rdpi_real_t remainder_um = 0, remainder_rate_s = 0, above_um = 0;
     bank->y_um[bank->engaged] = -side * (rdpi_real_t)INFINITY;
     while (rdpi_f32_fma(side, *y_um, row->r_um) >= way_um) {
         rdpi_real_t apart_um = *y_um - above_um;
         above_um = *y_um;
-        rest_um = rdpi_f32_fma(row->slope, apart_um, rest_um);
-        rest_rate_s = rdpi_f32_fma(row->slope_rate_s_per_um, apart_um, rest_rate_s);
+        remainder_um = rdpi_f32_fma(row->slope, apart_um, remainder_um);
+        remainder_rate_s = rdpi_f32_fma(row->slope_rate_s_per_um, apart_um, remainder_rate_s);
         y_um--;
         row--;
     }
-    bank->at = row;
+    bank->last_engaged = row;
     bank->engaged = (uint16_t)(y_um - bank->y_um);
     bank->y_um[0] = x_um;
-    rest_um = rdpi_f32_fma(-row->slope, above_um, rest_um);
-    rest_rate_s = rdpi_f32_fma(-row->slope_rate_s_per_um, above_um, rest_rate_s);
-    bank->rest_um = rdpi_f32_fma(-side, row->intercept_um, rest_um);
-    bank->rest_rate_s = rdpi_f32_fma(-side, row->intercept_rate_s, rest_rate_s);
+    remainder_um = rdpi_f32_fma(-row->slope, above_um, remainder_um);
+    remainder_rate_s = rdpi_f32_fma(-row->slope_rate_s_per_um, above_um, remainder_rate_s);
+    bank->remainder_um = rdpi_f32_fma(-side, row->intercept_um, remainder_um);
+    bank->remainder_rate_s = rdpi_f32_fma(-side, row->intercept_rate_s, remainder_rate_s);
 }
 
 /* Takes on `y_um`, states that one history can reach, as they are: x seems to come from below them all, so that none is
@@ -89,26 +89,26 @@ static inline void rdpi_f32_bank_set(rdpi_f32_bank_t *bank, const rdpi_f32_play_
     }
     bank->falling = false;
     bank->engaged = 0;
-    rdpi_f32_bank_settle(bank, play, count, 1, -FLT_MAX);
+    rdpi_f32_bank_advance(bank, play, count, 1, -FLT_MAX);
     bank->y_um[0] = x_um;
 }
 
 /* How far f has to climb to `v_um`. Where it has to climb away from where x is heading, x turns round. */
 static inline rdpi_real_t rdpi_f32_bank_climb(const rdpi_f32_bank_t *bank, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
-    rdpi_real_t left_um = v_um - rdpi_f32_fma(rate_um_per_s, bank->rest_rate_s, bank->rest_um);
-    return rdpi_f32_fma(-rdpi_f32_slope(bank->at, rate_um_per_s), bank->y_um[0], left_um);
+    rdpi_real_t left_um = v_um - rdpi_f32_fma(rate_um_per_s, bank->remainder_rate_s, bank->remainder_um);
+    return rdpi_f32_fma(-rdpi_f32_slope(bank->last_engaged, rate_um_per_s), bank->y_um[0], left_um);
 }
 
 /* How far x has to go for f to climb by `climb_um` if no play engages or lets go on the way there. */
 static inline rdpi_real_t rdpi_f32_bank_way(const rdpi_f32_bank_t *bank, rdpi_real_t rate_um_per_s,
                                             rdpi_real_t climb_um)
 {
-    return climb_um / rdpi_f32_slope(bank->at, rate_um_per_s);
+    return climb_um / rdpi_f32_slope(bank->last_engaged, rate_um_per_s);
 }
 
 /* Notes where x, heading for `side`, has taken the engaged plays: there they stay once it turns round. */
-static inline void rdpi_f32_bank_note(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, rdpi_real_t side)
+static inline void rdpi_f32_bank_store(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, rdpi_real_t side)
 {
     rdpi_real_t x_um = bank->y_um[0];
     for (size_t i = bank->engaged; i > 0u; i--) {
@@ -119,7 +119,7 @@ static inline void rdpi_f32_bank_note(rdpi_f32_bank_t *bank, const rdpi_f32_play
 /* An input of the bank. */
 typedef struct {
     rdpi_real_t x_um;
-    bool turned; /* x has to turn round on the way there, and rdpi_f32_bank_note has been called */
+    bool turned; /* x has to turn round on the way there, and rdpi_f32_bank_store has been called */
 } rdpi_f32_target_t;
 
 /* `x_um`, from any source. */
@@ -132,16 +132,16 @@ static inline rdpi_f32_target_t rdpi_f32_bank_target(rdpi_real_t x_um)
 /* The x where f has climbed by `climb_um`, to rounding, for slopes that are all > 0 at this rate. No play moves;
  * rdpi_f32_bank_move must follow, to what is really output. Walks from corner to corner, all seen in the mirror, to the
  * last one before that x; where there is none, x goes rdpi_f32_bank_way, to the last bit. */
-static inline rdpi_f32_target_t rdpi_f32_bank_reach(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
+static inline rdpi_f32_target_t rdpi_f32_bank_walk(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
                                                     rdpi_real_t rate_um_per_s, rdpi_real_t climb_um)
 {
-    const rdpi_f32_play_t *row = bank->at, *last = &play[count - 1u];
+    const rdpi_f32_play_t *row = bank->last_engaged, *last = &play[count - 1u];
     const rdpi_real_t *y_um = &bank->y_um[bank->engaged];
     rdpi_real_t side = rdpi_f32_bank_side(bank->falling), rise_um = side * climb_um;
     rdpi_f32_target_t target = {0, rise_um < 0};
 
     if (target.turned) {
-        rdpi_f32_bank_note(bank, play, side);
+        rdpi_f32_bank_store(bank, play, side);
         side = -side;
         rise_um = -rise_um;
         row = play;
@@ -169,19 +169,19 @@ static inline rdpi_f32_target_t rdpi_f32_bank_reach(rdpi_f32_bank_t *bank, const
 static inline rdpi_f32_target_t rdpi_f32_bank_solve(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
                                                     rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
-    return rdpi_f32_bank_reach(bank, play, count, rate_um_per_s, rdpi_f32_bank_climb(bank, rate_um_per_s, v_um));
+    return rdpi_f32_bank_walk(bank, play, count, rate_um_per_s, rdpi_f32_bank_climb(bank, rate_um_per_s, v_um));
 }
 
 /* Moves every play (eq. 1) to the input target.x_um. Returns the side where x is heading then: it has not turned round if
  * what is output has it stay. */
-static RDPI_SHARED rdpi_real_t rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
+static RDPI_F32_SHARED rdpi_real_t rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
                                                   rdpi_f32_target_t target)
 {
     rdpi_real_t side = rdpi_f32_bank_side(bank->falling);
     bool let_go = false;
     if (side * target.x_um < side * bank->y_um[0]) {
         if (!target.turned) {
-            rdpi_f32_bank_note(bank, play, side);
+            rdpi_f32_bank_store(bank, play, side);
         }
         let_go = bank->engaged > 0u;
         bank->engaged = 0;
@@ -190,8 +190,8 @@ static RDPI_SHARED rdpi_real_t rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const r
     }
     size_t next = bank->engaged + 1u;
     if (let_go ||
-        (next < count && rdpi_f32_fma(side, bank->y_um[next], bank->at[1].r_um) < side * target.x_um)) {
-        rdpi_f32_bank_settle(bank, play, count, side, target.x_um);
+        (next < count && rdpi_f32_fma(side, bank->y_um[next], bank->last_engaged[1].r_um) < side * target.x_um)) {
+        rdpi_f32_bank_advance(bank, play, count, side, target.x_um);
     } else {
         bank->y_um[0] = target.x_um;
     }

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-#include "rate.h"
+#include "f32_rate.h"
 
 #define T_S ((rdpi_real_t)1 / 1024)
 #define EQUAL_REAL(expected, actual) TEST_ASSERT_FLOAT_WITHIN(1e-4f, (float)(expected), (float)(actual))
@@ -111,14 +111,14 @@ void test_window_of_one_sample_is_the_difference_of_neighbours(void)
     EQUAL_REAL(512, sample((rdpi_real_t)3.5));
 }
 
-void test_in_the_plain_case_the_short_way_gives_the_same_rate(void)
+void test_in_the_direct_case_the_quick_way_gives_the_same_rate(void)
 {
     const rdpi_real_t samples[] = {2, 3, 3, (rdpi_real_t)3.5, -7, 1000, 0};
     init(1, 0);
     sample(1);
     for (size_t k = 0; k < sizeof samples / sizeof samples[0]; k++) {
-        rdpi_real_t plain = rdpi_f32_rate_plain(&rate, samples[k]);
-        EQUAL_REAL(sample(samples[k]), plain);
+        rdpi_real_t direct = rdpi_f32_rate_direct(&rate, samples[k]);
+        EQUAL_REAL(sample(samples[k]), direct);
     }
 }
 
@@ -251,17 +251,17 @@ void test_reset_forgets_samples_and_filter(void)
 
 void test_fraction_at_typed_values(void)
 {
-    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 0.0951625820f, (float)rdpi_f32_fraction((rdpi_real_t)0.1));
-    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 0.632120559f, (float)rdpi_f32_fraction(1));
-    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 0.864664717f, (float)rdpi_f32_fraction(2));
-    TEST_ASSERT_EQUAL_FLOAT(0, (float)rdpi_f32_fraction(0));
+    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 0.0951625820f, (float)rdpi_f32_rate_blend((rdpi_real_t)0.1));
+    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 0.632120559f, (float)rdpi_f32_rate_blend(1));
+    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 0.864664717f, (float)rdpi_f32_rate_blend(2));
+    TEST_ASSERT_EQUAL_FLOAT(0, (float)rdpi_f32_rate_blend(0));
 }
 
 void test_fraction_is_exact_to_rounding_from_the_smallest_to_the_largest(void)
 {
     const double rounding = sizeof(rdpi_real_t) == sizeof(float) ? 4 * 1.2e-7 : 1e-13;
     for (double u = 1e-18; u <= 64; u *= 1.07) {
-        double exact = -expm1(-(double)(rdpi_real_t)u), share = (double)rdpi_f32_fraction((rdpi_real_t)u);
+        double exact = -expm1(-(double)(rdpi_real_t)u), share = (double)rdpi_f32_rate_blend((rdpi_real_t)u);
         TEST_ASSERT_TRUE(fabs(share - exact) <= rounding * exact);
         TEST_ASSERT_TRUE(share <= 1);
     }
