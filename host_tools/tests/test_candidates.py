@@ -11,7 +11,7 @@ import pytest
 from injected import NOISE_UM, RATE_HZ, drives, entry, plain_model, recorded, rms
 from plants import changed, marked, quasi_static, stack, waves
 
-from rdpi.gap import thresholds
+from rdpi.gap import normal_equations, thresholds
 from rdpi.gap.candidates import Candidate, search
 from rdpi.gap.dataset import BLOCKS, Dataset
 from rdpi.gap.normal_equations import LEFT_OUT, NormalEquations
@@ -355,7 +355,7 @@ def test_what_reproduces_what() -> None:
 
 def test_fewer_rows_say_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     dataset, left, equations = judged()
-    monkeypatch.setattr(candidates, "ROWS", 4000)
+    monkeypatch.setattr(normal_equations, "ROWS", 4000)
     fewer = NormalEquations(dataset, left, equations.candidates)
     assert np.sum(fewer.held_out(0)) == pytest.approx(np.sum(equations.held_out(0)), rel=0.05)
 
