@@ -23,7 +23,7 @@ from rdpi.data import Recording, read_recording, write_recording
 from rdpi.errors import BadInput
 from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
 from rdpi.simulate import chain, effects
-from rdpi.simulate.effects import CATALOGUE, Acting, Effect, View
+from rdpi.simulate.effects import CATALOGUE, Acting, Effect, Residuals
 
 RATE_HZ = 1000.0
 GAIN = 0.125  # um/V of `straight`
@@ -369,8 +369,8 @@ def test_predictions_are_finite_within_the_bounds(name: str, data: st.DataObject
     assert np.all(np.isfinite(command)) and command.shape == run.command_V.shape
     assert np.all(np.isfinite(changed_model.slopes)) and np.all(changed_model.slopes > 0)
     z = model.gain_um_per_V * run.command_V
-    moved = effects.moved(acting, z, run, model)
-    assert np.all(np.isfinite(moved)) and moved.shape == z.shape
+    shown_um = effects.displaced(acting, z, run, model)
+    assert np.all(np.isfinite(shown_um)) and shown_um.shape == z.shape
     if effect.disturbance:
         assert np.all(np.isfinite(effect.columns(run, values, model)))
 
@@ -575,12 +575,12 @@ def test_keys_that_this_version_does_not_know(parameters: dict) -> None:
 
 # --- what recordings excite ------------------------------------------------------------------------------------------
 
-def view_of(*runs: Recording, model: Model | None = None) -> View:
+def residuals_of(*runs: Recording, model: Model | None = None) -> Residuals:
     model = model or bent()
     predicted = [shown(model, run) for run in runs]
     left = [run.displacement_um - one for run, one in zip(runs, predicted)]
     left = [one - np.mean(one) for one in left]
-    return View(model, runs, predicted, left, left)
+    return Residuals(model, runs, predicted, left, left)
 
 
 def recorded(command_V: np.ndarray, rate_hz: float = RATE_HZ, **options: object) -> Recording:
@@ -589,20 +589,21 @@ def recorded(command_V: np.ndarray, rate_hz: float = RATE_HZ, **options: object)
 
 SHORT = recorded(waves(90, 4, 2, RATE_HZ))
 PLAIN: Plant = stack(plays=0, law=0)
-HIDDEN: dict[str, tuple[Effect, View, View]] = {  # what does not excite it, what does
-    "cross_coupling": (CATALOGUE["cross_coupling"](), view_of(changed(SHORT, other_axis_V=np.full(500, 3.0))),
-                       view_of(changed(SHORT, other_axis_V=np.arange(500.0)))),
-    "creep": (CATALOGUE["creep"](), view_of(SHORT), view_of(recorded(waves(90, 1, 2, RATE_HZ)))),
-    "rate_dependence": (CATALOGUE["rate_dependence"](), view_of(recorded(90 - np.abs(np.linspace(-90, 90, 500)))),
-                        view_of(recorded(np.r_[waves(90, 0.5, 1, RATE_HZ), waves(90, 5, 2, RATE_HZ)]))),
-    "initial_memory": (CATALOGUE["initial_memory"](), view_of(marked(SHORT, memory="unknown")), view_of(SHORT)),
+HIDDEN: dict[str, tuple[Effect, Residuals, Residuals]] = {  # what does not excite it, what does
+    "cross_coupling": (CATALOGUE["cross_coupling"](), residuals_of(changed(SHORT, other_axis_V=np.full(500, 3.0))),
+                       residuals_of(changed(SHORT, other_axis_V=np.arange(500.0)))),
+    "creep": (CATALOGUE["creep"](), residuals_of(SHORT), residuals_of(recorded(waves(90, 1, 2, RATE_HZ)))),
+    "rate_dependence": (CATALOGUE["rate_dependence"](), residuals_of(recorded(90 - np.abs(np.linspace(-90, 90, 500)))),
+                        residuals_of(recorded(np.r_[waves(90, 0.5, 1, RATE_HZ), waves(90, 5, 2, RATE_HZ)]))),
+    "initial_memory": (CATALOGUE["initial_memory"](), residuals_of(marked(SHORT, memory="unknown")),
+                       residuals_of(SHORT)),
     "initial_memory without plays": (
         CATALOGUE["initial_memory"](),
-        view_of(quasi_static(PLAIN, waves(90, 4, 2, RATE_HZ)), model=model_of(PLAIN)), view_of(SHORT)),
+        residuals_of(quasi_static(PLAIN, waves(90, 4, 2, RATE_HZ)), model=model_of(PLAIN)), residuals_of(SHORT)),
     "hysteresis_change without plays": (
         CATALOGUE["hysteresis_change"](),
-        view_of(quasi_static(PLAIN, waves(90, 4, 2, RATE_HZ)), model=model_of(PLAIN)), view_of(SHORT)),
-    "a grid of readings": (CATALOGUE["quantisation"]("sensor"), view_of(SHORT), view_of(
+        residuals_of(quasi_static(PLAIN, waves(90, 4, 2, RATE_HZ)), model=model_of(PLAIN)), residuals_of(SHORT)),
+    "a grid of readings": (CATALOGUE["quantisation"]("sensor"), residuals_of(SHORT), residuals_of(
         changed(SHORT, displacement_um=np.round(SHORT.displacement_um, 1)))),
 }
 
@@ -618,7 +619,7 @@ def test_what_recordings_do_not_excite(case: str) -> None:
 def test_fits_start_within_the_bounds(name: str, stage: str) -> None:
     effect = CATALOGUE[name](stage)
     run = changed(moving(), displacement_um=np.round(moving().displacement_um, 1))
-    starts = effect.starts(view_of(run))
+    starts = effect.starts(residuals_of(run))
     assert starts
     for values in starts:
         assert all(one.low <= values[one.name] <= one.high for one in effect.parameters if one.name in values)
@@ -628,11 +629,12 @@ def test_fits_start_within_the_bounds(name: str, stage: str) -> None:
 def test_hum_is_looked_for_at_its_frequency() -> None:
     t = shape_of(SHORT)
     hum = changed(SHORT, displacement_um=SHORT.displacement_um + 0.05 * np.sin(2 * np.pi * 83.3 * t))
-    assert CATALOGUE["periodic_disturbance"]().starts(view_of(hum))[0]["frequency_hz"] == pytest.approx(83.3, abs=0.6)
+    strongest = CATALOGUE["periodic_disturbance"]().starts(residuals_of(hum))[0]
+    assert strongest["frequency_hz"] == pytest.approx(83.3, abs=0.6)
 
 
 def test_a_grid_is_looked_for_at_its_step() -> None:
     step = 0.07
     coarse = changed(SHORT, displacement_um=step * np.round(SHORT.displacement_um / step))
-    starts = CATALOGUE["quantisation"]("sensor").starts(view_of(coarse))
+    starts = CATALOGUE["quantisation"]("sensor").starts(residuals_of(coarse))
     assert [values["step"] for values in starts] == pytest.approx([step] * len(starts), rel=1e-6) and starts

@@ -17,7 +17,7 @@ from ...data import Recording
 from ...errors import BadInput
 from ...model import Model, guarded
 from .backlash import Backlash
-from .base import BEFORE_MONITOR, STAGES, Effect, Parameter, Values, View
+from .base import BEFORE_MONITOR, STAGES, Effect, Parameter, Residuals, Values
 from .creep import Creep
 from .cross_coupling import CrossCoupling
 from .delay import Delay
@@ -34,8 +34,8 @@ from .slew_limit import SlewLimit
 from .static_nonlinearity import StaticNonlinearity
 from .thermal_drift import ThermalDrift
 
-__all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Effect", "Parameter", "Values", "View",
-           "acting", "disturbed", "driven", "entries", "moved", "operator"]
+__all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Effect", "Parameter", "Residuals",
+           "Values", "acting", "displaced", "disturbed", "driven", "entries", "operator"]
 
 CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
     # where two act at one stage, the first comes first
@@ -95,7 +95,7 @@ def operator(effects: Sequence[Acting], model: Model) -> Model:
                    GUARD_SLACK * (1 - LEAST_SLOPE_RATIO), model.rate.max_um_per_s)
 
 
-def moved(effects: Sequence[Acting], z_um: np.ndarray, run: Recording, model: Model) -> np.ndarray:
+def displaced(effects: Sequence[Acting], z_um: np.ndarray, run: Recording, model: Model) -> np.ndarray:
     """The displacement in um that the sensor shows, of the one that the operator gives, both (samples,).
 
     run.command_V is what drove the actuator.

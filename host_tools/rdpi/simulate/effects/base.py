@@ -41,8 +41,8 @@ class Parameter(NamedTuple):
 
 
 @dataclass(frozen=True)
-class View:
-    """What an effect may look at to choose where a fit starts: recordings, their prediction and what it misses."""
+class Residuals:
+    """What an effect may look at to choose where a fit starts: recordings, their prediction and what it leaves."""
 
     model: Model
     runs: Sequence[Recording]
@@ -65,7 +65,7 @@ class Effect:
     shows_stage: ClassVar[bool] = False  # ... or the recorded values themselves
     parameters: ClassVar[tuple[Parameter, ...]]
     linear: ClassVar[bool] = False  # the displacement is linear in the parameters, at least while they are small
-    of_column: ClassVar[str | None] = None  # the covariate that it follows unless told another; None: it follows none
+    of_column: ClassVar[str | None] = None  # the covariate that it follows by default; None: it follows none
     # --- how it is estimated
     disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
     starts_memory: ClassVar[bool] = False  # acts by where the plays start, and by nothing else
@@ -99,7 +99,7 @@ class Effect:
         return self.before_monitor or type(self).operator is not Effect.operator
 
     @property
-    def free(self) -> tuple[str, ...]:
+    def fitted(self) -> tuple[str, ...]:
         """Names of the parameters that a fit moves; the others stay where it starts."""
         return tuple(parameter.name for parameter in self.parameters)
 
@@ -167,13 +167,13 @@ class Effect:
         """Disturbances: coefficients of the columns that these parameters stand for, (columns,)."""
         raise NotImplementedError
 
-    def starts(self, view: View) -> list[dict[str, float]]:
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         """Parameters from which a fit starts; none: these recordings do not excite it."""
         raise NotImplementedError
 
-    def hidden(self, view: View) -> bool:
+    def hidden(self, residuals: Residuals) -> bool:
         """Whether these recordings cannot show it."""
-        return not self.starts(view)
+        return not self.starts(residuals)
 
 
 def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float) -> np.ndarray:

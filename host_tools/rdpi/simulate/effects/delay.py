@@ -6,7 +6,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 
 class Delay(Effect):
@@ -25,5 +25,5 @@ class Delay(Effect):
         whole = np.arange(len(signal))
         return np.interp(whole - values["delay_s"] / run.sample_time_s, whole, signal)
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        return [{"delay_s": 0.5 * min(run.sample_time_s for run in view.runs)}]
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        return [{"delay_s": 0.5 * min(run.sample_time_s for run in residuals.runs)}]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 
 class GainChange(Effect):
@@ -32,5 +32,5 @@ class GainChange(Effect):
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         return model.offset_um + values["factor"] * (z_um - model.offset_um)
 
-    def starts(self, view: View) -> list[dict[str, float]]:
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [self.absent()]

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 
 class InitialMemory(Effect):
@@ -27,9 +27,9 @@ class InitialMemory(Effect):
     starts_memory = True
     chance_gain = 0.03, 0.03
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        known = [run for run in view.runs if run.memory != "unknown"]
-        return [{}] if known and len(view.model.thresholds_um) > 1 else []
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        known = [run for run in residuals.runs if run.memory != "unknown"]
+        return [{}] if known and len(residuals.model.thresholds_um) > 1 else []
 
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
         return np.zeros((len(run), 0))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 PEAKS = 3
 LEAST_PERIODS = 4  # in the longest recording
@@ -41,16 +41,16 @@ class PeriodicDisturbance(Effect):
     def usual_sizes(self, values: Values) -> np.ndarray:
         return np.array([values["amplitude_um"], 0.0] if values["frequency_hz"] else [])
 
-    def starts(self, view: View) -> list[dict[str, float]]:
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         """The strongest lines of the residual, each recording's spectrum weighed by its length."""
-        rate = min(run.sample_rate_hz for run in view.runs)
-        longest = max(len(run) * run.sample_time_s for run in view.runs)
+        rate = min(run.sample_rate_hz for run in residuals.runs)
+        longest = max(len(run) * run.sample_time_s for run in residuals.runs)
         fine = 1 / (4 * longest)
         frequencies = np.arange(LEAST_PERIODS / longest, 0.45 * rate, fine)
         if not len(frequencies):
             return []
         power = np.zeros(len(frequencies))
-        for run, residual in zip(view.runs, view.residual_um):
+        for run, residual in zip(residuals.runs, residuals.residual_um):
             size = 1 << int(np.ceil(np.log2(max(len(run), run.sample_rate_hz / fine))))
             spectrum = np.abs(np.fft.rfft(residual, size)) ** 2 / len(run)
             power += np.interp(frequencies, np.arange(len(spectrum)) * run.sample_rate_hz / size, spectrum)

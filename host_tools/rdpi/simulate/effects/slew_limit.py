@@ -6,7 +6,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 SHARES = 0.95 * 0.75 ** np.arange(14)  # of the fastest move, where a fit starts
 
@@ -27,8 +27,8 @@ class SlewLimit(Effect):
         limit = values["V_per_s"] * run.sample_time_s
         return limited(drive_V, limit) if np.isfinite(limit) else drive_V
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        fastest = max(float(np.max(np.abs(np.diff(run.command_V)))) / run.sample_time_s for run in view.runs)
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        fastest = max(float(np.max(np.abs(np.diff(run.command_V)))) / run.sample_time_s for run in residuals.runs)
         return [{"V_per_s": share * fastest} for share in SHARES if fastest > 0]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 from .gain_change import GainChange
 
 
@@ -40,5 +40,5 @@ class StaticNonlinearity(Effect):
         p = (z_um - model.offset_um) / half - 1
         return z_um + half * p * (values["linear"] + p * (values["quadratic"] + p * values["cubic"]))
 
-    def starts(self, view: View) -> list[dict[str, float]]:
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [self.absent()]

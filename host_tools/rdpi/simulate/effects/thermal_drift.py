@@ -8,7 +8,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 COLUMNS = "time_s", "temperature_degC"  # whose parameters stand in this order
 
@@ -42,7 +42,7 @@ class ThermalDrift(Effect):
         return None if column in COLUMNS else f"must be one of {', '.join(COLUMNS)}"
 
     @property
-    def free(self) -> tuple[str, ...]:
+    def fitted(self) -> tuple[str, ...]:
         return (self.parameters[COLUMNS.index(self.column)].name,)
 
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
@@ -57,6 +57,6 @@ class ThermalDrift(Effect):
     def usual_sizes(self, values: Values) -> np.ndarray:
         return np.array([values[self.parameters[COLUMNS.index(self.column)].name]])
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        seen = [self.column in run.columns and np.ptp(run.columns[self.column]) > 0 for run in view.runs]
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        seen = [self.column in run.columns and np.ptp(run.columns[self.column]) > 0 for run in residuals.runs]
         return [{}] if all(seen) else []
