@@ -95,11 +95,11 @@ def build(residuals: Sequence[Residual]) -> Passport:
         level=records.PassportLevel(coefficients=_coefficients(windows), **windows._asdict())))
 
 
-def read(model: Model, where: str = "model") -> Passport | None:
+def read(model: Model) -> Passport | None:
     """The model's passport, checked; None if it has none. Raises BadInput that names the key and a remedy."""
     if model.passport is None:
         return None
-    known = _Checked(model.passport, f"{where}: passport")
+    known = _Checked(model.passport, f"{model.where}: passport")
     schema = known.item("schema")
     if schema != Passport.SCHEMA:
         known.refuse("schema", f"is {schema!r}, and this version reads {Passport.SCHEMA}")
@@ -110,7 +110,7 @@ def read(model: Model, where: str = "model") -> Passport | None:
     if not isinstance(known.item("runs"), list):
         known.refuse("runs", "must be a list")
     for k, run in enumerate(known.item("runs")):
-        _Checked(run, f"{where}: passport.runs[{k}]").number("step_um")
+        _Checked(run, f"{model.where}: passport.runs[{k}]").number("step_um")
     for name in AXES:
         axis = known.section("axes").section(name)
         edges = axis.numbers("edges", low=-np.inf)
@@ -134,7 +134,7 @@ def read(model: Model, where: str = "model") -> Passport | None:
     for name in ("rms_um", "weight"):
         if not np.all(level.numbers(name) > 1 / LARGEST):
             level.refuse(name, "must be positive")
-    return Passport.from_json(model.passport, f"{where}: passport")
+    return Passport.from_json(model.passport, f"{model.where}: passport")
 
 
 class _Checked:
