@@ -18,7 +18,9 @@ from written import sections_as_read
 
 from rdpi.errors import BadInput
 from rdpi.firmware import Firmware, FixedPoint
-from rdpi.model.model import MAX_DEPTH, MAX_EFFECTS, MAX_FILE_BYTES, Memory, Model, guard_rates, read_model, write_model
+from rdpi.model import Memory, Model, read_model, write_model
+from rdpi.model.curves import guard_rates
+from rdpi.model.file import MAX_DEPTH, MAX_EFFECTS, MAX_FILE_BYTES
 
 GOOD: dict[str, Any] = {
     "schema": "rdpi-model/1", "tool": "rdpi 0.0.1", "actuator": "P-885.91",

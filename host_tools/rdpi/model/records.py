@@ -15,8 +15,8 @@ class EffectParameter(Document):
     """A parameter of an effect, with its uncertainty."""
 
     value: float | None = json_key("estimate; null: not known")
-    ci95: tuple[float, float] | None = json_key("95 % interval; null: none was estimated")
-    unit: str = json_key("unit of value and ci95; 1: none")
+    ci95: tuple[float, float] | None = json_key("95 % interval; null: none was estimated", default=None)
+    unit: str = json_key("unit of value and ci95, always the parameter's own; 1: none", default="")
 
 
 @dataclass(kw_only=True)
