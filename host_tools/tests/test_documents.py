@@ -194,7 +194,7 @@ def test_documents_that_are_written_are_checked(rdpi: Callable, tmp_path: Path, 
 
 @pytest.mark.parametrize("path, value", [
     ("verdict", "perhaps"), ("gap.rms_um", None), ("gap.rms_um", -1.0), ("where.axes.time_s.share", [None]),
-    ("effects.0.parameters.delay_s.ci95", [1.0]), ("effects.0.confidence", 1.5), ("runs.0.samples", 1.5),
+    ("effects.0.parameters.delay_s.value", "x"), ("effects.0.confidence", 1.5), ("runs.0.samples", 1.5),
     ("promised.shrink", 2.0), ("offset_um.moved", 1), ("candidates.0.excited", None), ("matrix.r2", [1.0]),
     ("detection", "3"), ("notes", [1])])
 def test_a_document_that_is_wrong_is_not_written(path: str, value: Any, tmp_path: Path) -> None:
