@@ -45,7 +45,7 @@ def actuator(name: str, stage: str) -> dict:
 def check_that_nothing_is_lost(model: Model, runs: Sequence[Recording]) -> None:
     """A verdict, and an improved model that simulates and can be diagnosed."""
     found = diagnose(model, runs)
-    assert found.document["verdict"] != "none"
+    assert found.document.verdict != "none"
     chain.simulate(found.improved, runs)
     diagnose(found.improved, runs)
 
@@ -146,6 +146,6 @@ def test_an_effect_that_cannot_be_tried_costs_no_verdict(monkeypatch: pytest.Mon
     monkeypatch.setattr(candidates, "search", refusing)
     runs = recorded(plain_model(), drives(STARTS[0], ["reset"]), actuator("lag", "amplifier"))
     document = diagnose(commissioned(), runs).document
-    assert [one["name"] for one in document["effects"]] == ["lag"]
-    delay = next(one for one in document["candidates"] if one["name"] == "delay")
-    assert delay["rejected_because"] == "the library refuses this one" and not delay["excited"]
+    assert [one.name for one in document.effects] == ["lag"]
+    delay = next(one for one in document.candidates if one.name == "delay")
+    assert delay.rejected_because == "the library refuses this one" and not delay.excited

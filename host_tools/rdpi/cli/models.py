@@ -65,7 +65,7 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
     write_model(output, result.model)
     judged = [run.score.rms_percent for run in result.scores if run.held_out or not held]
     failed = max_rms_percent is not None and max(judged) > max_rms_percent
-    summary = {**result.model.fit, "model": output, "gate_failed": failed, "rate_slopes": result.rate_slopes.to_json()}
+    summary = result.document(output, failed).to_json()
     if report is not None:
         _write_fit_report(result, [*fitted, *held], Path(report), summary)
     _print_fit(result, output)

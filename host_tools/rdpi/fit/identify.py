@@ -24,10 +24,11 @@ from .. import arguments, firmware
 from ..data import RUN_COLUMNS, Recording, taken
 from ..errors import BadInput
 from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, guarded,
-                     operators)
+                     Passport, operators, records)
 from ..simulate import chain, signals
 from . import localise, passport
 from .checks import LARGEST_INPUT, check_run, check_together, correlation, reversals, stays_at_an_end
+from .document import FitDocument, RateBand
 
 SLOPE_FLOOR = 0.05  # no slope of a loading curve falls below this within the identified rates
 PIECE_RANGE = (0.2, 5.0)  # bounds of the inverse saturation's slopes U_j
@@ -77,9 +78,10 @@ class RateSlopes(NamedTuple):
     slopes: np.ndarray  # (bands, n + 1); NaN where the band's data do not reach the interval
     samples: np.ndarray  # (bands,)
 
-    def to_json(self) -> list[dict]:
-        return [{"rate_um_per_s": float(rate), "slopes": [None if np.isnan(w) else float(w) for w in slopes],
-                 "samples": int(samples)} for rate, slopes, samples in zip(*self)]
+    def bands(self) -> list[RateBand]:
+        """A section of the document for each band."""
+        return [RateBand(rate_um_per_s=rate, slopes=[None if np.isnan(w) else w for w in slopes], samples=samples)
+                for rate, slopes, samples in zip(*self)]
 
 
 class RunScore(NamedTuple):
@@ -99,6 +101,20 @@ class Fit:
     rate_slopes: RateSlopes
     noise_um: float
     warnings: list[str] = field(default_factory=list)
+
+    def record(self) -> records.FitRecord:
+        """The key `fit` of the model file."""
+        return records.FitRecord(
+            runs=[records.FittedRun(file=run.recording.path, digest=run.recording.digest, samples=len(run.recording),
+                                    held_out=run.held_out, memory=run.memory, **run.score._asdict())
+                  for run in self.scores],
+            noise_um=self.noise_um, warnings=list(self.warnings))
+
+    def document(self, path: str, gate_failed: bool) -> FitDocument:
+        """The document of `rdpi fit --json`; `path` is that of the model file."""
+        known = self.record()
+        return FitDocument(runs=known.runs, noise_um=known.noise_um, warnings=known.warnings, model=path,
+                           gate_failed=gate_failed, rate_slopes=self.rate_slopes.bands())
 
 
 @dataclass
@@ -191,15 +207,16 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     predictions = chain.simulate(model, [*runs, *hold_out])
     scores = _scores(runs, hold_out, predictions, warnings)
     _remark(plant, scores, warnings)
-    model.fit = _record(scores, noise, warnings)
     left_out = _leave_out(model, prepared, predictions, reduced, columns, options.deadzones)
-    model.passport = _passport(runs, hold_out, predictions, left_out, noises)
+    model.passport = _passport(runs, hold_out, predictions, left_out, noises).to_json()
     bands = _rate_slopes(model, prepared)
     progress(1.0)
     without = plant
     if not options.rate_independent:
         without = _search(*_without_rate(factor, columns), options.deadzones, samples)
-    return Fit(model, (plant.residual, without.residual), scores, bands, noise, warnings)
+    found = Fit(model, (plant.residual, without.residual), scores, bands, noise, warnings)
+    model.fit = found.record().to_json()
+    return found
 
 
 def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], columns: _Columns, options: Options,
@@ -502,7 +519,7 @@ def _leave_out(model: Model, runs: Sequence[_Run], predictions: Sequence[chain.P
 
 
 def _passport(runs: Sequence[Recording], hold_out: Sequence[Recording], predictions: Sequence[chain.Prediction],
-              left_out: Sequence[np.ndarray | None], noises: Sequence[float]) -> dict:
+              left_out: Sequence[np.ndarray | None], noises: Sequence[float]) -> Passport:
     residuals = []
     for k, (run, prediction) in enumerate(zip([*runs, *hold_out], predictions)):
         left = run.displacement_um - prediction.predicted_um
@@ -595,12 +612,3 @@ def _remark(plant: _Plant, scores: Sequence[RunScore], warnings: list[str]) -> N
             warnings.append(f"{path}: explained only to {run.score.rms_percent:.2g} % rms of its stroke: "
                             "is it the same actuator, in the same units, without drift, delay or ringing? "
                             "The model may not be fit for use")
-
-
-def _record(scores: Sequence[RunScore], noise: float, warnings: Sequence[str]) -> dict:
-    return {
-        "runs": [{"file": run.recording.path, "digest": run.recording.digest, "samples": len(run.recording),
-                  "held_out": run.held_out, "memory": run.memory, **run.score._asdict()} for run in scores],
-        "noise_um": noise,
-        "warnings": list(warnings),
-    }

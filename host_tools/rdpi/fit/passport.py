@@ -8,6 +8,7 @@ far, how fast and in what loops the actuator moved, its distribution from bins a
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from math import log2
 from typing import Any, NamedTuple, NoReturn
 
@@ -15,10 +16,9 @@ import numpy as np
 
 from ..data import Recording
 from ..errors import BadInput
-from ..model import Model
+from ..model import Model, Passport, records
 from ..simulate import signals
 
-SCHEMA = "rdpi-passport/1"
 OTHER_RUNS, LEFT_OUT, FITTED = SOURCES = "other runs", "left out in turn", "fitted"  # of residuals, best first
 SPLITS = 1, 4, 16  # every run counts as a whole and in so many windows: small movements are seen too
 MAX_WINDOWS = 200
@@ -77,34 +77,32 @@ class Ratio(NamedTuple):
     spread: float  # sd of the logarithm of a run's ratio when nothing has changed
 
 
-def build(residuals: Sequence[Residual]) -> dict[str, Any]:
-    """The passport of a model, ready for JSON, from what it left of its runs; two dozen of them make 20 kB."""
+def build(residuals: Sequence[Residual]) -> Passport:
+    """The passport of a model from what it left of its runs; two dozen of them make 20 kB of JSON."""
     energies = [_energy(one) for one in residuals]
     windows, owner = _windows(residuals)
     square = np.concatenate(energies)
     everything = np.concatenate([_centred(one.fitted_um if one.held_out_um is None else one.held_out_um)
                                  for one in residuals])
-    return _rounded({
-        "schema": SCHEMA,
-        "held_out": min((one.how for one in residuals), key=SOURCES.index),
-        "noise_um": float(np.median([one.noise_um for one in residuals])),
-        "rms_um": _rms(everything), "expected_um": float(np.sqrt(np.mean(square))), "kurtosis": _kurtosis(everything),
-        "spread": _spread(windows, owner, all(one.how == FITTED for one in residuals)),
-        "runs": [_run(one) for one in residuals],
-        "axes": _axes({name: np.concatenate([one.coords[name] for one in residuals]) for name in AXES}, square),
-        "octaves": _spectra(residuals),
-        "level": {"coefficients": _coefficients(windows), **windows._asdict()},
-    })
+    return _rounded(Passport(
+        held_out=min((one.how for one in residuals), key=SOURCES.index),
+        noise_um=float(np.median([one.noise_um for one in residuals])),
+        rms_um=_rms(everything), expected_um=float(np.sqrt(np.mean(square))), kurtosis=_kurtosis(everything),
+        spread=_spread(windows, owner, all(one.how == FITTED for one in residuals)),
+        runs=[_run(one) for one in residuals],
+        axes=_axes({name: np.concatenate([one.coords[name] for one in residuals]) for name in AXES}, square),
+        octaves=_spectra(residuals),
+        level=records.PassportLevel(coefficients=_coefficients(windows), **windows._asdict())))
 
 
-def read(model: Model, where: str = "model") -> dict[str, Any] | None:
+def read(model: Model, where: str = "model") -> Passport | None:
     """The model's passport, checked; None if it has none. Raises BadInput that names the key and a remedy."""
     if model.passport is None:
         return None
     known = _Checked(model.passport, f"{where}: passport")
     schema = known.item("schema")
-    if schema != SCHEMA:
-        known.refuse("schema", f"is {schema!r}, and this version reads {SCHEMA}")
+    if schema != Passport.SCHEMA:
+        known.refuse("schema", f"is {schema!r}, and this version reads {Passport.SCHEMA}")
     for name in ("noise_um", "rms_um", "expected_um", "kurtosis", "spread"):
         known.number(name)
     if known.item("held_out") not in SOURCES:
@@ -136,7 +134,7 @@ def read(model: Model, where: str = "model") -> dict[str, Any] | None:
     for name in ("rms_um", "weight"):
         if not np.all(level.numbers(name) > 1 / LARGEST):
             level.refuse(name, "must be positive")
-    return model.passport
+    return Passport.from_json(model.passport, f"{where}: passport")
 
 
 class _Checked:
@@ -174,71 +172,69 @@ class _Checked:
         return np.array(values, float)
 
 
-def repeated(known: Mapping[str, Any]) -> dict[str, Any]:
+def repeated(known: Passport) -> Passport:
     """The passport of differences between two recordings of the same drive: a share of what a model misses, for no
     actuator repeats exactly, and the sensor's noise twice.
     """
-    noise = known["noise_um"] ** 2
-    level, beside = known["level"], (2 - REPEATS**2) * noise
+    noise = known.noise_um ** 2
+    level, beside = known.level, (2 - REPEATS**2) * noise
 
     def differs(rms_um: float) -> float:
         return float(np.sqrt(REPEATS**2 * rms_um**2 + beside))
 
-    first, *others = (REPEATS**2 * value for value in level["coefficients"])
-    return {**known, "noise_um": float(np.sqrt(2 * noise)), "rms_um": differs(known["rms_um"]),
-            "expected_um": differs(known["expected_um"]),
-            "level": {**level, "rms_um": [*map(differs, level["rms_um"])], "coefficients": [first + beside, *others]}}
+    first, *others = (REPEATS**2 * value for value in level.coefficients)
+    return replace(known, noise_um=float(np.sqrt(2 * noise)), rms_um=differs(known.rms_um),
+                   expected_um=differs(known.expected_um),
+                   level=replace(level, rms_um=[*map(differs, level.rms_um)], coefficients=[first + beside, *others]))
 
 
-def expected_um(known: Mapping[str, Any], coords: Coordinates) -> np.ndarray:
+def expected_um(known: Passport, coords: Coordinates) -> np.ndarray:
     """rms that the residual of one run, mean removed, should have at each sample if nothing has changed; (samples,)."""
     shape = np.ones(len(coords["time_s"]))
     for name in SHAPE_AXES:
-        axis = known["axes"][name]
-        shape *= np.array(axis["factor"])[bin_of(coords[name], np.array(axis["edges"]))]
+        axis = getattr(known.axes, name)
+        shape *= np.array(axis.factor)[bin_of(coords[name], np.array(axis.edges))]
     shape /= np.mean(shape)
-    return np.maximum(level_um(known, coords) * np.sqrt(shape), known["noise_um"])
+    return np.maximum(level_um(known, coords) * np.sqrt(shape), known.noise_um)
 
 
-def level_um(known: Mapping[str, Any], coords: Coordinates) -> float:
+def level_um(known: Passport, coords: Coordinates) -> float:
     """rms that the residual of a run, or of a part of one, should have once its mean is removed."""
-    stored = known["level"]
-    windows = _Windows(*(np.array(stored[name]) for name in _Windows._fields))
-    return float(np.sqrt(_level(windows, np.array(stored["coefficients"]), _features(coords))))
+    windows = _Windows(*(np.array(getattr(known.level, name)) for name in _Windows._fields))
+    return float(np.sqrt(_level(windows, np.array(known.level.coefficients), _features(coords))))
 
 
-def expected_octaves(known: Mapping[str, Any], coords: Coordinates, spectrum: Octaves,
+def expected_octaves(known: Passport, coords: Coordinates, spectrum: Octaves,
                      sample_rate_hz: float) -> np.ndarray:
     """Power to be expected in each octave of `spectrum`, that of the run's residual; (octaves,).
 
     Half of the guess is where the residuals of the passport lay, half where they lay relative to the movement.
     """
-    stored = known["octaves"]
     ends = spectrum.first, spectrum.first + len(spectrum.power)
     share = np.zeros(len(spectrum.power))
     drive = octaves(_centred(coords["position_um"]), sample_rate_hz)
-    for part, first in (("absolute", 0), ("relative", drive.first)):
-        there = np.array(stored[part]["share"])
-        if part == "relative":
+    for stored, first in ((known.octaves.absolute, 0), (known.octaves.relative, drive.first)):
+        there = np.array(stored.share)
+        if stored is known.octaves.relative:
             there = np.convolve(there, drive.power)
-        there = _window(there, stored[part]["first"] + first, *ends)
+        there = _window(there, stored.first + first, *ends)
         if np.any(there):
             share += there / np.sum(there)
     power = float(np.mean(expected_um(known, coords) ** 2))
-    noise = min(known["noise_um"] ** 2, power)
+    noise = min(known.noise_um ** 2, power)
     if not np.any(share):
         return power * spectrum.white
     return noise * spectrum.white + (power - noise) * share / np.sum(share)
 
 
-def ratio(known: Mapping[str, Any], residuals_um: Sequence[np.ndarray], coords: Sequence[Coordinates]) -> Ratio:
+def ratio(known: Passport, residuals_um: Sequence[np.ndarray], coords: Sequence[Coordinates]) -> Ratio:
     """Residuals of whole runs against what the passport expects of them."""
     samples = np.array([len(residual) for residual in residuals_um])
     actual = np.array([_rms(_centred(residual)) for residual in residuals_um])
     expected = np.array([np.sqrt(np.mean(expected_um(known, at) ** 2)) for at in coords])
     tiny = np.finfo(float).tiny
     overall = np.sqrt(samples @ actual**2) / max(float(np.sqrt(samples @ expected**2)), tiny)
-    return Ratio(actual, expected, actual / np.maximum(expected, tiny), float(overall), float(known["spread"]))
+    return Ratio(actual, expected, actual / np.maximum(expected, tiny), float(overall), float(known.spread))
 
 
 def octaves(signal: np.ndarray, sample_rate_hz: float) -> Octaves:
@@ -371,34 +367,33 @@ def _energy(one: Residual) -> np.ndarray:
     return np.abs(_centred(one.held_out_um) * _centred(one.fitted_um))
 
 
-def _run(one: Residual) -> dict[str, Any]:
+def _run(one: Residual) -> records.PassportRun:
     held_out = one.fitted_um if one.held_out_um is None else one.held_out_um
     measured = one.run.displacement_um
-    return {"file": one.run.path, "digest": one.run.digest, "samples": len(measured), "held_out": one.how,
-            "rms_um": _rms(_centred(held_out)),
-            "fitted_rms_um": None if one.fitted_um is None else _rms(_centred(one.fitted_um)),
-            "offset_um": float(np.mean(held_out)), "noise_um": one.noise_um, "kurtosis": _kurtosis(_centred(held_out)),
-            "stroke_um": float(np.ptp(measured)), "sample_rate_hz": one.run.sample_rate_hz,
-            "step_um": signals.grid_step(measured)}
+    return records.PassportRun(
+        file=one.run.path, digest=one.run.digest, samples=len(measured), held_out=one.how,
+        rms_um=_rms(_centred(held_out)), fitted_rms_um=None if one.fitted_um is None else _rms(_centred(one.fitted_um)),
+        offset_um=float(np.mean(held_out)), noise_um=one.noise_um, kurtosis=_kurtosis(_centred(held_out)),
+        stroke_um=float(np.ptp(measured)), sample_rate_hz=one.run.sample_rate_hz, step_um=signals.grid_step(measured))
 
 
-def _axes(values: Mapping[str, np.ndarray], square: np.ndarray) -> dict[str, Any]:
+def _axes(values: Mapping[str, np.ndarray], square: np.ndarray) -> records.PassportAxes:
     """The residual in bins along each of AXES, and factors along SHAPE_AXES."""
-    document, bins = {}, {}
+    axes, bins = {}, {}
     for name, along in values.items():
         edges = DIRECTION_EDGES if name == "direction" else quantile_edges(along, BINS)
         bins[name] = bin_of(along, edges)
         count = np.bincount(bins[name], minlength=len(edges) - 1)
         energy = np.bincount(bins[name], square, len(count))
-        document[name] = {"edges": edges, "rms_um": np.sqrt(energy / np.maximum(count, 1)),
-                          "occupancy": count / len(square)}
-    shape = tuple(len(document[name]["edges"]) - 1 for name in SHAPE_AXES)
+        axes[name] = records.PassportAxis(edges=edges, rms_um=np.sqrt(energy / np.maximum(count, 1)),
+                                          occupancy=count / len(square))
+    shape = tuple(len(axes[name].edges) - 1 for name in SHAPE_AXES)
     cell = np.ravel_multi_index([bins[name] for name in SHAPE_AXES], shape)
     count = np.bincount(cell, minlength=shape[0] * shape[1])
     energy = np.bincount(cell, square, len(count))
     for name, factor in zip(SHAPE_AXES, _factors(count.reshape(shape), energy.reshape(shape))):
-        document[name]["factor"] = factor
-    return document
+        axes[name].factor = factor
+    return records.PassportAxes(**axes)
 
 
 def _factors(count: np.ndarray, energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -419,7 +414,7 @@ def _limited(energy: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.maximum(factor / np.max(factor), LOW**2)
 
 
-def _spectra(residuals: Sequence[Residual]) -> dict[str, Any]:
+def _spectra(residuals: Sequence[Residual]) -> records.PassportOctaves:
     """Mean share of each run's residual per octave, in Hz and relative to where the prediction moves."""
     pairs = []
     for one in residuals:
@@ -432,15 +427,15 @@ def _spectra(residuals: Sequence[Residual]) -> dict[str, Any]:
     relative = [(left.first - drive.first - len(drive.power) + 1,
                  np.convolve(left.power / np.sum(left.power), drive.power[::-1] / np.sum(drive.power)))
                 for left, drive in pairs]
-    return {"absolute": _mean_share(absolute), "relative": _mean_share(relative)}
+    return records.PassportOctaves(absolute=_mean_share(absolute), relative=_mean_share(relative))
 
 
-def _mean_share(parts: Sequence[tuple[int, np.ndarray]]) -> dict[str, Any]:
+def _mean_share(parts: Sequence[tuple[int, np.ndarray]]) -> records.OctaveShare:
     if not parts:  # a residual of exactly 0 has no spectrum
-        return {"first": 0, "share": [1.0]}
+        return records.OctaveShare(first=0, share=[1.0])
     first, last = min(start for start, _ in parts), max(start + len(share) for start, share in parts)
-    return {"first": first, "share": np.mean([_window(share, start, first, last) for start, share in parts],
-                                             axis=0).tolist()}
+    return records.OctaveShare(first=first, share=np.mean([_window(share, start, first, last)
+                                                           for start, share in parts], axis=0))
 
 
 def _window(values: np.ndarray, first: int, low: int, high: int) -> np.ndarray:
@@ -466,10 +461,13 @@ def _kurtosis(centred: np.ndarray) -> float:
     return float(np.mean(centred**4)) / variance**2 if variance > 0 else 0.0
 
 
-def _rounded(value: Any) -> Any:
-    """The same document with floats of DIGITS significant digits."""
-    if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
-    if isinstance(value, (list, np.ndarray)):
-        return [_rounded(item) for item in (value.tolist() if isinstance(value, np.ndarray) else value)]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+def _rounded(passport: Passport) -> Passport:
+    """The same with numbers of DIGITS significant digits."""
+    def rounded(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: rounded(item) for name, item in value.items()}
+        if isinstance(value, list):
+            return [rounded(item) for item in value]
+        return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+    return Passport.from_json(rounded(passport.to_json()))

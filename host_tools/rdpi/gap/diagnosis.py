@@ -8,27 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from .. import arguments
 from ..data import RUN_COLUMNS, Recording, taken
 from ..fit import checks, localise, passport
-from ..model import Model
+from ..model import Model, records
 from ..simulate import signals
 from ..simulate.effects import CATALOGUE
 from . import document, thresholds
 from .augmented import AugmentedModel
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
+from .sections import GapDocument, Offset, Verdict
 from .selection import Excess, Selection, detection_threshold, excess, select
 
 @dataclass
 class Diagnosis:
     """What `rdpi gap` found: the document for --json, the improved model, and residuals for the pictures."""
 
-    document: dict[str, Any]
+    document: GapDocument
     improved: Model
     runs: list[Recording]
     before_um: list[np.ndarray]
@@ -75,7 +75,7 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     if verdict in ("unknown", "none"):
         selection = selection.rejecting_all()
     state, after = selection.accepted, selection.after_um
-    zeros = _zeros(state)
+    zeros = _zeros(selection.with_starts)
     zero = float(np.average(zeros, weights=state.dataset.lengths)) if state.chosen else 0.0
     zero_moved = min(map(abs, zeros)) > max(thresholds.ZERO * rms(before), thresholds.MUCH_ZERO * model.stroke_um)
     if zero_moved:
@@ -89,15 +89,14 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     axes = localise.localise(runs, before, coords, known, noise)
     if verdict == "none" and (there := _elsewhere(axes, _terms(selection))):
         notes.append(there)
-    offset = {"mean": float(np.mean(zeros)), "low": min(zeros), "high": max(zeros), "added": zero, "moved": zero_moved}
+    offset = Offset(mean=float(np.mean(zeros)), low=min(zeros), high=max(zeros), added=zero, moved=zero_moved)
     found = document.build(selection, gap, verdict, known, axes, noise, offset, notes)
     spectrum = localise.along_frequency(runs, after, coords, known, noise) if state.chosen else None
-    entries = [{key: entry[key] for key in ("name", "stage", "column", "parameters") if key in entry}
-               | ({"new": True} if earlier else {}) for entry in found["effects"]]
+    entries = [records.EffectEntry(name=one.name, stage=one.stage, column=one.column, parameters=one.parameters,
+                                   new=True if earlier else None).to_json() for one in found.effects]
     improved = replace(state.model, effects=[*model.effects, *entries], offset_um=model.offset_um + zero)
     progress(1.0)
-    return Diagnosis(found, improved, list(runs), before, after,
-                     localise.table(before, coords), spectrum)
+    return Diagnosis(found, improved, list(runs), before, after, localise.table(before, coords), spectrum)
 
 
 def _terms(selection: Selection) -> Terms:
@@ -127,7 +126,7 @@ def _zeros(state: AugmentedModel) -> list[float]:
     return [float(one - other) for one, other in zip(now, then)]
 
 
-def _verdict(selection: Selection, gap: Excess) -> str:
+def _verdict(selection: Selection, gap: Excess) -> Verdict:
     first = selection.rounds[0]
     if first.best is None:
         return "unknown" if _sure(selection, gap) else "none"

@@ -4,49 +4,45 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from .. import version
 from ..fit import localise
+from ..model import Passport, records
 from ..simulate import signals
 from ..simulate.effects import CATALOGUE, STAGES
 from . import experiment, numerics, thresholds
 from .candidates import Candidate
 from .dataset import Dataset
 from .normal_equations import NormalEquations
+from .sections import (AcceptedEffect, BeforeAfter, CandidateEntry, GapDocument, GapFigures, Leftover, Matrix,
+                       NotExcited, Offset, PassportFigures, Promise, Refit, RunEntry, StageShares, Verdict, Where)
 from .selection import Excess, Round, Selection, shrink_interval, shrink_of
 
-SCHEMA = "rdpi-gap/1"
 
-
-def build(selection: Selection, gap: Excess, verdict: str, known: dict[str, Any] | None,
-          axes: Sequence[localise.Axis], noise_um: float, offset: dict[str, Any], notes: list[str]) -> dict[str, Any]:
+def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport | None,
+          axes: Sequence[localise.Axis], noise_um: float, offset_um: Offset, notes: list[str]) -> GapDocument:
     """The document, from a selection that has ended; `known` is the passport of the model that was given."""
     state, first = selection.accepted, selection.rounds[0]
     final = NormalEquations(state.dataset, state.residual, [], state.chosen) if state.chosen else None
-    return {
-        "schema": SCHEMA, "tool": f"rdpi {version()}", "verdict": verdict, "detection": selection.detection,
-        "paired": bool(state.earlier),
-        "effects": _effects(selection, final), "candidates": _candidates(selection),
-        "gap": {**_gap(selection, noise_um), "whole_um": _whole(selection)}, "where": _where(selection, axes),
-        "runs": _runs(selection, gap),
-        "passport": None if known is None else {"ratio": gap.ratio, "rms_um": gap.expected_um,
-                                                "held_out": known["held_out"], "spread": gap.spread},
-        "promised": _promised(selection, final), "refit": {"shrink": first.baseline.refit_alone},
-        "numerics": numerics.compare(selection.given.model, state.recordings), "not_excited": _not_excited(selection),
-        "leftover": _leftover(selection, gap), "matrix": _matrix(first),
-        "next_experiment": experiment.propose(selection, verdict), "notes": notes,
-        "offset_um": offset,
-    }
+    passport = None if known is None else PassportFigures(ratio=gap.ratio, rms_um=gap.expected_um,
+                                                          held_out=known.held_out, spread=gap.spread)
+    return GapDocument(
+        tool=f"rdpi {version()}", verdict=verdict, detection=selection.detection, paired=bool(state.earlier),
+        effects=_effects(selection, final), candidates=_candidates(selection), gap=_gap(selection, noise_um),
+        where=_where(selection, axes), runs=_runs(selection, gap), passport=passport,
+        promised=_promised(selection, final), refit=Refit(shrink=first.baseline.refit_alone),
+        numerics=numerics.compare(selection.given.model, state.recordings), not_excited=_not_excited(selection),
+        leftover=_leftover(selection, gap), matrix=_matrix(first),
+        next_experiment=experiment.propose(selection, verdict), notes=notes, offset_um=offset_um)
 
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _effects(selection: Selection, final: NormalEquations | None) -> list[dict[str, Any]]:
+def _effects(selection: Selection, final: NormalEquations | None) -> list[AcceptedEffect]:
     """The accepted effects, in the order added, with their final parameters."""
     if final is None:
         return []
@@ -63,24 +59,24 @@ def _effects(selection: Selection, final: NormalEquations | None) -> list[dict[s
         if done.refitted:
             shrink, ends = score.refitted_shrink, score.refitted_ci
         before = rms(selection.before_um) * float(np.sqrt(done.before / first.before)) if first.before > 0 else 0.0
-        found.append({
-            "name": one.effect.name, "stage": one.effect.stage, **one.effect.options,
-            "parameters": _parameters(one, widths),
-            "held_out_rms_um": {"before": before, "after": before * (1 - shrink)},
-            "shrink": shrink, "shrink_ci95": ends, "confidence": _confidence(done),
-            "confusable_with": list(dict.fromkeys(rival.name for rival in done.rivals))})
+        found.append(AcceptedEffect(
+            name=one.effect.name, stage=one.effect.stage, **one.effect.options, parameters=_parameters(one, widths),
+            held_out_rms_um=BeforeAfter(before=before, after=before * (1 - shrink)),
+            shrink=shrink, shrink_ci95=ends, confidence=_confidence(done),
+            confusable_with=list(dict.fromkeys(rival.name for rival in done.rivals))))
     return found
 
 
-def _parameters(one: Candidate, widths: dict[str, float]) -> dict[str, dict[str, Any]]:
+def _parameters(one: Candidate, widths: dict[str, float]) -> dict[str, records.EffectParameter]:
     result = {}
     for parameter in one.effect.parameters:
         if parameter.name not in one.values:
             continue
         value, width = one.values[parameter.name], widths.get(parameter.name)
-        ends = None if width is None else [float(max(parameter.low, value - width)),
-                                           float(min(parameter.high, value + width))]
-        result[parameter.name] = {"value": _finite(value), "ci95": ends, "unit": one.effect.unit(parameter)}
+        ends = None if width is None else (float(max(parameter.low, value - width)),
+                                           float(min(parameter.high, value + width)))
+        result[parameter.name] = records.EffectParameter(value=_finite(value), ci95=ends,
+                                                         unit=one.effect.unit(parameter))
     return result
 
 
@@ -92,7 +88,7 @@ def _confidence(done: Round) -> float:
     return float(1 / (1 + sum(weights)))
 
 
-def _candidates(selection: Selection) -> list[dict[str, Any]]:
+def _candidates(selection: Selection) -> list[CandidateEntry]:
     """Every effect that was tried, each at its stage that explains most, as the first round scored it."""
     first, accepted = selection.rounds[0], [one.effect.name for one in selection.accepted.chosen]
     result = {}
@@ -106,23 +102,23 @@ def _candidates(selection: Selection) -> list[dict[str, Any]]:
             rejected = "takes up a part of the gap, but leaves too much to be its cause"
         elif rejected is None and one not in first.rivals:
             rejected = f"{first.best.name} explains more of the gap"
-        result[one.name] = {
-            "name": one.name, "stage": one.candidate.effect.stage, "shrink": one.shrink, "shrink_ci95": one.shrink_ci,
-            "refitted_shrink": one.refitted_shrink,
-            "parameters": _parameters(selection.final(first) if one is first.best else one.candidate, {}),
-            "excited": True, "share_of_excess": one.share, "rejected_because": rejected}
+        fitted = selection.final(first) if one is first.best else one.candidate
+        result[one.name] = CandidateEntry(
+            name=one.name, stage=one.effect.stage, shrink=one.shrink, shrink_ci95=one.shrink_ci,
+            refitted_shrink=one.refitted_shrink, parameters=_parameters(fitted, {}), excited=True,
+            share_of_excess=one.share, rejected_because=rejected)
     for name, kind in CATALOGUE.items():
         if name not in result:
-            result[name] = {"name": name, "stage": kind.stages[0], "shrink": 0.0, "shrink_ci95": None,
-                            "refitted_shrink": 0.0, "parameters": {}, "excited": False,
-                            "rejected_because": "left out by --without" if name in selection.without else
-                            selection.refused.get(name, "these recordings do not excite it")}
+            why = "left out by --without" if name in selection.without else \
+                selection.refused.get(name, "these recordings do not excite it")
+            result[name] = CandidateEntry(name=name, stage=kind.stages[0], shrink=0.0, shrink_ci95=None,
+                                          refitted_shrink=0.0, parameters={}, excited=False, rejected_because=why)
     return list(result.values())
 
 
-def _not_excited(selection: Selection) -> list[dict[str, str]]:
+def _not_excited(selection: Selection) -> list[NotExcited]:
     tried = {one.name for one in selection.rounds[0].scores}
-    return [{"name": name, "needs": kind.needs} for name, kind in CATALOGUE.items()
+    return [NotExcited(name=name, needs=kind.needs) for name, kind in CATALOGUE.items()
             if name not in tried and name not in selection.without]
 
 
@@ -131,70 +127,73 @@ def rms(parts: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(list(parts)) ** 2)))
 
 
-def _gap(selection: Selection, noise_um: float) -> dict[str, Any]:
+def _gap(selection: Selection, noise_um: float) -> GapFigures:
     before, after = rms(selection.before_um), rms(selection.after_um)
     stroke = max(float(np.ptp(run.displacement_um)) for run in selection.given.recordings)
-    return {"rms_um": before, "percent_of_stroke": 100 * before / stroke, "noise_floor_um": noise_um,
-            "explained_um": float(np.sqrt(max(before**2 - after**2, 0.0))), "remaining_um": after}
+    return GapFigures(rms_um=before, percent_of_stroke=100 * before / stroke, noise_floor_um=noise_um,
+                      explained_um=float(np.sqrt(max(before**2 - after**2, 0.0))), remaining_um=after,
+                      whole_um=_whole(selection))
 
 
-def _whole(selection: Selection) -> dict[str, float] | None:
+def _whole(selection: Selection) -> BeforeAfter | None:
     """rms of what the displacement misses in all, without and with the effects, where the gap is a change only."""
     state = selection.accepted
     if not state.earlier:
         return None
     dataset = Dataset(state.model, state.recordings, monitored=False)
-    return {"before": rms(replace(state, chosen=()).residual_in(dataset)), "after": rms(state.residual_in(dataset))}
+    return BeforeAfter(before=rms(replace(state, chosen=()).residual_in(dataset)),
+                       after=rms(state.residual_in(dataset)))
 
 
-def _where(selection: Selection, axes: Sequence[localise.Axis]) -> dict[str, Any]:
-    state, first = selection.accepted, selection.given.residual
+def _where(selection: Selection, axes: Sequence[localise.Axis]) -> Where:
+    state, whole_um = selection.accepted, selection.given.residual
     energy = [float(np.sum(part**2)) for part in selection.before_um]
     ranked = sorted(range(len(energy)), key=lambda k: -energy[k])
     stages = None
     if state.dataset.monitored:
         side = state.dataset.of_monitor[state.dataset.block]
-        ahead = float(np.sum(first[side] ** 2))
-        whole = ahead + float(np.sum(first[~side] ** 2))
-        stages = {"before_monitor": ahead / whole, "after_monitor": 1 - ahead / whole}
+        ahead = float(np.sum(whole_um[side] ** 2))
+        whole = ahead + float(np.sum(whole_um[~side] ** 2))
+        stages = StageShares(before_monitor=ahead / whole, after_monitor=1 - ahead / whole)
     if state.chosen:
         open_ = [state.chosen[0].effect, *(one.effect for one in selection.rounds[0].rivals)]
         possible = {stage for effect in open_ for stage in (
             [effect.stage] if state.dataset.monitored or effect.shows_stage else effect.stages)}
         stage = " or ".join(sorted(possible, key=STAGES.index))
     elif stages:
-        stage = "before the monitor" if stages["before_monitor"] > 0.5 else "after the monitor"
+        stage = "before the monitor" if stages.before_monitor > 0.5 else "after the monitor"
     else:
         stage = "not known"
-    return {"stage": stage, "stages": stages, "runs": [state.recordings[k].path for k in ranked],
-            "axes": {axis.name: axis.to_json() for axis in axes}, "dominant": localise.dominant(axes).name}
+    return Where(stage=stage, stages=stages, runs=[state.recordings[k].path for k in ranked],
+                 axes={axis.name: axis.entry() for axis in axes}, dominant=localise.dominant(axes).name)
 
 
-def _runs(selection: Selection, gap: Excess) -> list[dict[str, Any]]:
+def _runs(selection: Selection, gap: Excess) -> list[RunEntry]:
     state, before, after = selection.accepted, selection.before_um, selection.after_um
     whole = max(float(sum(np.sum(part**2) for part in before)), 1e-300)
     earlier = [run.path for run in state.earlier] or [None] * len(state.recordings)
-    return [{"file": run.path, "digest": run.digest, "samples": len(run), "earlier": earlier[k],
-             "rms_um": {"before": rms([one]), "after": rms([other])},
-             "offset_um": model_run.mean_residual_um(state.known),
-             "noise_floor_um": signals.noise_um(run.displacement_um),
-             "percent_of_stroke": 100 * rms([one]) / float(np.ptp(run.displacement_um)),
-             "ratio": None if gap.ratios is None else gap.ratios[k], "share": float(np.sum(one**2)) / whole}
+    return [RunEntry(file=run.path, digest=run.digest, samples=len(run), earlier=earlier[k],
+                     rms_um=BeforeAfter(before=rms([one]), after=rms([other])),
+                     offset_um=model_run.mean_residual_um(state.known),
+                     noise_floor_um=signals.noise_um(run.displacement_um),
+                     percent_of_stroke=100 * rms([one]) / float(np.ptp(run.displacement_um)),
+                     ratio=None if gap.ratios is None else gap.ratios[k], share=float(np.sum(one**2)) / whole)
             for k, (run, model_run, one, other) in enumerate(zip(
-                state.recordings, state.dataset.model_runs, before, after))]
+                state.recordings, selection.with_starts.dataset.model_runs, before, after))]
 
 
-def _promised(selection: Selection, final: NormalEquations | None) -> dict[str, Any]:
+def _promised(selection: Selection, final: NormalEquations | None) -> Promise:
     """Shrink of the gap's rms by all effects together, in recordings left out in turn."""
     if final is None:
-        return {"shrink": None, "ci90": None, "why_no_interval": "no effect was accepted"}
+        return Promise(shrink=None, ci90=None, why_no_interval="no effect was accepted")
     after, recordings = final.held_out(), len(selection.given.recordings)
     before = np.bincount(final.dataset.block, selection.given.residual**2, len(after))
-    return {"shrink": shrink_of(after, before), "ci90": shrink_interval(after, before, recordings, 90),
-            "why_no_interval": None if recordings > 1 else "one recording shows no spread between recordings"}
+    why = None if recordings > 1 else "one recording shows no spread between recordings"
+    return Promise(shrink=shrink_of(after, before), ci90=shrink_interval(after, before, recordings, 90),
+                   why_no_interval=why)
 
 
-def _leftover(selection: Selection, gap: Excess) -> dict[str, Any]:
+def _leftover(selection: Selection, gap: Excess) -> Leftover:
     """What is left with the effects: against the passport, and whether it still goes with something."""
     state = selection.accepted
     left = np.concatenate(state.dataset.split(state.residual))
@@ -207,14 +206,14 @@ def _leftover(selection: Selection, gap: Excess) -> dict[str, Any]:
         other = np.concatenate(parts)
         related[name] = float(np.corrcoef(left, other)[0, 1]) if np.ptp(left) and np.ptp(other) else 0.0
     spread = float(np.mean(left**2))
-    return {"ratio": gap.left(float(np.sum(state.residual**2))) if gap.ratio else None, "correlation": related,
-            "kurtosis": float(np.mean(left**4) / spread**2) if spread > 0 else None}
+    return Leftover(ratio=gap.left(float(np.sum(state.residual**2))) if gap.ratio else None, correlation=related,
+                    kurtosis=float(np.mean(left**4) / spread**2) if spread > 0 else None)
 
 
-def _matrix(done: Round) -> dict[str, Any]:
+def _matrix(done: Round) -> Matrix:
     """Share of a true signature (row) that another effect (column) reproduces in these recordings."""
     rank = sorted(range(len(done.scores)), key=lambda k: done.scores[k].left)
     kept = list({done.scores[k].name: k for k in reversed(rank)}.values())
     kept.sort(key=rank.index)
-    return {"names": [done.scores[k].name for k in kept],
-            "r2": [[_finite(done.reproduced[i, j]) for j in kept] for i in kept]}
+    return Matrix(names=[done.scores[k].name for k in kept],
+                  r2=[[_finite(done.reproduced[i, j]) for j in kept] for i in kept])

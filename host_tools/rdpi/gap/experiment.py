@@ -10,11 +10,13 @@ import numpy as np
 from ..data import Recording, excite
 from ..errors import BadInput
 from ..fit import localise, passport
+from ..model import Passport
 from ..simulate.effects import Effect
 from . import candidates
 from .augmented import AugmentedModel
 from .candidates import Candidate
 from .dataset import Dataset, model_runs
+from .sections import NextExperiment
 from .selection import Selection
 
 CANNED: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -25,12 +27,12 @@ SMALL = 0.1  # of the drive's range
 LONGEST = 120_000  # samples of a drive that is simulated
 
 
-def propose(selection: Selection, verdict: str) -> dict[str, Any] | None:
+def propose(selection: Selection, verdict: str) -> NextExperiment | None:
     """The canned recording that would tell the survivors apart best per second of bench time."""
     state = selection.accepted
     if verdict == "unknown":
-        return {"command": _command(state, "steps", {"levels": 3, "hold_s": 1.0}), "seconds": None,
-                "why": "fast edges and holds show what kind of motion is missing; record monitor_V beside it"}
+        why = "fast edges and holds show what kind of motion is missing; record monitor_V beside it"
+        return NextExperiment(command=_command(state, "steps", {"levels": 3, "hold_s": 1.0}), why=why, seconds=None)
     open_ = next((done for done in selection.rounds if done.rivals), None) if verdict == "ambiguous" else None
     if open_ is None:
         return None
@@ -62,7 +64,7 @@ def propose(selection: Selection, verdict: str) -> dict[str, Any] | None:
         why += "; if it does not, monitor_V beside it will tell what lies before the actuator from what lies after"
     if state.earlier:
         why += "; no earlier recording has this drive: it helps where the change shows without --earlier too"
-    return {"command": _command(state, best[2], best[3]), "why": why, "seconds": best[4]}
+    return NextExperiment(command=_command(state, best[2], best[3]), why=why, seconds=best[4])
 
 
 def _limits(state: AugmentedModel, kind: str = "") -> excite.Limits:
@@ -104,7 +106,7 @@ def _shown(state: AugmentedModel, truth: Candidate, run: Recording) -> Recording
     return replace(run, columns={**run.columns, "displacement_um": shown})
 
 
-def _missed(state: AugmentedModel, known: dict[str, Any] | None, drive: Recording) -> float:
+def _missed(state: AugmentedModel, known: Passport | None, drive: Recording) -> float:
     """rms in um that the model is expected to miss in this drive anyway; 1 where that is not known."""
     if known is None:
         return 1.0

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..errors import BadInput
 from ..fit import localise, passport
+from ..model import Passport
 from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE, Effect
 from . import candidates, thresholds
@@ -144,6 +145,13 @@ class Selection:
         """The same with the accepted effects."""
         return self.accepted.residual_um if self.accepted.chosen else self.before_um
 
+    @property
+    def with_starts(self) -> AugmentedModel:
+        """What was accepted, with the starts of the memory that the rounds came to; for the means that are left."""
+        if self.accepted is self.reached or self.reached.model is not self.given.model:
+            return self.accepted
+        return replace(self.accepted, dataset=self.reached.dataset, from_command=self.reached.driven)
+
     def rejecting_all(self) -> Selection:
         """The same with no effect accepted."""
         return replace(self, accepted=self.given)
@@ -175,7 +183,7 @@ class Excess:
         return float(np.sqrt(total / max(self.floor, 1e-300)))
 
 
-def excess(given: AugmentedModel, known: dict[str, Any] | None, coords: Sequence[localise.Coordinates]) -> Excess:
+def excess(given: AugmentedModel, known: Passport | None, coords: Sequence[localise.Coordinates]) -> Excess:
     """How far the gap exceeds what the passport expects of these recordings."""
     total, lengths = float(np.sum(given.residual**2)), given.dataset.lengths
     if known is None:

@@ -11,14 +11,16 @@ import json
 import math
 import os
 import sys
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from .. import arguments, version
 from ..data import atomic_write, content
 from ..errors import BadInput
+from .documents import Document, json_key
+from .records import EffectEntry, FitRecord, Passport
 
 SCHEMA = "rdpi-model/1"
 SOURCES = ("displacement", "control")
@@ -31,40 +33,44 @@ MAX_PLAYS, MAX_DEADZONES = 129, 65  # of the library as firmware_build.py compil
 MAX_EFFECTS = 100  # each takes part in every simulation
 MAX_FILE_BYTES, MAX_DEPTH = 16_000_000, 50
 SECTIONS = "rate", "drive", "memory"
-NOT_NUMBERS = {*SECTIONS, "source", "extra", "actuator", "fit", "effects", "passport", "dac_bits", "sweep_cycles",
-               "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
+NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "dac_bits",
+               "sweep_cycles", "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
 WHOLE = "dac_bits", "sweep_cycles"
 MAX_DAC_BITS = 20  # RDPI_MAX_DAC_BITS
 SWEEP_CYCLES, MAX_SWEEP_CYCLES, SWEEP_HZ = 20, 10_000, 20.0  # of the start-up sweep
 
 
 @dataclass
-class Rate:
+class Rate(Document):
     """How the rate is estimated and where the guard clamps it; see rdpi_f32_params_t in lib/include/rdpi/f32.h."""
 
-    source: str = "displacement"
-    window_s: float = 0.0
-    filter_s: float = 0.0
-    max_um_per_s: float = math.inf
-    singular_um_per_s: float | None = None
-    min_slope_ratio: float = MIN_SLOPE_RATIO
-    smoothing_s: float = 0.0  # zero-phase smoothing before the rate, host only
-    identified_um_per_s: float | None = None  # highest rate in the recordings
-    extra: dict[str, Any] = field(default_factory=dict)
+    source: Literal["displacement", "control"] = json_key("whose rate modulates the slopes", default="displacement")
+    window_s: float = json_key("time over which the firmware takes a difference; 0: one sample", "s", low=0,
+                               default=0.0)
+    filter_s: float = json_key("time constant of the firmware's low-pass on the rate; 0: none", "s", low=0, default=0.0)
+    max_um_per_s: float = json_key("guard: the firmware clamps the rate here", "um/s", default=math.inf, needed=True)
+    singular_um_per_s: float | None = json_key("rate at which the first slope would reach zero; null: none falls",
+                                               "um/s", default=None)
+    min_slope_ratio: float = json_key("share of its value at rest that every slope keeps at the guard",
+                                      default=MIN_SLOPE_RATIO)
+    smoothing_s: float = json_key("zero-phase smoothing before the rate, in a simulation only", "s", low=0, default=0.0)
+    identified_um_per_s: float | None = json_key("highest rate in the recordings of the fit", "um/s", default=None)
 
 
 @dataclass
-class Drive:
+class Drive(Document):
     """What may be output."""
 
-    min_V: float = 0.0
-    max_V: float = 1.0
-    slew_V_per_s: float | None = None
-    dac_bits: int | None = None
-    sweep_cycles: int = SWEEP_CYCLES  # of the start-up sweep
-    sweep_V_per_s: float | None = None  # its speed; None: SWEEP_HZ over the whole range, or what the slew limit allows
-    sweep_end_V: float | None = None  # where it ends; None: what holds the memory
-    extra: dict[str, Any] = field(default_factory=dict)
+    min_V: float = json_key("lowest drive", "V", default=0.0, needed=True)
+    max_V: float = json_key("highest drive", "V", default=1.0, needed=True)
+    slew_V_per_s: float | None = json_key("fastest change of the drive; null: no limit", "V/s", default=None)
+    dac_bits: int | None = json_key("bits of the DAC, whose codes span min_V to max_V; null: no codes", low=1,
+                                    high=MAX_DAC_BITS, default=None)
+    sweep_cycles: int = json_key("cycles of the start-up sweep", low=1, high=MAX_SWEEP_CYCLES, default=SWEEP_CYCLES)
+    sweep_V_per_s: float | None = json_key(f"speed of the start-up sweep; null: {SWEEP_HZ:g} Hz over the whole range, "
+                                           "or the slew limit if that is slower", "V/s", default=None)
+    sweep_end_V: float | None = json_key("drive at which the start-up sweep ends; null: the one that holds the memory",
+                                         "V", default=None)
 
     def sweep_speed(self) -> float:
         """Speed of the start-up sweep in V/s."""
@@ -75,35 +81,43 @@ class Drive:
 
 
 @dataclass
-class Memory:
+class Memory(Document):
     """The plays at the first sample."""
 
-    x_um: float = 0.0
-    plays_um: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    extra: dict[str, Any] = field(default_factory=dict)
+    x_um: float = json_key("control input", "um", default=0.0)
+    plays_um: np.ndarray = json_key("output of each play; none: those of plays that came from 0", "um",
+                                    default_factory=lambda: np.zeros(0))
 
 
-@dataclass
-class Model:
-    """One actuator. Arrays are float64: thresholds, slopes, slope rates (n + 1,), dead zones and weights (m + 1,)."""
+@dataclass(kw_only=True)
+class Model(Document):
+    """One actuator. Arrays are float64: thresholds, slopes, slope rates (n + 1,), dead zones and weights (m + 1,).
 
-    gain_um_per_V: float
-    offset_V: float
-    offset_um: float
-    stroke_um: float
-    thresholds_um: np.ndarray
-    slopes: np.ndarray
-    slope_rate_s_per_um: np.ndarray
-    deadzones_um: np.ndarray
-    deadzone_weights: np.ndarray
-    rate: Rate
-    drive: Drive
-    memory: Memory
-    actuator: str = ""
-    fit: dict[str, Any] = field(default_factory=dict)
-    effects: list[dict[str, Any]] = field(default_factory=list)
-    passport: dict[str, Any] | None = None
-    extra: dict[str, Any] = field(default_factory=dict)
+    `fit`, `effects` and `passport` are JSON as it was read. What uses them checks them first: fit.checks,
+    simulate.effects and fit.passport.
+    """
+
+    SCHEMA: ClassVar[str] = SCHEMA
+
+    tool: str = json_key("version of rdpi that wrote the file", default="")
+    actuator: str = json_key("name of the actuator", default="")
+    gain_um_per_V: float = json_key("gain of the control input: x = gain_um_per_V (V - offset_V)", "um/V")
+    offset_V: float = json_key("drive at which the control input x is 0", "V")
+    offset_um: float = json_key("measured displacement at which the model's is 0", "um")
+    stroke_um: float = json_key("peak-to-peak displacement of the recordings", "um", low=0)
+    thresholds_um: np.ndarray = json_key("thresholds r_0 = 0 < r_1 < ... < r_n of the plays", "um")
+    slopes: np.ndarray = json_key("slopes W_0 ... W_n of the loading curve at rest")
+    slope_rate_s_per_um: np.ndarray = json_key("change c_0 ... c_n of each slope with the rate: W_i + c_i rate", "s/um")
+    deadzones_um: np.ndarray = json_key("dead zones d_0 = 0 < d_1 < ... < d_m of the saturation stage", "um")
+    deadzone_weights: np.ndarray = json_key("weights ws_0 ... ws_m of the dead zones")
+    rate: Rate = json_key("the rate that modulates the slopes, and its guard")
+    drive: Drive = json_key("what may be output")
+    memory: Memory = json_key("state of the plays at the first sample; without it, all are 0", needed=False)
+    fit: dict[str, Any] = json_key("the recordings of the fit", holds=FitRecord, default_factory=dict)
+    effects: list[Any] = json_key("effects that act beside the operator, which only the simulation knows",
+                                  holds=list[EffectEntry], default_factory=list)
+    passport: Any = json_key("what the model misses of the recordings of its fit; null: not known",
+                             holds=Passport | None, default=None)
 
     def __post_init__(self) -> None:
         self._take_kinds("model")
@@ -141,7 +155,8 @@ class Model:
         """Lists of numbers become arrays. Raises BadInput for what is no number, array, section or text by its key."""
         for key, kind in (("rate", Rate), ("drive", Drive), ("memory", Memory), ("fit", dict), ("effects", list)):
             arguments.of_kind(getattr(self, key), kind, f"{where}: {key}")
-        arguments.of_kind(self.actuator, str, f"{where}: actuator")
+        for name in ("tool", "actuator"):
+            arguments.of_kind(getattr(self, name), str, f"{where}: {name}")
         for prefix, part in (("", self), *((f"{key}.", getattr(self, key)) for key in SECTIONS)):
             for item in fields(part):
                 value, key = getattr(part, item.name), f"{where}: {prefix}{item.name}"
@@ -295,17 +310,8 @@ class Model:
         return 8 * EPSILON * float(abs(self.drive.min_V) + abs(self.drive.max_V)) / float(self.drive.sweep_speed())
 
     def to_json(self) -> dict[str, Any]:
-        """The document as written, unknown keys included."""
-        arrays = ("thresholds_um", "slopes", "slope_rate_s_per_um", "deadzones_um", "deadzone_weights")
-        document: dict[str, Any] = {"schema": SCHEMA, "tool": f"rdpi {version()}", "actuator": self.actuator}
-        for key in ("gain_um_per_V", "offset_V", "offset_um", "stroke_um"):
-            document[key] = float(getattr(self, key))
-        for key in arrays:
-            document[key] = [float(value) for value in getattr(self, key)]
-        for key in SECTIONS:
-            document[key] = _section_to_json(getattr(self, key))
-        document.update(fit=self.fit, effects=self.effects, passport=self.passport)
-        return {**self.extra, **document}
+        """The document as written by this version, unknown keys included."""
+        return super().to_json() | {"tool": f"rdpi {version()}"}
 
     def digest(self) -> str:
         """SHA-256 of what the firmware takes from the model: same behaviour, same digest."""
@@ -394,20 +400,6 @@ def _deeper(value: Any, most: int) -> bool:
     return bool(level)
 
 
-def _section_to_json(section: Rate | Drive | Memory) -> dict[str, Any]:
-    document = dict(section.extra)
-    for item in fields(section):
-        value = getattr(section, item.name)
-        if item.name == "extra":
-            continue
-        if isinstance(value, np.ndarray):
-            value = [float(v) for v in value]
-        elif value is not None and item.name not in ("source", *WHOLE):
-            value = float(value)
-        document[item.name] = value
-    return document
-
-
 def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
@@ -470,7 +462,7 @@ class _Reader:
         if schema != SCHEMA:
             self.refuse("schema", f'is {json.dumps(schema)}, expected "{SCHEMA}"; this is no model file, '
                                   "or one of another version: fit again with this version of rdpi")
-        document.pop("tool", None)
+        tool = document.pop("tool", "")
         rate = dict(self.section(document, "rate", dict))
         drive = dict(self.section(document, "drive", dict))
         memory = dict(self.section(document, "memory", dict, {}))
@@ -498,6 +490,7 @@ class _Reader:
                         self.number(drive, "sweep_end_V", "drive.", default=None), extra=drive),
             memory=Memory(x_um, plays_um if len(plays_um) else np.clip(0.0, x_um - thresholds_um, x_um + thresholds_um),
                           extra=memory),
+            tool=tool if isinstance(tool, str) else "",
             actuator=str(document.pop("actuator", "")),
             fit=self.section(document, "fit", dict, {}),
             effects=self.effects(document),
