@@ -17,9 +17,12 @@ class RateBand(Document):
 
 
 @dataclass(kw_only=True)
-class FitDocument(records.FitRecord):
-    """What `rdpi fit` found: the key fit of the model file, and what only a reader needs."""
+class FitDocument(Document):
+    """What `rdpi fit` found."""
 
+    runs: list[records.FittedRun] = json_key("the recordings, those held out last")
+    noise_um: float = json_key("rms of the sensor's noise", "um", low=0)
+    warnings: list[str] = json_key("remarks of the fit")
     model: str = json_key("path of the model file")
     gate_failed: bool = json_key("true: a run is predicted worse than --max-rms allows")
     rate_slopes: list[RateBand] = json_key("slopes in each band of rate")

@@ -21,8 +21,8 @@ from .sections import (AcceptedEffect, BeforeAfter, CandidateEntry, GapDocument,
 from .selection import Excess, Round, Selection, shrink_interval, shrink_of
 
 
-def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport | None,
-          axes: Sequence[localise.Axis], noise_um: float, offset_um: Offset, notes: list[str]) -> GapDocument:
+def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport | None, axes: Sequence[localise.Axis],
+          noise_um: float, offset_um: Offset, notes: list[str]) -> GapDocument:
     """The document, from a selection that has ended; `known` is the passport of the model that was given."""
     state, first = selection.accepted, selection.rounds[0]
     final = NormalEquations(state.dataset, state.residual, [], state.chosen) if state.chosen else None
@@ -102,11 +102,11 @@ def _candidates(selection: Selection) -> list[CandidateEntry]:
             rejected = "takes up a part of the gap, but leaves too much to be its cause"
         elif rejected is None and one not in first.rivals:
             rejected = f"{first.best.name} explains more of the gap"
-        fitted = selection.final(first) if one is first.best else one.candidate
         result[one.name] = CandidateEntry(
-            name=one.name, stage=one.effect.stage, shrink=one.shrink, shrink_ci95=one.shrink_ci,
-            refitted_shrink=one.refitted_shrink, parameters=_parameters(fitted, {}), excited=True,
-            share_of_excess=one.share, rejected_because=rejected)
+            name=one.name, stage=one.candidate.effect.stage, shrink=one.shrink, shrink_ci95=one.shrink_ci,
+            refitted_shrink=one.refitted_shrink,
+            parameters=_parameters(selection.final(first) if one is first.best else one.candidate, {}),
+            excited=True, share_of_excess=one.share, rejected_because=rejected)
     for name, kind in CATALOGUE.items():
         if name not in result:
             why = "left out by --without" if name in selection.without else \
@@ -146,14 +146,14 @@ def _whole(selection: Selection) -> BeforeAfter | None:
 
 
 def _where(selection: Selection, axes: Sequence[localise.Axis]) -> Where:
-    state, whole_um = selection.accepted, selection.given.residual
+    state, first = selection.accepted, selection.given.residual
     energy = [float(np.sum(part**2)) for part in selection.before_um]
     ranked = sorted(range(len(energy)), key=lambda k: -energy[k])
     stages = None
     if state.dataset.monitored:
         side = state.dataset.of_monitor[state.dataset.block]
-        ahead = float(np.sum(whole_um[side] ** 2))
-        whole = ahead + float(np.sum(whole_um[~side] ** 2))
+        ahead = float(np.sum(first[side] ** 2))
+        whole = ahead + float(np.sum(first[~side] ** 2))
         stages = StageShares(before_monitor=ahead / whole, after_monitor=1 - ahead / whole)
     if state.chosen:
         open_ = [state.chosen[0].effect, *(one.effect for one in selection.rounds[0].rivals)]
@@ -188,9 +188,8 @@ def _promised(selection: Selection, final: NormalEquations | None) -> Promise:
         return Promise(shrink=None, ci90=None, why_no_interval="no effect was accepted")
     after, recordings = final.held_out(), len(selection.given.recordings)
     before = np.bincount(final.dataset.block, selection.given.residual**2, len(after))
-    why = None if recordings > 1 else "one recording shows no spread between recordings"
     return Promise(shrink=shrink_of(after, before), ci90=shrink_interval(after, before, recordings, 90),
-                   why_no_interval=why)
+                   why_no_interval=None if recordings > 1 else "one recording shows no spread between recordings")
 
 
 def _leftover(selection: Selection, gap: Excess) -> Leftover:

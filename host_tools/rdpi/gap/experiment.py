@@ -16,7 +16,7 @@ from . import candidates
 from .augmented import AugmentedModel
 from .candidates import Candidate
 from .dataset import Dataset, model_runs
-from .sections import NextExperiment
+from .sections import NextExperiment, Verdict
 from .selection import Selection
 
 CANNED: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -27,7 +27,7 @@ SMALL = 0.1  # of the drive's range
 LONGEST = 120_000  # samples of a drive that is simulated
 
 
-def propose(selection: Selection, verdict: str) -> NextExperiment | None:
+def propose(selection: Selection, verdict: Verdict) -> NextExperiment | None:
     """The canned recording that would tell the survivors apart best per second of bench time."""
     state = selection.accepted
     if verdict == "unknown":

@@ -29,7 +29,7 @@ class AcceptedEffect(Document):
     column: str | None = json_key("column of the recordings that it follows", omitted=True)
     parameters: dict[str, records.EffectParameter] = json_key("parameters by name")
     held_out_rms_um: BeforeAfter = json_key("residual of recordings, or parts of them, that it was not fitted to",
-                                            "um rms")
+                                            "um")
     shrink: float = json_key("share by which it shrinks that residual's rms", high=1)
     shrink_ci95: Interval | None = json_key("95 % interval of shrink; null: one recording only", high=1)
     confidence: float = json_key("weight of this effect among those tried, by the squares they leave", low=0, high=1)
@@ -63,7 +63,7 @@ class GapFigures(Document):
     explained_um: float = json_key("rms of what the accepted effects explain", "um", low=0)
     remaining_um: float = json_key("rms with the accepted effects", "um", low=0)
     whole_um: BeforeAfter | None = json_key("with --earlier, rms of all that the model misses, not only of what has "
-                                            "changed; else null", "um rms", default=None)
+                                            "changed; else null", "um", default=None)
 
 
 @dataclass(kw_only=True)
@@ -95,7 +95,7 @@ class RunEntry(Document):
     samples: int = json_key("number of samples", low=0)
     earlier: str | None = json_key("path of the earlier recording of the same drive; null: none was given",
                                    default=None)
-    rms_um: BeforeAfter = json_key("rms of its gap", "um rms")
+    rms_um: BeforeAfter = json_key("rms of its gap", "um")
     offset_um: float = json_key("mean of measured minus predicted, which rms_um leaves out", "um")
     noise_floor_um: float = json_key("rms of the sensor's noise", "um", low=0)
     percent_of_stroke: float = json_key("rms without the effects, of the recording's stroke", "%", low=0)

@@ -142,12 +142,14 @@ def _object(kind: type[Document], sections: dict[str, dict[str, Any]]) -> dict[s
         properties["schema"] = {"const": kind.SCHEMA, "description": "format and its version"}
     for item, hint in _keys(kind):
         about = item.metadata
-        properties[item.name] = {**_schema_of(about["holds"] or hint, sections, about["low"], about["high"]),
+        hint = about["holds"] or (_options(hint)[0] if about["omitted"] else hint)
+        properties[item.name] = {**_schema_of(hint, sections, about["low"], about["high"]),
                                  "description": about["meaning"]} | ({"unit": about["unit"]} if about["unit"] else {})
     needed = [item.name for item, _ in _keys(kind) if item.metadata["needed"]]
-    required = [*(["schema"] if kind.SCHEMA is not None else []), *needed]
-    return {"type": "object", "description": " ".join(inspect.getdoc(kind).split()), "properties": properties,
-            "required": required}
+    if kind.SCHEMA is not None:
+        needed.insert(0, "schema")
+    about_it = inspect.getdoc(kind).partition("\n\n")[0]  # the rest is about the Python class
+    return {"type": "object", "description": " ".join(about_it.split()), "properties": properties, "required": needed}
 
 
 def _schema_of(hint: Any, sections: dict[str, dict[str, Any]], low: float | None, high: float | None

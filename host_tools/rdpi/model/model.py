@@ -22,7 +22,6 @@ from ..errors import BadInput
 from .documents import Document, json_key
 from .records import EffectEntry, FitRecord, Passport
 
-SCHEMA = "rdpi-model/1"
 SOURCES = ("displacement", "control")
 MIN_SLOPE_RATIO = 0.2  # default of rate.min_slope_ratio
 TOLERANCE = 1e-5  # relative; what rounding to the firmware's float may cost (ROUNDING in lib/src/f32_check.h)
@@ -91,13 +90,13 @@ class Memory(Document):
 
 @dataclass(kw_only=True)
 class Model(Document):
-    """One actuator. Arrays are float64: thresholds, slopes, slope rates (n + 1,), dead zones and weights (m + 1,).
+    """One actuator.
 
-    `fit`, `effects` and `passport` are JSON as it was read. What uses them checks them first: fit.checks,
-    simulate.effects and fit.passport.
+    Arrays are float64: thresholds, slopes, slope rates (n + 1,), dead zones and weights (m + 1,). `fit`, `effects` and
+    `passport` are JSON as it was read. What uses them checks them first: fit.checks, simulate.effects, fit.passport.
     """
 
-    SCHEMA: ClassVar[str] = SCHEMA
+    SCHEMA: ClassVar[str] = "rdpi-model/1"
 
     tool: str = json_key("version of rdpi that wrote the file", default="")
     actuator: str = json_key("name of the actuator", default="")
@@ -459,8 +458,8 @@ class _Reader:
     def model(self, document: dict[str, Any]) -> Model:
         document = dict(document)
         schema = document.pop("schema", None)
-        if schema != SCHEMA:
-            self.refuse("schema", f'is {json.dumps(schema)}, expected "{SCHEMA}"; this is no model file, '
+        if schema != Model.SCHEMA:
+            self.refuse("schema", f'is {json.dumps(schema)}, expected "{Model.SCHEMA}"; this is no model file, '
                                   "or one of another version: fit again with this version of rdpi")
         tool = document.pop("tool", "")
         rate = dict(self.section(document, "rate", dict))

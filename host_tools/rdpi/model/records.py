@@ -26,7 +26,8 @@ class EffectEntry(Document):
     name: str = json_key("name of the effect, as `rdpi gap` lists it")
     stage: str = json_key("stage of the chain at which it acts; without it, the effect's first", needed=False)
     column: str | None = json_key("column of the recordings that it follows", omitted=True)
-    parameters: dict[str, float | EffectParameter] = json_key("parameters by name: an object, or its value alone")
+    parameters: dict[str, float | EffectParameter | None] = json_key(
+        "parameters by name: an object, or its value alone")
     new: bool | None = json_key("true: `rdpi gap --earlier` found it, so it did not act in the earlier recordings",
                                 omitted=True)
 
@@ -49,11 +50,11 @@ class FittedRun(Document):
 
 @dataclass(kw_only=True)
 class FitRecord(Document):
-    """The recordings of the fit."""
+    """The recordings of the fit; empty for a model that was made in another way."""
 
-    runs: list[FittedRun] = json_key("the recordings, those held out last")
-    noise_um: float = json_key("rms of the sensor's noise", "um", low=0)
-    warnings: list[str] = json_key("remarks of the fit")
+    runs: list[FittedRun] = json_key("the recordings, those held out last", needed=False)
+    noise_um: float = json_key("rms of the sensor's noise", "um", low=0, needed=False)
+    warnings: list[str] = json_key("remarks of the fit", needed=False)
 
 
 @dataclass(kw_only=True)
