@@ -31,6 +31,7 @@ INJECTED: dict[str, tuple[str, dict[str, float], dict[str, float]]] = {
                         {"widening": 0.03, "change": 0.03, "exponent": 0.05}),
     "hysteresis_change": ("actuator", {"scale": 0.4, "shape": 0.2}, {"scale": 0.02, "shape": 0.05}),
     "creep": ("actuator", {"percent_per_decade": 2.0}, {"percent_per_decade": 0.02}),
+    "relaxation": ("actuator", {"share": 0.06, "time_constant_s": 0.02}, {"share": 0.02, "time_constant_s": 0.02}),
     "gain_change": ("actuator", {"factor": 1.04}, {"factor": 0.001}),
     "backlash": ("mechanics", {"width_um": 0.3}, {"width_um": 0.02}),
     "resonance": ("mechanics", {"f0_hz": 60.0, "damping": 0.1}, {"f0_hz": 0.01, "damping": 0.05}),

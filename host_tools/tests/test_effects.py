@@ -34,6 +34,7 @@ SIZES: dict[str, dict[str, float]] = {
     "lag": {"time_constant_s": 0.004}, "rail_saturation": {"V_min": 5.0, "V_max": 70.0},
     "initial_memory": {"position_um": 0.0}, "rate_dependence": {"widening": 0.3, "change": -0.1, "exponent": 0.7},
     "hysteresis_change": {"scale": 0.4, "shape": 0.3}, "creep": {"percent_per_decade": 2.0},
+    "relaxation": {"share": 0.1, "time_constant_s": 0.02},
     "gain_change": {"factor": 1.04}, "backlash": {"width_um": 0.3}, "resonance": {"f0_hz": 60.0, "damping": 0.1},
     "cross_coupling": {"um_per_V": 0.1}, "thermal_drift": {"um_per_s": 0.0},
     "periodic_disturbance": {"frequency_hz": 50.0},
@@ -225,6 +226,35 @@ def test_creep_is_so_many_percent_of_a_step_for_every_decade(percent: float) -> 
     assert per_decade == pytest.approx(percent / 100 * GAIN * 40, rel=0.03)
     assert crept == pytest.approx(np.polyval(np.polyfit(np.log10(since), crept, 1), np.log10(since)),
                                   abs=0.05 * abs(per_decade))
+
+
+@pytest.mark.parametrize("share", [-0.2, 0.05, 0.5])
+@pytest.mark.parametrize("time_s", [1e-4, 0.004, 1.0])
+def test_relaxation_of_a_ramp(share: float, time_s: float) -> None:
+    """A share of it lags, y = s (t - T (1 - exp(-t / T))); the rest does not."""
+    run = drive(np.linspace(0, 80, 401))  # 200 V/s
+    t = shape_of(run)
+    expected = 1 + GAIN * 200 * (t - share * time_s * (1 - np.exp(-t / time_s)))
+    found = shown(straight(), run, entry("relaxation", share=share, time_constant_s=time_s))
+    assert found == pytest.approx(expected, abs=1e-9)
+
+
+def test_relaxation_of_a_step() -> None:
+    """The most of it at once, the share with its time constant."""
+    run = drive(np.r_[np.full(20, 20.0), np.full(400, 60.0)])
+    found = shown(straight(), run, entry("relaxation", share=0.1, time_constant_s=0.05)) - (1 + GAIN * 20)
+    t = (np.arange(400) + 0.5) / RATE_HZ  # the step lasts one sample
+    assert found[20:] == pytest.approx(GAIN * 40 * (1 - 0.1 * np.exp(-t / 0.05)), abs=1e-4 * GAIN * 40)
+
+
+def test_relaxation_is_looked_for_at_its_time_constant() -> None:
+    late = shown(bent(), SHORT, entry("relaxation", share=0.08, time_constant_s=0.012)) - shown(bent(), SHORT)
+    run = changed(SHORT, displacement_um=SHORT.displacement_um + late)
+    starts = CATALOGUE["relaxation"]().starts(residuals_of(run))
+    times = np.array([values["time_constant_s"] for values in starts])
+    assert np.all(np.diff(np.log10(times)) < 0.34) and times[0] == pytest.approx(0.0005) and times[-1] <= 1.0
+    nearest = starts[int(np.argmin(np.abs(np.log(times / 0.012))))]
+    assert nearest["share"] == pytest.approx(0.08, rel=0.3)
 
 
 def test_creep_is_linear_and_rests_at_rest() -> None:
@@ -441,9 +471,9 @@ def test_nothing_outside_its_file_asks_for_an_effect_by_name(path: Path) -> None
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_an_effect_is_one_file_and_its_registration(name: str) -> None:
     others = {path.stem: path.read_text("utf-8") for path in EFFECTS.glob("*.py") if path.stem != name}
-    contained = {kind.name for kind in CATALOGUE.values() if kind.contains is CATALOGUE[name]}
+    containing = {kind.name for kind in CATALOGUE.values() if kind.contains is CATALOGUE[name]}
     asking = {stem for stem, source in others.items() if name in asked_by_name(source)}
-    assert (EFFECTS / f"{name}.py").exists() and asking == {"__init__"} | contained
+    assert (EFFECTS / f"{name}.py").exists() and asking == {"__init__"} | containing
 
 
 @pytest.mark.parametrize(("source", "found"), [
@@ -592,6 +622,8 @@ PLAIN: Plant = stack(plays=0, law=0)
 HIDDEN: dict[str, tuple[Effect, Residuals, Residuals]] = {  # what does not excite it, what does
     "cross_coupling": (CATALOGUE["cross_coupling"](), residuals_of(changed(SHORT, other_axis_V=np.full(500, 3.0))),
                        residuals_of(changed(SHORT, other_axis_V=np.arange(500.0)))),
+    "relaxation": (CATALOGUE["relaxation"](), residuals_of(recorded(waves(90, 0.02, 2, 0.4), 0.4)),
+                   residuals_of(SHORT)),
     "creep": (CATALOGUE["creep"](), residuals_of(SHORT), residuals_of(recorded(waves(90, 1, 2, RATE_HZ)))),
     "rate_dependence": (CATALOGUE["rate_dependence"](), residuals_of(recorded(90 - np.abs(np.linspace(-90, 90, 500)))),
                         residuals_of(recorded(np.r_[waves(90, 0.5, 1, RATE_HZ), waves(90, 5, 2, RATE_HZ)]))),

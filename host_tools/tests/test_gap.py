@@ -38,6 +38,7 @@ PLAIN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
     "rate_dependence": ({"widening": 0.3, "change": -0.05, "exponent": 0.7}, {"widening": 0.3, "change": 0.2}),
     "hysteresis_change": ({"scale": 0.4, "shape": 0.2}, {"scale": 0.15}),
     "creep": ({"percent_per_decade": 2.0}, {"percent_per_decade": 0.1}),
+    "relaxation": ({"share": 0.08, "time_constant_s": 0.02}, {"share": 0.1, "time_constant_s": 0.1}),
     "gain_change": ({"factor": 1.04}, {"factor": 0.001}),
     "backlash": ({"width_um": 0.3}, {"width_um": 0.03}),
     "resonance": ({"f0_hz": 60.0, "damping": 0.1}, {"f0_hz": 0.01, "damping": 0.05}),

@@ -16,8 +16,8 @@ from plants import (Plant, changed, marked, quasi_static, rate_of, recording, sl
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.fit import passport
-from rdpi.fit.identify import FOLDS, SLOPE_FLOOR, Fit, Options, fit, rate_slopes
+from rdpi.fit import passport, thresholds
+from rdpi.fit.identify import FOLDS, Fit, Options, fit, rate_slopes
 from rdpi.model import Drive
 from rdpi.simulate import chain
 
@@ -253,7 +253,7 @@ def test_slopes_never_fall_below_the_floor(kind: str, rate_independent: bool) ->
             continue
         model.validate()
         top = model.rate.identified_um_per_s
-        assert min(model.slopes.min(), model.slopes_at(top).min()) >= SLOPE_FLOOR * (1 - 1e-9)
+        assert min(model.slopes.min(), model.slopes_at(top).min()) >= thresholds.SLOPE_FLOOR * (1 - 1e-9)
         assert min(model.slopes_at(model.rate.max_um_per_s) / model.slopes) >= model.rate.min_slope_ratio * (1 - 1e-9)
 
 
@@ -261,7 +261,7 @@ def test_the_floor_is_reported() -> None:
     """An actuator that stands still for 10 V after each reversal has slopes of 0, and no inverse."""
     slack = replace(stack(), slopes=np.where(stack().thresholds_V < 10, 0.0, 0.15))
     result = fit([static_run(slack)], STATIC)
-    assert result.model.slopes[:3].min() == pytest.approx(SLOPE_FLOOR)
+    assert result.model.slopes[:3].min() == pytest.approx(thresholds.SLOPE_FLOOR)
     assert any("floor" in text and "--operators" in text for text in result.warnings)
     assert not any("floor" in text for text in static_fit().warnings)
 

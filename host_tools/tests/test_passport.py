@@ -18,7 +18,7 @@ from plants import model_of, rate_of, recording, stack, waves
 
 from rdpi.data import Recording, excite, sample_times
 from rdpi.errors import BadInput
-from rdpi.fit import localise, passport
+from rdpi.fit import localise, passport, thresholds
 from rdpi.fit.identify import Fit, fit
 from rdpi.fit.passport import FITTED, LEFT_OUT, OTHER_RUNS, Residual
 from rdpi.model import Model, Passport, read_model, write_model
@@ -178,7 +178,7 @@ def test_two_recordings_of_the_same_drive_differ_by_less_than_a_model_misses() -
     z = 0.1 * run.command_V
     coords = localise.coordinates(run, z, rate_of(z, RATE_HZ))
     quiet, loud = replace(known, noise_um=0.0), passport.expected_um(known, coords)
-    assert passport.expected_um(passport.repeated(quiet), coords) == pytest.approx(passport.REPEATS * loud)
+    assert passport.expected_um(passport.repeated(quiet), coords) == pytest.approx(thresholds.REPEATS * loud)
     noisy = replace(known, noise_um=1.0, level=replace(known.level, coefficients=[1.0, 0.0, 0.0, 0.0],
                                                        rms_um=[1.0] * len(known.level.rms_um)))
     differ = passport.repeated(noisy)

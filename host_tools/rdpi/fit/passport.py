@@ -17,27 +17,13 @@ import numpy as np
 from ..data import Recording
 from ..model import Passport, records
 from ..simulate import signals
+from . import thresholds as tuned
 from .passport_file import AXES, FITTED, LEFT_OUT, OTHER_RUNS, SHAPE_AXES, SOURCES, TERMS, read
 
 __all__ = ["FITTED", "LEFT_OUT", "OTHER_RUNS", "build", "expected_octaves", "expected_um", "level_um", "octaves",
            "ratio", "read", "repeated"]
 
 SPLITS = 1, 4, 16  # every run counts as a whole and in so many windows: small movements are seen too
-MAX_WINDOWS = 200
-MIN_WINDOW = 100  # samples
-# Kernel over the logarithms of the features, and the evidence at which what similar windows say counts half. Chosen,
-# with the terms of the level, from some sixty ways tried on recordings of the virtual benches. On others, of drives,
-# seeds and bench settings not used for choosing, the logarithm of actual / expected had mean and sd -0.03, 0.21
-# (Preisach), -0.04, 0.36 (Bouc-Wen) and 0.21, 0.33 (the paper's law, which the model fits so well that the bench's
-# amplifier is most of what is left); one rms for all recordings -0.36, 0.35; -0.78, 0.36; -0.44, 0.49.
-KERNEL, HALF = 0.3, 0.2
-# Of that logarithm, where every residual is of runs that were fitted and where not, before any run was left out of the
-# passport itself; and how many such runs that is worth.
-SPREAD_FITTED, SPREAD, SPREAD_RUNS = 0.8, 0.4, 3.0
-# Share of a model's own error by which the actuator differs from itself, recorded twice with the same drive: 0.5 to 0.6
-# of the cycles of ../shared/data/picma_p885, from one to nine cycles apart, noise taken off.
-REPEATS = 0.6
-LOW, LEAST = 1e-2, 1e-6  # of a feature's usual size, of the stroke: logarithms of smaller ones say nothing
 BINS, PASSES = 8, 10
 DIRECTION_EDGES = np.array([-1.5, -0.5, 0.5, 1.5])
 DIGITS = 5  # of what is stored
@@ -98,12 +84,12 @@ def repeated(known: Passport) -> Passport:
     actuator repeats exactly, and the sensor's noise twice.
     """
     noise = known.noise_um ** 2
-    level, beside = known.level, (2 - REPEATS**2) * noise
+    level, beside = known.level, (2 - tuned.REPEATS**2) * noise
 
     def differs(rms_um: float) -> float:
-        return float(np.sqrt(REPEATS**2 * rms_um**2 + beside))
+        return float(np.sqrt(tuned.REPEATS**2 * rms_um**2 + beside))
 
-    first, *others = (REPEATS**2 * value for value in level.coefficients)
+    first, *others = (tuned.REPEATS**2 * value for value in level.coefficients)
     return replace(known, noise_um=float(np.sqrt(2 * noise)), rms_um=differs(known.rms_um),
                    expected_um=differs(known.expected_um),
                    level=replace(level, rms_um=[*map(differs, level.rms_um)], coefficients=[first + beside, *others]))
@@ -211,11 +197,11 @@ def _features(coords: Coordinates, part: slice = slice(None)) -> np.ndarray:
 def _windows(residuals: Sequence[Residual]) -> tuple[_Windows, np.ndarray]:
     """The windows of all runs and the number of the run of each; no finer splits than MAX_WINDOWS allows."""
     splits = [split for k, split in enumerate(SPLITS)
-              if split == 1 or len(residuals) * sum(SPLITS[:k + 1]) <= MAX_WINDOWS]
+              if split == 1 or len(residuals) * sum(SPLITS[:k + 1]) <= tuned.MAX_WINDOWS]
     rows, owner = [], []
     for k, one in enumerate(residuals):
         position = one.coords["position_um"]
-        least = (LEAST * max(float(np.ptp(position)), np.finfo(float).eps)) ** 2
+        least = (tuned.LEAST * max(float(np.ptp(position)), np.finfo(float).eps)) ** 2
         kinds = [kind for kind in (one.held_out_um, one.fitted_um) if kind is not None]
         for split, part in _parts(len(position), splits):
             square = np.exp(np.mean([np.log(max(float(np.var(kind[part])), least)) for kind in kinds]))
@@ -226,7 +212,7 @@ def _windows(residuals: Sequence[Residual]) -> tuple[_Windows, np.ndarray]:
 
 def _parts(samples: int, splits: Sequence[int]) -> Iterator[tuple[int, slice]]:
     for split in splits:
-        if split == 1 or samples >= split * MIN_WINDOW:
+        if split == 1 or samples >= split * tuned.MIN_WINDOW:
             ends = np.linspace(0, samples, split + 1).astype(int)
             for start, end in zip(ends[:-1], ends[1:]):
                 yield split, slice(start, end)
@@ -255,12 +241,12 @@ def _coefficients(windows: _Windows) -> np.ndarray:
 def _level(windows: _Windows, coefficients: np.ndarray, features: np.ndarray) -> float:
     """Mean square to be expected with these features: the sum of terms, corrected by what similar windows say."""
     known = np.stack(windows[:_FEATURES], axis=-1)
-    floor = LOW * np.sqrt(np.mean(known**2, axis=0)) + np.finfo(float).tiny
+    floor = tuned.LOW * np.sqrt(np.mean(known**2, axis=0)) + np.finfo(float).tiny
     least = 1e-4 * np.mean(windows.rms_um**2)
     distance = np.log(np.hypot(known, floor) / np.hypot(features, floor))
-    weight = windows.weight * np.exp(-np.sum(distance**2, axis=1) / (2 * KERNEL**2))
+    weight = windows.weight * np.exp(-np.sum(distance**2, axis=1) / (2 * tuned.KERNEL**2))
     guess = np.maximum(_terms(known) @ coefficients, least)
-    correction = weight @ np.log(windows.rms_um**2 / guess) / (np.sum(weight) + HALF)
+    correction = weight @ np.log(windows.rms_um**2 / guess) / (np.sum(weight) + tuned.HALF)
     return float(max(_terms(features) @ coefficients, least) * np.exp(correction))
 
 
@@ -272,8 +258,9 @@ def _spread(windows: _Windows, owner: np.ndarray, fitted: bool) -> float:
         features = np.array([column[k] for column in windows[:_FEATURES]])
         expected = _level(others, _coefficients(others), features)
         misses.append(float(np.log(windows.rms_um[k] ** 2 / expected) / 2))
-    usual = SPREAD_FITTED if fitted else SPREAD
-    return float(np.sqrt((np.sum(np.square(misses)) + SPREAD_RUNS * usual**2) / (len(misses) + SPREAD_RUNS)))
+    usual = tuned.SPREAD_FITTED if fitted else tuned.SPREAD
+    worth = tuned.SPREAD_RUNS
+    return float(np.sqrt((np.sum(np.square(misses)) + worth * usual**2) / (len(misses) + worth)))
 
 
 def _energy(one: Residual) -> np.ndarray:
@@ -331,7 +318,7 @@ def _factors(count: np.ndarray, energy: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _limited(energy: np.ndarray, weight: np.ndarray) -> np.ndarray:
     factor = np.divide(energy, weight, out=np.zeros_like(energy), where=weight > 0)
-    return np.maximum(factor / np.max(factor), LOW**2)
+    return np.maximum(factor / np.max(factor), tuned.LOW**2)
 
 
 def _spectra(residuals: Sequence[Residual]) -> records.PassportOctaves:

@@ -14,7 +14,7 @@ import numpy as np
 from .. import arguments
 from ..data import RUN_COLUMNS, Recording, taken
 from ..fit import checks, localise, passport
-from ..model import Model, records
+from ..model import Model, Passport, records
 from ..simulate import signals
 from ..simulate.effects import CATALOGUE
 from . import document, thresholds
@@ -46,11 +46,64 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
 
     Raises BadInput for recordings that cannot be this model's, and for a run whose drive no earlier recording has.
     """
+    runs, earlier, notes = _checked(model, runs, without, earlier)
+    given, known = AugmentedModel.given(model, runs, earlier), passport.read(model)
+    known = passport.repeated(known) if earlier and known is not None else known
+    decision = decide(given, known, without, progress)
+    selection, verdict, before = decision.selection, decision.verdict, decision.selection.before_um
+    state, after = selection.accepted, selection.after_um
+    offset = _offset(selection)
+    noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
+    axes = localise.localise(runs, before, decision.coords, known, noise)
+    notes += [*decision.notes, *_remarks_on_what_is_left(selection, verdict, offset, noise, axes)]
+    found = document.build(selection, decision.gap, verdict, known, axes, noise, offset, notes)
+    spectrum = localise.along_frequency(runs, after, decision.coords, known, noise) if state.chosen else None
+    entries = [records.EffectEntry(name=one.name, stage=one.stage, column=one.column, parameters=one.parameters,
+                                   new=True if earlier else None).to_json() for one in found.effects]
+    improved = replace(state.model, effects=[*model.effects, *entries], offset_um=model.offset_um + offset.added)
+    progress(1.0)
+    return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords), spectrum)
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """The verdict, and what it rests on."""
+
+    verdict: Verdict
+    selection: Selection  # its accepted effects are those of the verdict
+    gap: Excess
+    coords: list[localise.Coordinates]  # of every recording
+    notes: list[str]
+
+
+def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str] = (),
+           progress: Callable[[float], None] = lambda fraction: None) -> Decision:
+    """Whether there is a gap beyond the passport `known`, and which effects explain it."""
+    coords = [localise.coordinates(one.recording, one.predict(given.acting()), one.rate_um_per_s)
+              for one in given.dataset.model_runs]
+    gap = excess(given, known, coords)
+    selection = select(given, gap, without, progress)
+    verdict = _verdict(selection, gap)
+    notes = _remarks(selection, gap, verdict)
+    accepted = bool(selection.accepted.chosen)
+    if accepted and given.dataset.monitored and rms(selection.after_um) > rms(selection.before_um):
+        notes.append("monitor_V shows what would move the actuator further from where it is: it is the monitor that "
+                     "is late, filtered or wrong; leave the column out")
+        verdict = "unknown" if _sure(selection, gap) else "none"
+    if verdict in ("unknown", "none"):
+        selection = selection.rejecting_all()
+    return Decision(verdict, selection, gap, coords, notes)
+
+
+def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], earlier: Sequence[Recording]
+             ) -> tuple[list[Recording], list[Recording], list[str]]:
+    """The recordings, the earlier one of each, and remarks. Raises BadInput for what cannot be diagnosed."""
     runs, earlier = taken(runs, RUN_COLUMNS, "runs", 1), taken(earlier, RUN_COLUMNS, "earlier")
     for name in arguments.listed(without, str, "without"):
         arguments.one_of(name, CATALOGUE, "without")
     arguments.of_kind(model, Model, "model").validate()
-    notes, known = checks.check_against(model, runs), passport.read(model)
+    notes = checks.check_against(model, runs)
+    passport.read(model)
     if earlier:
         notes += [f"earlier, {note}" for note in checks.check_against(model, earlier) if any(
             note.startswith(run.path) for run in earlier)]
@@ -59,44 +112,39 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
             notes.append("the effects that the model has are taken to have acted in the earlier recordings too")
         notes += [f"{run.path}: its memory is {run.memory}, and {then.memory} in its earlier recording: a start that "
                   "differs looks like a change" for run, then in zip(runs, earlier) if run.memory != then.memory]
-        known = None if known is None else passport.repeated(known)
-    given = AugmentedModel.given(model, runs, earlier)
-    before = given.residual_um
-    coords = [localise.coordinates(one.recording, one.predict(given.acting()), one.rate_um_per_s)
-              for one in given.dataset.model_runs]
-    gap = excess(given, known, coords)
-    selection = select(given, gap, without, progress)
-    verdict = _verdict(selection, gap)
-    notes += _remarks(selection, gap, verdict)
-    if selection.accepted.chosen and given.dataset.monitored and rms(selection.after_um) > rms(before):
-        notes.append("monitor_V shows what would move the actuator further from where it is: it is the monitor that "
-                     "is late, filtered or wrong; leave the column out")
-        verdict = "unknown" if _sure(selection, gap) else "none"
-    if verdict in ("unknown", "none"):
-        selection = selection.rejecting_all()
-    state, after = selection.accepted, selection.after_um
-    zeros = _zeros(state)
-    zero = float(np.average(zeros, weights=state.dataset.lengths)) if state.chosen else 0.0
-    zero_moved = min(map(abs, zeros)) > max(thresholds.ZERO * rms(before), thresholds.MUCH_ZERO * model.stroke_um)
-    if zero_moved:
-        notes.append(f"beside it the recordings lie {min(zeros):.3g} to {max(zeros):.3g} um from "
-                     f"{'the earlier ones' if earlier else 'the model'}, a constant of each that is not counted: the "
-                     "sensor's zero has changed, or the mount"
-                     + ("; the improved model has their mean" if state.chosen else ""))
-    noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
-    if verdict == "unknown" and noise**2 > 0.5 * rms(before) ** 2:
-        notes.append(f"most of it is noise from sample to sample, {noise:.3g} um rms: look at the sensor and cables")
-    axes = localise.localise(runs, before, coords, known, noise)
+    return runs, earlier, notes
+
+
+def _offset(selection: Selection) -> Offset:
+    """Mean of what each recording's displacement misses with all that act, beyond what the earlier one missed; no
+    other figure counts it.
+    """
+    state = selection.with_starts
+    now = [one.mean_residual_um(state.acting()) for one in state.driven.model_runs]
+    then = [0.0] * len(now)
+    if state.driven.earlier:
+        then = [one.mean_residual_um(state.driven.acting_then) for one in state.driven.earlier.model_runs]
+    zeros = [float(one - other) for one, other in zip(now, then)]
+    added = float(np.average(zeros, weights=state.dataset.lengths)) if state.chosen else 0.0
+    least = max(thresholds.ZERO * rms(selection.before_um), thresholds.MUCH_ZERO * selection.given.model.stroke_um)
+    return Offset(mean=float(np.mean(zeros)), low=min(zeros), high=max(zeros), added=added,
+                  moved=min(map(abs, zeros)) > least)
+
+
+def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Offset, noise_um: float,
+                             axes: Sequence[localise.Axis]) -> list[str]:
+    """Zero, noise, and the place where the gap exceeds the passport most."""
+    notes, before_um = [], rms(selection.before_um)
+    if offset.moved:
+        notes.append(f"beside it the recordings lie {offset.low:.3g} to {offset.high:.3g} um from "
+                     f"{'the earlier ones' if selection.given.earlier else 'the model'}, a constant of each that is "
+                     "not counted: the sensor's zero has changed, or the mount"
+                     + ("; the improved model has their mean" if selection.accepted.chosen else ""))
+    if verdict == "unknown" and noise_um**2 > 0.5 * before_um**2:
+        notes.append(f"most of it is noise from sample to sample, {noise_um:.3g} um rms: look at the sensor and cables")
     if verdict == "none" and (there := _elsewhere(axes, _terms(selection))):
         notes.append(there)
-    offset = Offset(mean=float(np.mean(zeros)), low=min(zeros), high=max(zeros), added=zero, moved=zero_moved)
-    found = document.build(selection, gap, verdict, known, axes, noise, offset, notes)
-    spectrum = localise.along_frequency(runs, after, coords, known, noise) if state.chosen else None
-    entries = [records.EffectEntry(name=one.name, stage=one.stage, column=one.column, parameters=one.parameters,
-                                   new=True if earlier else None).to_json() for one in found.effects]
-    improved = replace(state.model, effects=[*model.effects, *entries], offset_um=model.offset_um + zero)
-    progress(1.0)
-    return Diagnosis(found, improved, list(runs), before, after, localise.table(before, coords), spectrum)
+    return notes
 
 
 def _terms(selection: Selection) -> Terms:
@@ -113,17 +161,6 @@ def _elsewhere(axes: Sequence[localise.Axis], words: Terms) -> str | None:
     ratio, share, axis, k = worst
     return (f"the whole is as expected, but {100 * share:.0f} % of it lies at {axis.name} {axis.labels[k]}, "
             f"{ratio:.2g} times what {words.usual_there}: too little to be named")
-
-
-def _zeros(state: AugmentedModel) -> list[float]:
-    """Mean of what each recording's displacement misses with all that act, beyond what the earlier one missed; no
-    other figure counts it.
-    """
-    now = [one.mean_residual_um(state.acting()) for one in state.driven.model_runs]
-    then = [0.0] * len(now)
-    if state.driven.earlier:
-        then = [one.mean_residual_um(state.driven.acting_then) for one in state.driven.earlier.model_runs]
-    return [float(one - other) for one, other in zip(now, then)]
 
 
 def _verdict(selection: Selection, gap: Excess) -> Verdict:

@@ -179,7 +179,7 @@ def _runs(selection: Selection, gap: Excess) -> list[RunEntry]:
                      percent_of_stroke=100 * rms([one]) / float(np.ptp(run.displacement_um)),
                      ratio=None if gap.ratios is None else gap.ratios[k], share=float(np.sum(one**2)) / whole)
             for k, (run, model_run, one, other) in enumerate(zip(
-                state.recordings, state.dataset.model_runs, before, after))]
+                state.recordings, selection.with_starts.dataset.model_runs, before, after))]
 
 
 def _promised(selection: Selection, final: NormalEquations | None) -> Promise:

@@ -145,6 +145,13 @@ class Selection:
         """The same with the accepted effects."""
         return self.accepted.residual_um if self.accepted.chosen else self.before_um
 
+    @property
+    def with_starts(self) -> AugmentedModel:
+        """What was accepted, with the starts of the memory that the rounds came to; for the means that are left."""
+        if self.accepted is self.reached or self.reached.model is not self.given.model:
+            return self.accepted
+        return replace(self.accepted, dataset=self.reached.dataset, from_command=self.reached.driven)
+
     def rejecting_all(self) -> Selection:
         """The same with no effect accepted."""
         return replace(self, accepted=self.given)

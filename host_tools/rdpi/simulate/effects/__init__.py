@@ -29,6 +29,7 @@ from .periodic_disturbance import PeriodicDisturbance
 from .quantisation import Quantisation
 from .rail_saturation import RailSaturation
 from .rate_dependence import RateDependence
+from .relaxation import Relaxation
 from .resonance import Resonance
 from .slew_limit import SlewLimit
 from .static_nonlinearity import StaticNonlinearity
@@ -39,7 +40,7 @@ __all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Eff
 
 CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
     # where two act at one stage, the first comes first
-    InitialMemory, RateDependence, HysteresisChange, Creep, GainChange, Backlash, Resonance, CrossCoupling,
+    InitialMemory, RateDependence, HysteresisChange, Relaxation, Creep, GainChange, Backlash, Resonance, CrossCoupling,
     ThermalDrift, PeriodicDisturbance, StaticNonlinearity, SlewLimit, Lag, RailSaturation, Delay, Quantisation)}
 PARAMETERS = {one.name: one for effect in CATALOGUE.values() for one in effect.parameters}  # a name means one thing
 _ORDER = list(CATALOGUE)
