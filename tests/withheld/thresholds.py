@@ -139,6 +139,8 @@ def figures(judged: Sequence[score.Judged]) -> dict[str, float | None]:
     def of(hit: Callable[[score.Judged], bool], groups: Sequence[str], rho: float) -> float | None:
         cases = [j for j in judged if j.case.group in groups and (rho == 0 or (
             j.case.reached >= rho and j.case.growth >= score.GREW))]
+        if groups == ("foreign",):  # a twin's name counts neither for nor against
+            cases = [j for j in cases if j.answer not in score.TWINS.get(j.case.names[0], ())]
         return sum(map(hit, cases)) / len(cases) if cases else None
 
     def said(j: score.Judged) -> bool:

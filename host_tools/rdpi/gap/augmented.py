@@ -24,7 +24,7 @@ class AugmentedModel:
     """
 
     dataset: Dataset  # driven by monitor_V where there is one
-    from_command: Dataset  # the same driven by command_V, starts as without accepted effects
+    by_command_before: Dataset  # the same driven by command_V, starts as without accepted effects
     known: tuple[Acting, ...]  # what the model had
     chosen: tuple[Candidate, ...] = ()  # what was accepted, in this order
 
@@ -58,22 +58,22 @@ class AugmentedModel:
         return self.dataset.measured - self._predict(self.dataset)
 
     @cached_property
-    def driven(self) -> Dataset:
+    def by_command(self) -> Dataset:
         """The recordings driven by the command, whether there is a monitor or not."""
         if not self.dataset.monitored:
             return self.dataset
-        return self._started(self.from_command.restarted(self.acting()) if self.chosen else self.from_command)
+        return self._started(self.by_command_before.restarted(self.acting()) if self.chosen else self.by_command_before)
 
     @cached_property
-    def predicted_from_command(self) -> np.ndarray:
-        """Of `driven`, disturbances apart, long vector."""
-        return self.driven.predict(self.acting())
+    def predicted_by_command(self) -> np.ndarray:
+        """Of `by_command`, disturbances apart, long vector."""
+        return self.by_command.predict(self.acting())
 
     @cached_property
     def residual_um(self) -> list[np.ndarray]:
         """What the displacement, driven by the command, misses with all that act; per recording, without its mean."""
-        left = self.driven.measured - self._with_disturbances(self.predicted_from_command, self.driven)
-        return self.driven.split(left)
+        left = self.by_command.measured - self._with_disturbances(self.predicted_by_command, self.by_command)
+        return self.by_command.split(left)
 
     def residual_in(self, dataset: Dataset) -> list[np.ndarray]:
         """The same of the displacement in another dataset of the same recordings."""

@@ -120,10 +120,10 @@ def _offset(selection: Selection) -> Offset:
     other figure counts it.
     """
     state = selection.with_starts
-    now = [one.mean_residual_um(state.acting()) for one in state.driven.model_runs]
+    now = [one.mean_residual_um(state.acting()) for one in state.by_command.model_runs]
     then = [0.0] * len(now)
-    if state.driven.earlier:
-        then = [one.mean_residual_um(state.driven.acting_then) for one in state.driven.earlier.model_runs]
+    if state.by_command.earlier:
+        then = [one.mean_residual_um(state.by_command.acting_then) for one in state.by_command.earlier.model_runs]
     zeros = [float(one - other) for one, other in zip(now, then)]
     added = float(np.average(zeros, weights=state.dataset.lengths)) if state.chosen else 0.0
     least = max(thresholds.ZERO * rms(selection.before_um), thresholds.MUCH_ZERO * selection.given.model.stroke_um)
@@ -170,7 +170,7 @@ def _verdict(selection: Selection, gap: Excess) -> Verdict:
     if gap.ratio and not first.refitted:
         left = _left(selection)
         explained = (gap.total - left) / max(gap.total - gap.floor, 1e-300)
-        if explained < thresholds.EXPLAINED and gap.left(left) > thresholds.LEFT_OVER:
+        if explained < thresholds.LEAST_EXPLAINED and gap.left(left) > thresholds.LEFT_OVER:
             return "unknown"
     return "ambiguous" if any(one.rivals for one in selection.rounds) else "effect"
 

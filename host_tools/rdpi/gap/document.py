@@ -81,9 +81,9 @@ def _parameters(one: Candidate, widths: dict[str, float]) -> dict[str, records.E
 
 
 def _confidence(done: Round) -> float:
-    """Weight of the best among those tried, by the squares they leave; SAME apart is worth e^-1."""
+    """Weight of the best among those tried, by the squares they leave; RIVAL_MARGIN apart is worth e^-1."""
     best = max(done.best.rest(done.refitted), 1e-12 * done.before)
-    weights = [np.exp(-(one.rest(done.refitted) / best - 1) / thresholds.SAME)
+    weights = [np.exp(-(one.rest(done.refitted) / best - 1) / thresholds.RIVAL_MARGIN)
                for one in done.scores if one.name != done.best.name]
     return float(1 / (1 + sum(weights)))
 

@@ -58,8 +58,8 @@ class Score:
         return self.effect.name
 
     @property
-    def driven(self) -> bool:
-        """Whether it goes with the drive: a line at a frequency of the drive itself."""
+    def follows_drive(self) -> bool:
+        """Whether it is a line at a frequency of the drive itself."""
         return self.candidate.synchronous > 0.5
 
     @property
@@ -150,7 +150,7 @@ class Selection:
         """What was accepted, with the starts of the memory that the rounds came to; for the means that are left."""
         if self.accepted is self.reached or self.reached.model is not self.given.model:
             return self.accepted
-        return replace(self.accepted, dataset=self.reached.dataset, from_command=self.reached.driven)
+        return replace(self.accepted, dataset=self.reached.dataset, by_command_before=self.reached.by_command)
 
     def rejecting_all(self) -> Selection:
         """The same with no effect accepted."""
@@ -288,7 +288,7 @@ def _score(state: AugmentedModel, equations: NormalEquations, baseline: Baseline
 def _shrink_from_command(state: AugmentedModel, one: Candidate) -> float:
     """What a monitor shows of the amplifier the model may hold already: only what helps from the command counts."""
     left = np.concatenate(state.residual_um)
-    change = state.driven.predict(effects.in_order([*state.acting(), one.acting])) - state.predicted_from_command
+    change = state.by_command.predict(effects.in_order([*state.acting(), one.acting])) - state.predicted_by_command
     return shrink_of((left - change) ** 2, left**2)
 
 
@@ -313,7 +313,7 @@ def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
     open_ = [one for one, why in zip(scores, rejected) if why is None]
     frozen = _simplest(open_, refitted=False) if open_ else None
     # Born in: what the fit took up hides an effect, or half of it, until the model is refitted beside it.
-    hidden = [one for one in scores if not state.chosen and not one.driven and not one.was_there
+    hidden = [one for one in scores if not state.chosen and not one.follows_drive and not one.was_there
               and one.refitted_shrink - one.effect.chance_gain[1] > born_in
               and one.refitted_left < baseline.least * (1 - born_in)]
     beside = _simplest(hidden, refitted=True) if hidden else None
@@ -329,7 +329,7 @@ def _why_rejected(one: Score, further: bool, clear: bool, born_in: float) -> str
         (thresholds.LEAST_SHARE, thresholds.LEAST_SHRINK)
     if one.share <= share or one.gain <= shrink:
         return "explains too little of the gap"
-    if one.driven:
+    if one.follows_drive:
         return "stands at a frequency of the drive itself"
     if one.was_there:
         return "was in the earlier recordings as well"
@@ -341,7 +341,7 @@ def _why_rejected(one: Score, further: bool, clear: bool, born_in: float) -> str
 def _simplest(near: Sequence[Score], refitted: bool) -> Score:
     """The one that leaves least, simpler ones favoured where it makes no difference."""
     lowest = min(one.rest(refitted) for one in near)
-    best = min((one for one in near if one.rest(refitted) <= lowest * (1 + thresholds.SAME)),
+    best = min((one for one in near if one.rest(refitted) <= lowest * (1 + thresholds.RIVAL_MARGIN)),
                key=lambda one: one.rest(refitted) * (1 + thresholds.SIMPLER * one.size))
     return next((one for one in near if best.contains(one) and one.share >= thresholds.CONTAINED * best.share), best)
 
@@ -352,15 +352,15 @@ def _rivals(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
     result = []
     alike = reproduced[scores.index(best)]
     for one, r2 in zip(scores, alike):
-        if one.name == best.name or one.driven or one.was_there:
+        if one.name == best.name or one.follows_drive or one.was_there:
             continue
-        more = thresholds.TWIN_SAME if r2 > thresholds.TWIN else thresholds.SAME
+        more = thresholds.TWIN_MARGIN if r2 > thresholds.TWIN else thresholds.RIVAL_MARGIN
         same = one.rest(refitted) <= (1 + more) * best.rest(refitted)
         ahead = one.effect.before_monitor and best.effect.before_monitor
         if same and ahead and state.dataset.monitored:
             # A monitor's own noise is small: how an amplifier and its sampling round a delay off is not.
-            same = one.monitor_left <= best.monitor_left + max(thresholds.SAME * best.monitor_left,
-                                                               thresholds.ROUNDED_OFF * baseline.total)
+            margin = max(thresholds.RIVAL_MARGIN * best.monitor_left, thresholds.ROUNDED_OFF * baseline.total)
+            same = one.monitor_left <= best.monitor_left + margin
         loops = one.effect.changes_loops and best.effect.changes_loops
         same |= loops and r2 > thresholds.ALIKE_LOOPS and _one_rate(state)
         if same and not one.contains(best):

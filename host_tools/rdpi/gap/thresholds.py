@@ -1,7 +1,7 @@
 """Every tuned number of the gap: [unit] meaning; source.
 
-Modules read these at the time of use (`thresholds.SAME`), so that tests/withheld/thresholds.py can show what half and
-twice of each do to the figures of the withheld check. What an effect gains by chance is in its own file
+Modules read these at the time of use (`thresholds.RIVAL_MARGIN`), so that tests/withheld/thresholds.py can show what
+half and twice of each do to the figures of the withheld check. What an effect gains by chance is in its own file
 (`Effect.chance_gain`).
 
 Sources:
@@ -33,16 +33,16 @@ BESIDE = 0.75  # [of the squares] ... if an effect beside the refitted model lea
 FURTHER_RATIO = 1.4  # [passport] that must be left for a second and third effect; tune
 FURTHER_SHARE = 0.3  # [of the excess] that a second and third effect must explain; tune
 FURTHER_SHRINK = 0.06  # [1] that a second and third effect must bring; tune
-EXPLAINED = 0.6  # [of the excess] less than this explained by all ...; tune
+LEAST_EXPLAINED = 0.6  # [of the excess] less than this explained by all ...; tune
 LEFT_OVER = 1.5  # [passport] ... and more than this left: the gap is unknown; tune
 NOISE_GRID = 1.5  # [step] times the passport's grid of readings, from which a coarser one is new; tune
 STILL_THERE = 0.5  # [of the energy] of a disturbance in the earlier recordings, from which it is not new; tune
 OWN_MOTION = 2.0  # [amplitude] of a line, from which a recording moves at its frequency itself; judged
 
 # --- can it be told from others?
-SAME = 0.08  # [of the squares] that a rival may leave more, and cannot be told; tune
+RIVAL_MARGIN = 0.08  # [of the squares] that a rival may leave more, and cannot be told; tune
 TWIN = 0.98  # [R2] of the signature, from which another effect is its twin; tune
-TWIN_SAME = 1.0  # [of the squares] that a twin may leave more: the rest may be the model's misfit; tune
+TWIN_MARGIN = 1.0  # [of the squares] that a twin may leave more: the rest may be the model's misfit; tune
 ROUNDED_OFF = 0.005  # [of the squares] that a monitor shows of any amplifier beside the effect looked for; tune
 SIMPLER = 0.05  # [of the squares] that every further parameter must bring; tune
 CONTAINED = 0.9  # [1] share of what an effect explains, from which the simpler one that it contains is enough; tune
