@@ -133,7 +133,7 @@ typedef struct {
     rdpi_real_t z_um[RDPI_MAX_WINDOW]; /**< ring of the latest N samples, the oldest at `oldest` */
     rdpi_real_t per_window_s;          /**< 1 / (N T) */
     rdpi_real_t keep;                  /**< exp(-T / filter_s); 0 without a filter */
-    rdpi_real_t filtered_um_per_s;     /**< the latest output */
+    rdpi_real_t filtered_um_per_s;     /**< the latest output of the low-pass */
     uint16_t window; /**< N */
     uint16_t oldest; /**< < window; == window: no sample yet */
 } rdpi_f32_rate_t;

@@ -113,7 +113,7 @@ typedef struct {
     uint8_t blend_shift;  /**< 0 .. 30 */
     uint8_t direct_shift; /**< 31 - guard_shift, where that is not negative */
     bool direct;          /**< the rate of the next sample follows from its distance to z[0] alone: N = 1, no filter,
-                               there is a sample before it and none was missed */
+                               guard_shift <= 31, there is a sample before it, and none was missed */
     uint16_t window; /**< N */
     uint16_t oldest; /**< < window; == window: no sample yet */
 } rdpi_q31_rate_t;
@@ -123,7 +123,7 @@ typedef struct {
     int64_t intercept; /**< output times 2^30 is slope * reference + intercept */
     int32_t slope;     /**< times 2^30 */
     int32_t from;      /**< the lowest reference on it */
-    uint32_t length;   /**< how many references are on it; 0: no piece found yet */
+    uint32_t length;   /**< how many references are on it; 0: none found yet, or its numbers do not fit */
 } rdpi_q31_piece_t;
 
 /** One actuator at work. Read the fields under "result"; the others are private. */

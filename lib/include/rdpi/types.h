@@ -20,8 +20,9 @@ extern "C" {
 /** The most bits of a DAC. init refuses more, because single precision does not resolve more. */
 #define RDPI_MAX_DAC_BITS 20
 
-/* Compile-time maxima. They set the size of the state in RAM, and nothing else. Define them the same for the library
- * and for the code that uses it; init returns RDPI_ERR_SIZE if they differ. */
+/* Compile-time maxima. Define them the same for the library and for the code that uses it. RDPI_MAX_PLAYS and
+ * RDPI_MAX_WINDOW set the size of the state in RAM; init returns RDPI_ERR_SIZE if they differ. RDPI_MAX_DEADZONES only
+ * limits what init accepts. */
 #ifndef RDPI_MAX_PLAYS
 #define RDPI_MAX_PLAYS 16 /**< most play operators: n + 1, the identity (r_0 = 0) included */
 #endif
