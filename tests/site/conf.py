@@ -30,7 +30,6 @@ REFERENCE = "c", "commands", "python"
 
 project = "rdpi"
 version = release = rdpi.version()
-project_copyright = copyright = "see LICENSE"
 root_doc = "README"
 exclude_patterns = ["build*", ".*", "**/.*", "host_tools/build", "host_tools/*.egg-info"]
 include_patterns = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "*/README.md", "*/*/README.md", f"{SITE}/*.rst"]
@@ -196,9 +195,11 @@ def join_paragraphs(app: Sphinx, doctree: nodes.document) -> None:
 
 
 def front_page(app: Sphinx, error: Exception | None) -> None:
+    """index.html leads to README.html, which links between pages name."""
     if error is None:
-        text = '<!DOCTYPE html><meta charset="utf-8"><title>rdpi</title><meta http-equiv="refresh" content="0; url=README.html">\n'
-        (Path(app.outdir) / "index.html").write_text(text + '<a href="README.html">rdpi</a>\n', encoding="utf-8")
+        text = ('<!DOCTYPE html>\n<meta charset="utf-8"><meta http-equiv="refresh" content="0; url=README.html">\n'
+                '<title>rdpi</title><a href="README.html">rdpi</a>\n')
+        (Path(app.outdir) / "index.html").write_text(text, encoding="utf-8")
 
 
 def setup(app: Sphinx) -> None:
