@@ -17,13 +17,13 @@ import pytest
 from hypothesis import given, strategies as st
 from models import random_model
 
-from rdpi import firmware, operators, parameters
-from rdpi._f32 import lib
+from rdpi import firmware
+from rdpi.firmware._f32 import lib
 from rdpi.errors import BadInput
-from rdpi.firmware import FixedPoint
-from rdpi.header import (Q31_SCALARS, Q31_TABLES, SCALARS, SCHEMA, TABLES, _check_name, comment, literal, render,
-                         write_header)
-from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
+from rdpi.firmware import FixedPoint, parameters
+from rdpi.firmware.header import (Q31_SCALARS, Q31_TABLES, SCALARS, SCHEMA, TABLES, _check_name, comment, literal,
+                                  render, write_header)
+from rdpi.model import Drive, Memory, Model, Rate, operators, read_model, write_model
 
 ROOT = Path(__file__).resolve().parents[2]
 STRICT_C = "cc -x c -std=c99 -Wall -Wextra -Wconversion -Wdouble-promotion -Wshadow -Wpedantic -Werror".split()
@@ -261,7 +261,7 @@ def test_what_follows_from_other_fields_follows_from_them_as_rounded(model: Mode
         assert numbers.V_per_um == np.float32(1 / float(np.float32(gain)))
     v = np.linspace(-3, 9, 50)
     z = operators.saturation(v, *single.saturation.T.astype(float))
-    low, high, slope, intercept = single.inverse.T.astype(float)
+    low, high, slope, intercept = single.inverse_saturation.T.astype(float)
     assert low[0] == -parameters.MAX_REFERENCE_UM and high[-1] == parameters.MAX_REFERENCE_UM
     assert low[1:].tolist() == high[:-1].tolist()
     piece = np.searchsorted(high[:-1], z + single.offset_um)

@@ -15,16 +15,16 @@
 
 /* Code that most steps do not need is kept out of the way of what they do. */
 #if defined(__GNUC__)
-#define RDPI_Q31_SELDOM static __attribute__((noinline, unused))
+#define RDPI_Q31_SELDOM __attribute__((noinline, unused))
 #else
-#define RDPI_Q31_SELDOM static inline
+#define RDPI_Q31_SELDOM inline
 #endif
 
 /* Code that gains from what the compiler knows where it is used, unless size counts. */
 #if defined(__GNUC__) && !defined(__OPTIMIZE_SIZE__)
-#define RDPI_Q31_HOT static inline __attribute__((always_inline))
+#define RDPI_Q31_HOT inline __attribute__((always_inline))
 #else
-#define RDPI_Q31_HOT static inline
+#define RDPI_Q31_HOT inline
 #endif
 
 static inline int32_t rdpi_q31_clamp(int64_t value, int32_t low, int32_t high)

@@ -1,4 +1,4 @@
-/* The rate estimator of rate.h in fixed point. It works on distances per window, so that a jump of any size passes
+/* The rate estimator of f32_rate.h in fixed point. It works on distances per window, so that a jump of any size passes
  * through the low-pass undistorted; only what comes out is divided by the guard's distance. */
 #ifndef RDPI_Q31_RATE_H
 #define RDPI_Q31_RATE_H
@@ -64,7 +64,7 @@ static inline rdpi_status_t rdpi_q31_rate_init(rdpi_q31_rate_t *rate, const rdpi
     rate->guard = (uint32_t)((distance << zeros) >> 32);
     rate->guard_shift = (uint8_t)shift;
     rate->per_guard = (uint32_t)(((uint64_t)1 << 62) / rate->guard);
-    rate->shift = (uint8_t)(31u - rate->guard_shift);
+    rate->direct_shift = (uint8_t)(31u - rate->guard_shift);
     rate->blend = 0;
     rate->blend_shift = 0;
     if (params->rate_filter_ns > sample_time_ns / 64u) { /* or exp(-64) is left */
@@ -80,19 +80,19 @@ static inline uint32_t rdpi_q31_distance(int32_t a, int32_t b)
 }
 
 /* The largest distance between neighbours within the guard, where the rate is nothing else. */
-static inline uint32_t rdpi_q31_rate_reach(const rdpi_q31_rate_t *rate)
+static inline uint32_t rdpi_q31_rate_direct_limit(const rdpi_q31_rate_t *rate)
 {
-    return rate->guard >> rate->shift;
+    return rate->guard >> rate->direct_shift;
 }
 
 /* Of a distance between neighbours, not beyond the guard, where the rate is nothing else. */
-static inline int32_t rdpi_q31_rate_of(const rdpi_q31_rate_t *rate, uint32_t distance)
+static inline int32_t rdpi_q31_rate_direct(const rdpi_q31_rate_t *rate, uint32_t distance)
 {
-    return (int32_t)rdpi_q31_mulh(distance << rate->shift, rate->per_guard);
+    return (int32_t)rdpi_q31_mulh(distance << rate->direct_shift, rate->per_guard);
 }
 
 /* Takes a sample after one that has left rate->direct, none missed: the distance to it. */
-static inline uint32_t rdpi_q31_rate_distance(rdpi_q31_rate_t *rate, int32_t z)
+static inline uint32_t rdpi_q31_rate_direct_distance(rdpi_q31_rate_t *rate, int32_t z)
 {
     uint32_t distance = rdpi_q31_distance(z, rate->z[0]);
     rate->z[0] = z;
@@ -101,7 +101,7 @@ static inline uint32_t rdpi_q31_rate_distance(rdpi_q31_rate_t *rate, int32_t z)
 
 /* As rdpi_f32_rate_step; returns the rate, RDPI_Q31_ONE at the guard, and beyond it more than that.
  * Scaling and overflow: distances are < 2^32; in 63 bits they carry 31 bits of fraction. */
-RDPI_Q31_SELDOM int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, unsigned missed)
+static RDPI_Q31_SELDOM int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, unsigned missed)
 {
     if (rate->oldest == rate->window || missed > RDPI_MAX_MISSED) {
         rdpi_q31_rate_reset(rate);
@@ -114,9 +114,9 @@ RDPI_Q31_SELDOM int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, uns
     unsigned left = missed + 1u;
     rate->direct = rate->window == 1u && rate->blend == 0u && rate->guard_shift <= 31u;
     if (rate->direct) {
-        uint32_t distance = rdpi_q31_rate_distance(rate, z), way = rdpi_q31_part(distance, left);
+        uint32_t distance = rdpi_q31_rate_direct_distance(rate, z), way = rdpi_q31_part(distance, left);
         way = way * left < distance ? way + 1u : way;
-        return way > rdpi_q31_rate_reach(rate) ? INT32_MAX : rdpi_q31_rate_of(rate, way);
+        return way > rdpi_q31_rate_direct_limit(rate) ? INT32_MAX : rdpi_q31_rate_direct(rate, way);
     }
     int32_t last = rate->z[(rate->oldest > 0u ? rate->oldest : rate->window) - 1u];
     for (; left > 0u; left--) {

@@ -27,7 +27,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "host_tools"))
 
-from rdpi import chain, header, parameters  # noqa: E402
+from rdpi.simulate import chain
+from rdpi.firmware import header, parameters  # noqa: E402
 from rdpi.model import Memory, Model, read_model  # noqa: E402
 
 WORK = ROOT / "build" / "instructions"

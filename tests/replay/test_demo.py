@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rdpi import chain, excite
-from rdpi.identify import Options, fit
-from rdpi.recording import Recording
+from rdpi.data import Recording, excite
+from rdpi.fit import Options, fit
+from rdpi.simulate import chain
 
 ROOT = Path(__file__).resolve().parents[2]
 RMS, MAX = 0, 1

@@ -19,9 +19,9 @@
  * Not for -ffast-math, which cannot tell NaN from numbers. With -ffreestanding or -fno-builtin, fabsf is libm's.
  *
  * Cost classes: n + 1 plays, m + 1 pieces of saturation. "Amortised" counts a reversal, and each play that engages
- * after it, against the step in which it happens: O(n) at worst, none in most steps. Those take a short way of some 70
+ * after it, against the step in which it happens: O(n) at worst, none in most steps. Those take a quick way of some 70
  * instructions if there are DAC codes, but no rate window of several samples, no filter and no slew limit.
- * RDPI_QUICK_STEP, 0 or 1, defined for lib/src says whether the short way is compiled; by default it is but for -Os, as
+ * RDPI_QUICK_STEP, 0 or 1, defined for lib/src says whether the quick way is compiled; by default it is but for -Os, as
  * it adds 2 to 3 kB of code. Both give the same codes, drives, flags and counts, bit for bit. */
 #ifndef RDPI_F32_H
 #define RDPI_F32_H
@@ -100,7 +100,7 @@ typedef struct {
     rdpi_real_t V_per_code;      /**< drive = V_per_code * dac_code + min_V, nowhere above max_V */
     const rdpi_f32_play_t *play; /**< [plays] */
     const rdpi_f32_deadzone_t *saturation; /**< [deadzones], S (eq. 8) */
-    const rdpi_f32_piece_t *inverse;       /**< [deadzones], S^-1 (eq. 13) */
+    const rdpi_f32_piece_t *inverse_saturation; /**< [deadzones], S^-1 (eq. 13) */
     const rdpi_real_t *memory_um;          /**< [plays], play states assumed at power up; memory_um[0] is x */
 } rdpi_f32_params_t;
 
@@ -108,11 +108,11 @@ typedef struct {
 typedef struct {
     rdpi_real_t y_um[RDPI_MAX_PLAYS > 1 ? RDPI_MAX_PLAYS : 2]; /**< y_0 = x; states of the plays 1 .. engaged are
                                                                     implied by x */
-    rdpi_real_t rest_um;     /**< output at rate rho is W_k(rho) x + rest_um + rho rest_rate_s, k = engaged */
-    rdpi_real_t rest_rate_s; /**< see rest_um */
+    rdpi_real_t remainder_um;     /**< output at rate rho is W_k(rho) x + remainder_um + rho remainder_rate_s, k = engaged */
+    rdpi_real_t remainder_rate_s; /**< see remainder_um */
     rdpi_real_t edge_um;     /**< no play engages or lets go, and the range does not end, while x is between here and
                                   y_0 or, where none is engaged, within this distance of y_1 */
-    const rdpi_f32_play_t *at; /**< that of the play `engaged` */
+    const rdpi_f32_play_t *last_engaged; /**< play[engaged] */
     uint16_t engaged;        /**< plays 1 .. engaged move with x */
     bool falling;            /**< they are pulled down */
 } rdpi_f32_bank_t;
@@ -142,13 +142,13 @@ typedef struct {
     uint32_t missed_count; /**< samples reported to rdpi_f32_missed */
     /* private */
     const rdpi_f32_params_t *params; /**< as given to init */
-    const rdpi_f32_piece_t *piece;   /**< that of S^-1 which the latest reference was on */
+    const rdpi_f32_piece_t *latest_piece;   /**< that of S^-1 which the latest reference was on */
     rdpi_real_t ramp_V;   /**< drive_V before rounding to a code, or slow slews would never leave one; steps without
                                slew limit may leave it behind, and a sweep does not go by it then */
     uint16_t sweep_turns; /**< turning points of the start-up sweep that are still to come; 0: none runs */
     uint8_t missed;       /**< samples since the latest usable reference, saturating */
-    bool plain;           /**< the next sample's rate is the difference from the one before; codes, no slew limit */
-    rdpi_f32_rate_t rate; /**< the rate estimator */
+    bool quick;           /**< the next sample's rate is the difference from the one before; codes, no slew limit */
+    rdpi_f32_rate_t rate_estimator; /**< the rate estimator */
     rdpi_f32_bank_t bank; /**< the plays */
 } rdpi_f32_t;
 

@@ -77,7 +77,7 @@ typedef struct {
     uint32_t rate_filter_ns;    /**< see rate_filter_s */
     int32_t min_drive;          /**< output range */
     int32_t max_drive;          /**< output range */
-    int32_t code_0_drive;       /**< drive of code 0, at min_V: min_drive, or max_drive where the gain is
+    int32_t drive_of_code_0;       /**< drive of code 0, at min_V: min_drive, or max_drive where the gain is
                                      negative */
     int32_t codes_per_drive;    /**< codes per drive unit, times 2^code_shift; of the gain's sign */
     int32_t drive_per_code;     /**< its inverse, times 2^drive_shift */
@@ -90,9 +90,9 @@ typedef struct {
 
 /** Private part of rdpi_q31_t: the plays. */
 typedef struct {
-    int64_t f_rest;              /**< output times 2^30 at rate 0; exact */
+    int64_t f_at_rest;              /**< output times 2^30 at rate 0; exact */
     int64_t f_rate;              /**< its change up to the guard; exact */
-    const rdpi_q31_play_t *last; /**< play [engaged] */
+    const rdpi_q31_play_t *last_engaged; /**< play[engaged] */
     int32_t room;                /**< way that x can go on before the next play engages or the range ends */
     int32_t y[RDPI_MAX_PLAYS > 1 ? RDPI_MAX_PLAYS : 2]; /**< y_0 = x; states of the plays 1 .. engaged are implied by
                                                              x. Never one alone, whose neighbour gcc would warn of */
@@ -109,7 +109,7 @@ typedef struct {
     uint32_t blend;             /**< 1 - exp(-T / filter), times 2^(32 + blend_shift); 0: no filter */
     uint8_t guard_shift;  /**< 0 .. 62 */
     uint8_t blend_shift;  /**< 0 .. 30 */
-    uint8_t shift;        /**< 31 - guard_shift, where that is not negative */
+    uint8_t direct_shift; /**< 31 - guard_shift, where that is not negative */
     bool direct;          /**< the next sample's rate is its distance to z[0] */
     uint16_t window; /**< N */
     uint16_t oldest; /**< < window; == window: no sample yet */
@@ -117,7 +117,7 @@ typedef struct {
 
 /** Private part of rdpi_q31_t: the piece of S^-1 that the latest reference lies on. */
 typedef struct {
-    int64_t offset;  /**< output times 2^30 is slope * reference + offset */
+    int64_t intercept; /**< output times 2^30 is slope * reference + intercept */
     int32_t slope;   /**< times 2^30 */
     int32_t from;    /**< where the piece begins */
     uint32_t length; /**< 0: none found yet */
@@ -139,12 +139,12 @@ typedef struct {
     /* private */
     const rdpi_q31_params_t *params; /**< as given to init */
     uint8_t missed;       /**< samples since the latest usable reference, saturating */
-    bool plain;           /**< output are codes, and nothing limits the slew */
+    bool direct_output;           /**< output are codes, and nothing limits the slew */
     uint16_t sweep_turns; /**< turning points of the start-up sweep that are still to come; 0: none runs */
     int64_t ramp;         /**< drive before rounding to a code, times 2^32 */
     int64_t slew;         /**< largest change per sample, likewise; 0: unlimited */
     int64_t sweep_step;   /**< of the start-up sweep per sample, likewise */
-    rdpi_q31_piece_t piece;         /**< of S^-1 */
+    rdpi_q31_piece_t latest_piece;         /**< of S^-1 */
     rdpi_q31_rate_t rate_estimator; /**< its state */
     rdpi_q31_bank_t bank;           /**< the plays */
 } rdpi_q31_t;
