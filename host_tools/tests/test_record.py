@@ -226,7 +226,7 @@ def test_an_earlier_capture_is_kept_until_the_first_byte(board: Board, run_csv: 
     assert (tmp_path / "raw").read_bytes() == b"earlier"
 
 
-# ---- ports and targets that are refused, told or shown ----
+# ---- ports that cannot be used, targets that do not send ----
 
 @pytest.mark.parametrize("option", ["-o", "--raw", "--json"])
 def test_the_port_is_no_file_to_write_to(board: Board, run_csv: Path, rdpi: Callable, option: str) -> None:
