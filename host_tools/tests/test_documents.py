@@ -128,7 +128,7 @@ def test_what_is_generated_is_committed() -> None:
     files = formats().files()
     assert [path.name for path in files] == ["rdpi-model-1.json", "rdpi-fit-1.json", "rdpi-gap-1.json", "formats.md"]
     for path, text in files.items():
-        assert path.read_text("utf-8") == text, path
+        assert path.read_text("utf-8") == text, f"{path} is not up to date: run host_tools/formats.py"
     assert {path for path in written.PACKAGE.glob("*/schemas/*")} == {path for path in files if path.suffix == ".json"}
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from typing import Any, NoReturn, get_args
 
 import numpy as np
 
 from ..errors import BadInput
-from ..model import Model, Passport
+from ..model import Model, Passport, records
 
-OTHER_RUNS, LEFT_OUT, FITTED = SOURCES = "other runs", "left out in turn", "fitted"  # of residuals, best first
+OTHER_RUNS, LEFT_OUT, FITTED = SOURCES = get_args(records.HeldOut)  # of residuals, best first
 AXES = "rate_um_per_s", "position_um", "amplitude_um", "since_reversal_s", "direction"
 SHAPE_AXES = AXES[:2]  # those that, multiplied, foretold best where a residual lies
 TERMS = "constant", "std", "std²", "rate²"  # whose sum is the expected mean square

@@ -158,7 +158,7 @@ def _schema_of(hint: Any, sections: dict[str, dict[str, Any]], low: float | None
     nullable = type(None) in get_args(hint)
     if len(options) > 1 or nullable:
         found = [_schema_of(option, sections, low, high) for option in options] + [{"type": "null"}] * nullable
-        if len(found) == 2 and set(found[0]) >= {"type"} and isinstance(found[0]["type"], str) and nullable:
+        if len(options) == 1 and isinstance(found[0].get("type"), str):
             return {**found[0], "type": [found[0]["type"], "null"]}
         return {"anyOf": found}
     if _is_document(hint):

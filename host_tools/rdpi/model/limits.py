@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Literal, get_args
+
 import numpy as np
 
-SOURCES = ("displacement", "control")
+Source = Literal["displacement", "control"]  # of the rate
+SOURCES = get_args(Source)
 MIN_SLOPE_RATIO = 0.2  # default of rate.min_slope_ratio
 TOLERANCE = 1e-5  # relative; what rounding to the firmware's float may cost (ROUNDING in lib/src/f32_check.h)
 LARGEST, LEAST_SLOPE, MIN_SPAN_V = 1e7, 1e-7, 1e-9  # MAX_NUMBER, MIN_SLOPE and MIN_SPAN_V there

@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from ..errors import BadInput
 from . import validation
 from .documents import Document, json_key
 from .limits import (EPSILON, LARGEST, MAX_DAC_BITS, MAX_DEADZONES, MAX_PLAYS, MAX_SWEEP_CYCLES, MIN_SLOPE_RATIO,
-                     SWEEP_CYCLES, SWEEP_HZ, TINY)
+                     SWEEP_CYCLES, SWEEP_HZ, TINY, Source)
 from .records import EffectEntry, FitRecord, Passport
 
 SECTIONS = "rate", "drive", "memory"
@@ -32,7 +32,7 @@ WHOLE = "dac_bits", "sweep_cycles"
 class Rate(Document):
     """How the rate is estimated and where the guard clamps it; see rdpi_f32_params_t in lib/include/rdpi/f32.h."""
 
-    source: Literal["displacement", "control"] = json_key("whose rate modulates the slopes", default="displacement")
+    source: Source = json_key("whose rate modulates the slopes", default="displacement")
     window_s: float = json_key("time over which the firmware takes a difference; 0: one sample", "s", low=0,
                                default=0.0)
     filter_s: float = json_key("time constant of the firmware's low-pass on the rate; 0: none", "s", low=0, default=0.0)
