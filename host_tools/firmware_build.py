@@ -1,4 +1,4 @@
-"""Compiles the firmware library into the package, as rdpi._f32 (RDPI_REAL=float) and rdpi._f64 (double)."""
+"""Compiles the firmware library into the package, as rdpi.firmware._f32 (RDPI_REAL=float) and rdpi.firmware._f64 (double)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from setuptools.command.build_ext import build_ext
 HERE = Path(__file__).resolve().parent
 LIB = next(path for path in (HERE / "lib", HERE.parent / "lib") if path.is_dir())  # in an sdist, in a checkout
 BATCH = HERE / "firmware"
-REAL = {"rdpi._f32": "float", "rdpi._f64": "double"}
+REAL = {"rdpi.firmware._f32": "float", "rdpi.firmware._f64": "double"}
 # Larger than the firmware's: memory is no concern here, and identification tries finer models than are flashed.
 MAXIMA = {"RDPI_MAX_PLAYS": "129", "RDPI_MAX_DEADZONES": "65", "RDPI_MAX_WINDOW": "4096"}
 

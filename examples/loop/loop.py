@@ -29,8 +29,8 @@ sys.path.insert(0, str(ROOT / "tests" / "bench"))
 
 import bench  # noqa: E402
 import lockstep  # noqa: E402
-from rdpi import emulator  # noqa: E402
-from rdpi.recording import read_recording  # noqa: E402
+from rdpi.board import emulator  # noqa: E402
+from rdpi.data import read_recording  # noqa: E402
 
 RATE_HZ = 10_000
 SHARE = 0.85  # of the stroke that the excitation reached: what the profile spans

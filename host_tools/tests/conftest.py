@@ -16,7 +16,7 @@ import pytest
 from ports import Board
 
 from rdpi.cli import main
-from rdpi.recording import sample_times
+from rdpi.data import sample_times
 
 # No time limit per example, which a busy machine breaks; no folder of examples in the checkout; in CI the same examples
 # every time, so that what lands depends on the code alone. `--hypothesis-profile long` is for fuzzing: see `rounds`.

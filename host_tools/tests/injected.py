@@ -9,11 +9,11 @@ from functools import lru_cache
 import numpy as np
 from plants import changed, model_of, recording, stack
 
-from rdpi import chain, excite
-from rdpi.effects import CATALOGUE
-from rdpi.identify import Options, fit
+from rdpi.data import Recording, excite
+from rdpi.fit import Options, fit
 from rdpi.model import Drive, Model, Rate
-from rdpi.recording import Recording
+from rdpi.simulate import chain
+from rdpi.simulate.effects import CATALOGUE
 
 RATE_HZ = 1000.0
 NOISE_UM = 0.004

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import strategies as st
 
-from rdpi import operators
-from rdpi.model import Drive, Memory, Model, Rate
+from rdpi.model import Drive, Memory, Model, Rate, operators
 
 SAMPLE_TIME_S = 1e-4
 

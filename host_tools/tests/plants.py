@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rdpi.data import Recording, sample_times
 from rdpi.model import Drive, Memory, Model, Rate
-from rdpi.recording import Recording, sample_times
 
 
 @dataclass

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from models import random_model
+from rdpi.data import sample_times, write_recording
 from rdpi.model import write_model
-from rdpi.recording import sample_times, write_recording
 
 SAMPLES = 200
 MODEL = random_model(3)

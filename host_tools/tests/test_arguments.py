@@ -13,11 +13,14 @@ from injected import LATER, drives, plain_model, recorded
 from plants import changed
 
 import rdpi
-from rdpi import chain, firmware, gap, header, identify
+from rdpi import firmware
+from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.identify import Options
+from rdpi.firmware import header
+from rdpi.fit import Options, identify
+from rdpi.gap import diagnosis as gap
 from rdpi.model import Model
-from rdpi.recording import Recording
+from rdpi.simulate import chain
 
 SAMPLE_TIME_S = 1e-3
 MODEL = plain_model(1.0)

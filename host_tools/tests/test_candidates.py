@@ -11,9 +11,10 @@ import pytest
 from injected import NOISE_UM, RATE_HZ, drives, entry, plain_model, recorded, rms
 from plants import changed, marked, quasi_static, stack, waves
 
-from rdpi import candidates, chain
-from rdpi.candidates import Bench, Candidate, Grams, Rig, search
-from rdpi.effects import CATALOGUE, Acting
+from rdpi.gap import candidates
+from rdpi.gap.candidates import Bench, Candidate, Grams, Rig, search
+from rdpi.simulate import chain
+from rdpi.simulate.effects import CATALOGUE, Acting
 
 # An effect, where it acts, and the parameters a plant has; which of them to find, and how nearly.
 INJECTED: dict[str, tuple[str, dict[str, float], dict[str, float]]] = {

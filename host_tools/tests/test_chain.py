@@ -10,10 +10,11 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 from models import SAMPLE_TIME_S, SEEDS, random_model
 
-from rdpi import chain, firmware, operators, signals
+from rdpi import firmware
+from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.model import Drive, Memory, Model, Rate
-from rdpi.recording import Recording
+from rdpi.model import Drive, Memory, Model, Rate, operators
+from rdpi.simulate import chain, signals
 
 TIME_S = np.arange(3000) * SAMPLE_TIME_S
 

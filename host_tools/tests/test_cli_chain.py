@@ -16,8 +16,8 @@ import pytest
 from plants import model_of, quasi_static, rate_of, recording, stack, waves
 
 from rdpi import firmware
+from rdpi.data import Recording, read_recording, sample_times, write_recording
 from rdpi.model import Drive, Memory, Rate, read_model, write_model
-from rdpi.recording import Recording, read_recording, sample_times, write_recording
 
 HOST_TOOLS = Path(__file__).resolve().parents[1]
 ENGINES = "f32", "q31", "f64", "numpy"

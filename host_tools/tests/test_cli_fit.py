@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from plants import Plant, quasi_static, slopes_um_per_V, stack, waves
 
-from rdpi import chain
+from rdpi.data import Recording, read_recording, sample_times, write_recording
 from rdpi.model import read_model
-from rdpi.recording import Recording, read_recording, sample_times, write_recording
+from rdpi.simulate import chain
 
 HOST_TOOLS = Path(__file__).resolve().parents[1]
 KEYS = {"schema", "tool", "actuator", "gain_um_per_V", "offset_V", "offset_um", "stroke_um", "thresholds_um", "slopes",

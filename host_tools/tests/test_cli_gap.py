@@ -16,9 +16,9 @@ import pytest
 from injected import LATER, RATE_HZ, commissioned, drives, entry, plain_model, recorded
 from plants import changed, recording
 
-from rdpi.effects import CATALOGUE
+from rdpi.data import Recording, read_recording, write_recording
 from rdpi.model import read_model, write_model
-from rdpi.recording import Recording, read_recording, write_recording
+from rdpi.simulate.effects import CATALOGUE
 
 HOST_TOOLS = Path(__file__).resolve().parents[1]
 KEYS = {"schema", "verdict", "effects", "candidates", "gap", "where", "next_experiment"}

@@ -116,9 +116,10 @@ def test_bugs_are_not_hidden(rdpi: Callable, scratch: Callable) -> None:
 
 
 SLOW = """
-import time, rdpi.cli as cli
-cli.PROGRESS_DELAY_S = 0.05
-with cli.progress("working") as report:
+import time
+from rdpi.cli import progress
+progress.DELAY_S = 0.05
+with progress.progress("working") as report:
     time.sleep({before}); report(0.5); time.sleep(0.3)
 """
 
@@ -175,7 +176,7 @@ def test_ctrl_c_is_no_missed_gate(tmp_path: Path, rdpi: Callable, monkeypatch: p
     def stopped(*arguments: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("rdpi.excite.make_drive", stopped)
+    monkeypatch.setattr("rdpi.data.make_drive", stopped)
     done = rdpi("excite", "sine", "-o", tmp_path / "drive.csv")
     assert (done.exit_code, done.output) == (130, "rdpi: stopped\n")
     assert not list(tmp_path.iterdir())
@@ -197,7 +198,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("module", ["rdpi.cli", "click", "numpy", "rdpi.identify", "scipy"])
+@pytest.mark.parametrize("module", ["rdpi.cli", "click", "numpy", "rdpi.fit.identify", "scipy"])
 def test_ctrl_c_while_modules_are_loaded(module: str, tmp_path: Path) -> None:
     """They are loaded for longer than small work takes."""
     (tmp_path / "run.csv").write_text("time_s,command_V,displacement_um\n"

@@ -28,12 +28,13 @@ from disks import Disk
 from injected import LATER, commissioned, drives, plain_model, recorded
 from streams import samples
 
-from rdpi import gap, identify
+from rdpi.board import Decoder
 from rdpi.cli import main
-from rdpi.effects import CATALOGUE
+from rdpi.data import Recording, atomic_write, make_folder, read_recording, write_recording
+from rdpi.fit import identify
+from rdpi.gap import diagnosis as gap
 from rdpi.model import write_model
-from rdpi.recording import Recording, atomic_write, make_folder, read_recording, write_recording
-from rdpi.telemetry import Decoder
+from rdpi.simulate.effects import CATALOGUE
 
 KILLS, LONG_KILLS = 5, 100  # of each command, twice as many of record
 LATE_S = 1.0  # what was sent earlier than this before a cut is on disk

@@ -16,11 +16,11 @@ from injected import entry
 from models import SEEDS, random_model
 from plants import Plant, changed, marked, model_of, quasi_static, recording, stack, waves
 
-from rdpi import chain, effects
-from rdpi.effects import CATALOGUE, Acting, Effect, View
+from rdpi.data import Recording, read_recording, write_recording
 from rdpi.errors import BadInput
 from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
-from rdpi.recording import Recording, read_recording, write_recording
+from rdpi.simulate import chain, effects
+from rdpi.simulate.effects import CATALOGUE, Acting, Effect, View
 
 RATE_HZ = 1000.0
 GAIN = 0.125  # um/V of `straight`

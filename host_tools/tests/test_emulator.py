@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rdpi import emulator
+from rdpi.board import emulator
+from rdpi.board.telemetry import SWEEP
+from rdpi.data import Recording, read_recording, sample_times, write_recording
 from rdpi.errors import BadInput
 from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
-from rdpi.recording import Recording, read_recording, sample_times, write_recording
-from rdpi.telemetry import SWEEP
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "examples/track/params/model.json"
@@ -169,7 +169,7 @@ def test_no_checkout(folder: Path, rdpi: Callable, monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("RDPI_HOME", str(folder))
     assert refusal(folder, rdpi, "--engine", "qemu-m4f") == f"RDPI_HOME is {folder}: not rdpi's checkout"
     monkeypatch.delenv("RDPI_HOME")
-    monkeypatch.setattr(emulator, "__file__", str(folder / "site-packages/rdpi/emulator.py"))
+    monkeypatch.setattr(emulator, "__file__", str(folder / "site-packages/rdpi/board/emulator.py"))
     assert "set RDPI_HOME to its folder" in refusal(folder, rdpi, "--engine", "qemu-m4f")
     monkeypatch.setenv("RDPI_HOME", str(ROOT))
     assert emulator.checkout() == ROOT

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from rdpi.cli import main
+from rdpi.data import read_recording
+from rdpi.data.excite import KINDS, Limits, make_drive
 from rdpi.errors import BadInput
-from rdpi.excite import KINDS, Limits, make_drive
-from rdpi.recording import read_recording
 
 SHORT = {"steps": {"hold_s": 0.02}, "sine": {"cycles": 1}, "sawtooth": {"cycles": 1}, "startup": {"cycles": 20}}
 

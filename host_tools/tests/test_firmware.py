@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from models import MODELS, SAMPLE_TIME_S, SEEDS, random_model, random_reference
 
-from rdpi import firmware, operators
+from rdpi import firmware
 from rdpi.errors import BadInput
 from rdpi.firmware import Firmware
-from rdpi.model import Memory, Model
+from rdpi.model import Memory, Model, operators
 
 MODEL = random_model(3, plays=4, deadzones=1, slew=True, dac_bits=12)
 REALS = ("f32", "f64")

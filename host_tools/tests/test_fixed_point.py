@@ -13,12 +13,12 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from models import MODELS, SAMPLE_TIME_S, SEEDS, random_model, random_reference
 
-from rdpi import firmware, operators, parameters
+from rdpi import firmware
 from rdpi.errors import BadInput
-from rdpi.firmware import Firmware, FixedPoint, Steps
-from rdpi.model import Drive, Memory, Model, Rate
-from rdpi.operators import GUARD, INPUT, MISSED, RANGE, SLEW
-from rdpi.parameters import INT32_MAX, MAX_DRIVE, MIN_SLOPE, NO_REFERENCE, ONE, Q31
+from rdpi.firmware import Firmware, FixedPoint, Steps, parameters
+from rdpi.firmware.parameters import INT32_MAX, MAX_DRIVE, MIN_SLOPE, NO_REFERENCE, ONE, Q31
+from rdpi.model import Drive, Memory, Model, Rate, operators
+from rdpi.model.operators import GUARD, INPUT, MISSED, RANGE, SLEW
 
 MODEL = random_model(3, plays=4, deadzones=1, slew=True, dac_bits=12)
 TABLES = "play", "saturation", "inverse_saturation", "memory"

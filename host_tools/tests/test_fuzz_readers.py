@@ -21,11 +21,11 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from hypothesis.extra import numpy as arrays_of
 from models import random_model
 
-from rdpi import header, importer, profile
+from rdpi.board import profile
+from rdpi.data import Recording, Request, import_recording, importer, read_recording, sample_times, write_recording
 from rdpi.errors import BadInput
-from rdpi.importer import Request, import_recording
+from rdpi.firmware import header
 from rdpi.model import read_model, write_model
-from rdpi.recording import Recording, read_recording, sample_times, write_recording
 
 COUNT = 20
 RUN = {"time_s": sample_times(COUNT, 1000), "command_V": np.arange(COUNT) % 7.0,

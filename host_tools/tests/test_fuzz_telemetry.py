@@ -20,10 +20,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from streams import Sample, frame, samples, stream
 
-from rdpi import telemetry
+from rdpi.board import Decoder, Following, telemetry
+from rdpi.data import MIN_SAMPLES, read_recording, sample_times, write_recording
 from rdpi.errors import BadInput
-from rdpi.recording import MIN_SAMPLES, read_recording, sample_times, write_recording
-from rdpi.telemetry import Decoder, Following
 
 LARGEST = 1e12  # um and V: what is beyond is no measurement, and a reader may refuse it
 SAMPLE_LAYOUT, INFO_LAYOUT = "<BHIIIIiH", "<BBBBIBB7d10I"

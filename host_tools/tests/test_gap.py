@@ -17,13 +17,13 @@ from injected import (COMMISSIONING, FURTHER, LATER, NOISE_UM, RATE_HZ, commissi
                       plain_model, recorded, rms)
 from plants import changed, marked, recording
 
-from rdpi import chain, effects, excite
-from rdpi.effects import CATALOGUE, STAGES
+from rdpi.data import Recording, excite, sample_times
 from rdpi.errors import BadInput
+from rdpi.fit import Options, fit
 from rdpi.gap import Diagnosis, diagnose
-from rdpi.identify import Options, fit
 from rdpi.model import Memory, Model
-from rdpi.recording import Recording, sample_times
+from rdpi.simulate import chain, effects
+from rdpi.simulate.effects import CATALOGUE, STAGES
 
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
 

@@ -20,14 +20,14 @@ from injected import LATER, commissioned, drives, entry, plain_model, recorded
 from matplotlib.figure import Figure
 from plants import changed
 
-from rdpi import gap_numbers, gap_pictures, gap_report, gap_words
-from rdpi.effects import CATALOGUE
+from rdpi.data import Recording, sample_times
+from rdpi.fit.localise import DIRECTIONS, Axis, Table
 from rdpi.gap import diagnose
-from rdpi.gap_pictures import Pictures
-from rdpi.gap_report import tables, write
-from rdpi.gap_words import promise, sentence
-from rdpi.localise import DIRECTIONS, Axis, Table
-from rdpi.recording import Recording, sample_times
+from rdpi.gap.report import numbers as gap_numbers, page as gap_report, pictures as gap_pictures, words as gap_words
+from rdpi.gap.report.page import tables, write
+from rdpi.gap.report.pictures import Pictures
+from rdpi.gap.report.words import promise, sentence
+from rdpi.simulate.effects import CATALOGUE
 
 RATE_HZ = 5000.0
 NBSP = "\N{NO-BREAK SPACE}"

@@ -10,14 +10,14 @@ import pytest
 from injected import RATE_HZ, commissioned, entry, plain_model, recorded
 from plants import changed, marked, recording, waves
 
-from rdpi import candidates, chain, effects
-from rdpi.candidates import Bench
-from rdpi.effects import CATALOGUE, Acting
-from rdpi.effects.hysteresis_change import widened
+from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.gap import diagnose
+from rdpi.gap import candidates, diagnose
+from rdpi.gap.candidates import Bench
 from rdpi.model import LARGEST, Drive, Model
-from rdpi.recording import Recording
+from rdpi.simulate import chain, effects
+from rdpi.simulate.effects import CATALOGUE, Acting
+from rdpi.simulate.effects.hysteresis_change import widened
 
 # Of every effect ahead of the operator; none leaves the first sample of both drives where it was.
 AHEAD = {"quantisation": {"step": 100 / 31, "origin": 1.0}, "delay": {"delay_s": 0.004},

@@ -17,13 +17,13 @@ import pytest
 from hypothesis import given, strategies as st
 from models import random_model
 
-from rdpi import firmware, operators, parameters
-from rdpi._f32 import lib
+from rdpi import firmware
+from rdpi.firmware._f32 import lib
 from rdpi.errors import BadInput
-from rdpi.firmware import FixedPoint
-from rdpi.header import (Q31_SCALARS, Q31_TABLES, SCALARS, SCHEMA, TABLES, _check_name, comment, literal, render,
-                         write_header)
-from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
+from rdpi.firmware import FixedPoint, parameters
+from rdpi.firmware.header import (Q31_SCALARS, Q31_TABLES, SCALARS, SCHEMA, TABLES, _check_name, comment, literal,
+                                  render, write_header)
+from rdpi.model import Drive, Memory, Model, Rate, operators, read_model, write_model
 
 ROOT = Path(__file__).resolve().parents[2]
 STRICT_C = "cc -x c -std=c99 -Wall -Wextra -Wconversion -Wdouble-promotion -Wshadow -Wpedantic -Werror".split()

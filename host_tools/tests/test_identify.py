@@ -14,11 +14,12 @@ from hypothesis import strategies as st
 from plants import (Plant, changed, marked, quasi_static, rate_of, recording, slopes_um_per_V, stack, thresholds_um,
                     waves)
 
-from rdpi import chain, passport
+from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.identify import FOLDS, SLOPE_FLOOR, Fit, Options, fit, rate_slopes
+from rdpi.fit import passport
+from rdpi.fit.identify import FOLDS, SLOPE_FLOOR, Fit, Options, fit, rate_slopes
 from rdpi.model import Drive
-from rdpi.recording import Recording
+from rdpi.simulate import chain
 
 SPAN_V = 90.0
 STATIC = Options(rate_independent=True)

@@ -14,10 +14,9 @@ import pytest
 import scipy.io
 from hypothesis import given, settings, strategies as st
 
+from rdpi.data import Recording, Request, import_recording, read_recording, sample_times, write_recording
+from rdpi.data.foreign import read_arrays
 from rdpi.errors import BadInput
-from rdpi.foreign import read_arrays
-from rdpi.importer import Request, import_recording
-from rdpi.recording import Recording, read_recording, sample_times, write_recording
 
 COUNT = 40
 TIME_S = sample_times(COUNT, 1000)
@@ -528,7 +527,7 @@ def loadmat(file, **options):
     return {{}}
 """)
     monkeypatch.syspath_prepend(tmp_path / "other")
-    monkeypatch.setattr("rdpi.foreign.START_S", 1 if what == "hangs" else 60)
+    monkeypatch.setattr("rdpi.data.foreign.START_S", 1 if what == "hangs" else 60)
     (tmp_path / "x.mat").write_bytes(ARRAYS["vectors.mat"][0])
     message = refused("import", tmp_path / "x.mat", "-o", refused.output)
     assert "x.mat: cannot be read as a MATLAB file" in message and needle in message and "save it again" in message
@@ -545,8 +544,8 @@ def test_an_archive_that_unpacks_to_more_than_its_size_allows(refused: Callable,
                                                               monkeypatch: pytest.MonkeyPatch) -> None:
     bomb = archive(z=np.zeros(10_000_000))
     limit = 4 * len(bomb)
-    monkeypatch.setattr("rdpi.foreign.START_BYTES", limit)
-    monkeypatch.setattr("rdpi.foreign.BYTES_PER_BYTE", 20)
+    monkeypatch.setattr("rdpi.data.foreign.START_BYTES", limit)
+    monkeypatch.setattr("rdpi.data.foreign.BYTES_PER_BYTE", 20)
     assert 20 * len(bomb) + limit < 8 * 10_000_000
     (tmp_path / "bomb.npz").write_bytes(bomb)
     message = refused("import", tmp_path / "bomb.npz", "--command", "z", "-o", refused.output)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from plants import marked, rate_of, recording, waves
 
-from rdpi import localise, passport
-from rdpi.localise import BINS, UNITS, Axis, coordinates, dominant, table, turning_points
-from rdpi.passport import FITTED, Residual
-from rdpi.recording import Recording
+from rdpi.data import Recording
+from rdpi.fit import localise, passport
+from rdpi.fit.localise import BINS, UNITS, Axis, coordinates, dominant, table, turning_points
+from rdpi.fit.passport import FITTED, Residual
 
 RATE_HZ = 1000.0
 NOISE_UM = 0.004

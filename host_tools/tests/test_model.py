@@ -17,7 +17,7 @@ from models import MODELS, SAMPLE_TIME_S, SEEDS, random_model
 
 from rdpi.errors import BadInput
 from rdpi.firmware import Firmware, FixedPoint
-from rdpi.model import MAX_DEPTH, MAX_EFFECTS, MAX_FILE_BYTES, Memory, Model, guard_rates, read_model, write_model
+from rdpi.model.model import MAX_DEPTH, MAX_EFFECTS, MAX_FILE_BYTES, Memory, Model, guard_rates, read_model, write_model
 
 GOOD: dict[str, Any] = {
     "schema": "rdpi-model/1", "tool": "rdpi 0.0.1", "actuator": "P-885.91",

@@ -15,10 +15,12 @@ import pytest
 from injected import RATE_HZ, commissioned, entry, plain_model, recorded
 from plants import changed, recording, waves
 
-from rdpi import chain, header, intake, localise, passport
+from rdpi.data import Recording, write_recording
 from rdpi.errors import BadInput
+from rdpi.firmware import header
+from rdpi.fit import checks, localise, passport
 from rdpi.model import Model, read_model
-from rdpi.recording import Recording, write_recording
+from rdpi.simulate import chain
 
 WRONG = ["x", 1.5, -1, 1e300, 10**400, None, [], {}, [[1]]]
 Path_ = tuple[Any, ...]
@@ -70,7 +72,7 @@ def use(model: Model, key: str) -> None:
             localise.localise([run()], [residual - np.mean(residual)], [coords], known, 0.01)
     else:
         header.render(model)
-        intake.check_against(model, [run()])
+        checks.check_against(model, [run()])
     if key not in ("passport", "fit"):
         chain.simulate(model, [run()])
         chain.follow(model, run())
@@ -120,4 +122,4 @@ def test_a_run_of_the_fit_may_say_anything_else(tmp_path: Path) -> None:
     for digest in (["sha256:0"], {}, 1.5, None):
         (tmp_path / "model.json").write_text(json.dumps(damaged(("fit", "runs", 0, "digest"), digest)))
         model = read_model(tmp_path / "model.json")
-        assert len(intake.fitted_digests(model)) == len(model.fit["runs"]) - 1
+        assert len(checks.fitted_digests(model)) == len(model.fit["runs"]) - 1

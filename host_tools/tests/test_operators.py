@@ -10,10 +10,10 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from models import MODELS, SAMPLE_TIME_S, SEEDS, random_model, random_reference
 
-from rdpi import firmware, operators
+from rdpi import firmware
 from rdpi.firmware import Firmware
-from rdpi.model import Drive, Memory, Model, Rate
-from rdpi.operators import GUARD, INPUT, MISSED, RANGE, SLEW
+from rdpi.model import Drive, Memory, Model, Rate, operators
+from rdpi.model.operators import GUARD, INPUT, MISSED, RANGE, SLEW
 
 
 def small_model(**changes: object) -> Model:

@@ -17,12 +17,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import model_of, rate_of, recording, stack, waves
 
-from rdpi import chain, excite, localise, passport
+from rdpi.data import Recording, excite, sample_times
 from rdpi.errors import BadInput
-from rdpi.identify import Fit, fit
+from rdpi.fit import localise, passport
+from rdpi.fit.identify import Fit, fit
+from rdpi.fit.passport import FITTED, LEFT_OUT, OTHER_RUNS, Residual
 from rdpi.model import Model, read_model, write_model
-from rdpi.passport import FITTED, LEFT_OUT, OTHER_RUNS, Residual
-from rdpi.recording import Recording, sample_times
+from rdpi.simulate import chain
 
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
 

@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rdpi import profile
-from rdpi.firmware import FixedPoint
-from rdpi.header import write_header
+from rdpi.board import profile
+from rdpi.data import Recording, read_recording, sample_times, write_recording
+from rdpi.firmware import FixedPoint, write_header
 from rdpi.model import read_model
-from rdpi.recording import Recording, read_recording, sample_times, write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 PARAMS = ROOT / "examples/track/params"

@@ -22,10 +22,10 @@ import streams
 from ports import A_MOMENT_S, Board
 from streams import Info, samples, stream
 
-from rdpi import firmware, recording
-from rdpi.record import NO_INFO, REPORT_S, SAVE_S, Raw, Safe
-from rdpi.recording import read_recording
-from rdpi.telemetry import Decoder, Following
+from rdpi import firmware
+from rdpi.board import Decoder, Following
+from rdpi.board.serial import NO_INFO, REPORT_S, SAVE_S, Raw, Safe
+from rdpi.data import read_recording, recording
 
 SENT = samples(3000)
 WITHOUT_A_FEW = [sample for sample in SENT if sample.sequence not in (1000, 1001, 1800)]

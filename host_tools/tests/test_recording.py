@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from rdpi.data.recording import (MIN_SAMPLES, GrowingRecording, atomic_write, is_column_name, read_recording,
+                                 sample_times, write_recording)
 from rdpi.errors import BadInput
-from rdpi.recording import (MIN_SAMPLES, GrowingRecording, atomic_write, is_column_name, read_recording, sample_times,
-                            write_recording)
 
 HEADER = "time_s,command_V,displacement_um"
 

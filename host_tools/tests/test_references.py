@@ -27,7 +27,9 @@ def texts() -> Iterator[tuple[str, str]]:
             elif isinstance(node, ast.JoinedStr):  # pieces that belong together
                 yield f"{path.name}:{node.lineno}", "".join(
                     part.value if isinstance(part, ast.Constant) else "…" for part in node.values)
-    for path in sorted((PACKAGE / "templates").iterdir()):
+    templates = sorted(PACKAGE.rglob("templates/*"))
+    assert len({path.parent for path in templates}) > 1  # of the headers, of the report
+    for path in templates:
         yield path.name, path.read_text(encoding="utf-8")
 
 

@@ -14,9 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from plants import quasi_static, rate_of, recording, stack, waves
 
-from rdpi import chain, report
-from rdpi.identify import Fit, Options, fit
-from rdpi.recording import Recording
+from rdpi.data import Recording
+from rdpi.fit import report
+from rdpi.fit.identify import Fit, Options, fit
+from rdpi.simulate import chain
 
 
 @lru_cache(maxsize=None)

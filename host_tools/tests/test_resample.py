@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rdpi.data import read_recording, sample_times
+from rdpi.data.resample import GAP, MOST, PASS, STOP, resample
 from rdpi.errors import BadInput
-from rdpi.recording import read_recording, sample_times
-from rdpi.resample import GAP, MOST, PASS, STOP, resample
 
 RATE_HZ = 1000
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rdpi import operators, signals
+from rdpi.model import operators
+from rdpi.simulate import signals
 
 RANDOM_SEED = 3
 

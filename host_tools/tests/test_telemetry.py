@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import HELD, SWEEP, Info, Sample, frame, samples, stream
 
-from rdpi import telemetry
+from rdpi.board import telemetry
+from rdpi.board.telemetry import Counts, Decoder, stretches
 from rdpi.errors import BadInput
-from rdpi.telemetry import Counts, Decoder, stretches
 
 
 def decode(data: bytes, size: int = 1 << 20) -> Decoder:

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rdpi.board.telemetry import Decoder, rates_um_per_s, references_um, volts
+from rdpi.data import read_recording, write_recording
 from rdpi.firmware import Firmware, FixedPoint
-from rdpi.header import render, write_header
+from rdpi.firmware.header import render, write_header
 from rdpi.model import Drive, Memory, Model, Rate, read_model
-from rdpi.recording import read_recording, write_recording
-from rdpi.telemetry import Decoder, rates_um_per_s, references_um, volts
 
 ROOT = Path(__file__).resolve().parents[2]
 PARAMS = ROOT / "examples/track/params"

@@ -84,7 +84,7 @@ def write_csv(path: Path, names: list[str], rows: list[list[float]], head: str =
 
 def test_it_is_found_in_its_own_environment(bin_dir: Path, tmp_path: Path) -> None:
     assert run(bin_dir / "rdpi", "--version", cwd=tmp_path).startswith("rdpi")
-    where = "import rdpi._f32, rdpi._f64; print(rdpi._f32.__file__, rdpi._f64.__file__)"
+    where = "from rdpi.firmware import _f32, _f64; print(_f32.__file__, _f64.__file__)"
     for path in run(bin_dir / "python", "-c", where, cwd=tmp_path).split():
         assert Path(path).is_relative_to(bin_dir.parent)
 

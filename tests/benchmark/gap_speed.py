@@ -66,9 +66,10 @@ def write_runs(folder: Path, name: str, samples: int, changed: bool, monitor: bo
 
 def print_searches(model: str, runs: list[str]) -> None:
     """Seconds that fitting each effect alone takes, in this process."""
-    from rdpi import candidates, effects
+    from rdpi.data import read_recording
+    from rdpi.gap import candidates
     from rdpi.model import read_model
-    from rdpi.recording import read_recording
+    from rdpi.simulate import effects
 
     bench = candidates.Bench(read_model(model), [read_recording(run) for run in runs])
     before, hidden, seconds = bench.predict([]), [], {}
@@ -96,7 +97,7 @@ def main() -> None:
         later = write_runs(Path(folder), "later", samples, True, options.monitor)
         model, result, profile = (f"{folder}/{name}" for name in ("model.json", "result.json", "profile"))
         timed("-m", "rdpi", "fit", *commissioning, "-o", model)
-        import_s, _ = timed("-c", "import rdpi.gap, rdpi.gap_report")
+        import_s, _ = timed("-c", "import rdpi.gap.report")
         before = os.times()
         gap_s, gap_MB = timed("-m", "rdpi", "gap", model, *later, "--json", result)
         after = os.times()

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from rdpi import emulator, telemetry
-from rdpi.header import write_header
+from rdpi.board import emulator, telemetry
+from rdpi.board.profile import render_reference
+from rdpi.data import read_recording, sample_times, write_recording
+from rdpi.firmware import write_header
 from rdpi.model import Model
-from rdpi.profile import render_reference
-from rdpi.recording import read_recording, sample_times, write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 # An instruction takes 2^shift ns of emulated time, less than on these boards, so that single precision in software has

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from rdpi.header import write_header
+from rdpi.firmware import write_header
 from rdpi.model import Model
 
 ROOT = Path(__file__).resolve().parents[2]

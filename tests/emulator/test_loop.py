@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rdpi import telemetry
-from rdpi.recording import read_recording
+from rdpi.board import telemetry
+from rdpi.data import read_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "examples/loop"))

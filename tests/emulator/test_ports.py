@@ -12,7 +12,7 @@ import pytest
 from bench import paper_profile
 from boards import SHIFT, Builder, run
 
-from rdpi import emulator, telemetry
+from rdpi.board import emulator, telemetry
 from rdpi.firmware import engine
 from rdpi.model import Model
 

@@ -18,7 +18,7 @@ import pytest
 from boards import SHIFT, Builder
 from test_ports import CORE_HZ
 
-from rdpi import emulator, telemetry
+from rdpi.board import emulator, telemetry
 
 RATE_HZ, SAFE_CODE, CALLS = 10_000, 0x1234, 100
 FAULTS = {"an undefined instruction": 1, "a pointer that is not aligned": 2, "a stack beyond its memory": 3,

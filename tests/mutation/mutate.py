@@ -199,7 +199,8 @@ def killers(fault: Fault) -> list[str]:
     path.write_text(text.replace(fault.before, fault.after), encoding="utf-8")
     nearest = "test_" + path.stem.removeprefix("rdpi_")
     tests = [test for test in ALL if any(tree.affects(source) for source in sources(test))]
-    tests.sort(key=lambda test: test.stem != nearest)
+    sibling = "_".join(nearest.split("_")[:2])
+    tests.sort(key=lambda test: (test.stem != nearest, not test.stem.startswith(sibling)))
     seen: list[str] = []
     for build in BUILDS:
         test = seen_by(tree, tests, build)

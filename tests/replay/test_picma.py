@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from rdpi.cli import main
-from rdpi.recording import read_recording
+from rdpi.data import read_recording
 
 DATA = Path(os.environ.get("RDPI_DATA", Path(__file__).parents[3] / "shared/data/picma_p885")).resolve()
 RUNS = {"fit.csv": ("Model_Vi_Do.dat", "400:4400"), "next.csv": ("Model_Vi_Do.dat", "4400:8000"),

@@ -16,14 +16,33 @@ static unsigned watchdog_ms; /* 0: none */
 
 TEST_SOURCE_FILE("port/drivers/ad5683r.c")
 
-#define WRITES 256
+/* What both ports do. */
+void test_without_the_pll_start_is_refused(void);
+void test_start_without_a_tick_is_refused(void);
+void test_idle_sleeps(void);
+void test_a_tick_entered_late_by_periods_counts_those_it_stands_for(void);
+void test_a_tick_that_takes_periods_loses_as_many(void);
+void test_the_count_of_lost_ticks_saturates(void);
+void test_telemetry_goes_out_in_order_as_the_transmitter_takes_it(void);
+void test_telemetry_that_does_not_fit_is_refused_whole(void);
+void test_without_a_watchdog_its_registers_are_left_alone(void);
+void test_the_watchdog_has_the_time_that_was_asked_for(void);
+void test_the_watchdog_is_started_in_the_order_of_the_manual_before_the_timer(void);
+void test_a_rate_that_would_not_feed_the_watchdog_is_refused(void);
+void test_a_watchdog_that_does_not_start_is_told(void);
+void test_a_reset_by_the_watchdog_is_told_once(void);
 
-static struct {
-    const uint32_t *reg;
-    uint32_t value;
-} writes[WRITES];
-static unsigned count_writes, sleeps, ticks, pending;
-static bool has_crystal, has_pll, has_clock, spi_at_once;
+#define SAMPLE_TIMER tim2
+#define TICK_INTERRUPT 55
+#define TELEMETRY_INTERRUPT 37
+#define USART usart1
+#define USART_TAKES_ALL 0x2008
+#define USART_WAITS 0x2088
+#define USART_DIVIDER 28 /* of 84 MHz */
+#define CSR_RMVF (1u << 24)
+#include "stm32.inc"
+
+static bool has_crystal, has_clock, spi_at_once;
 
 /* The bus as the DAC sees it. */
 static uint8_t spi_bytes[16];
@@ -35,13 +54,9 @@ static bool cut_allowed; /* a frame that was begun may be given up */
 /* The AD5683R: what its last whole frames of either kind said. */
 static uint32_t dac_code, dac_control;
 
-static uint8_t usart_bytes[2048];
-static unsigned usart_count, usart_room;
-
 static uint32_t tick_updates; /* how many updates a tick lasts */
-static uint32_t enabled[96];  /* priority + 1, or 0 */
 
-static double sysclk_hz(void)
+static double core_hz(void)
 {
     uint32_t pll = fake.rcc.pllcfgr;
     if ((fake.rcc.cfgr >> 2 & 3u) == 0u) {
@@ -59,14 +74,14 @@ static double bus_hz(unsigned shift)
 {
     uint32_t bits = fake.rcc.cfgr >> shift & 7u, core = fake.rcc.cfgr >> 4 & 0xFu;
     TEST_ASSERT_TRUE(core <= 8u);
-    return sysclk_hz() / (core < 8u ? 1u : 2u) / (bits < 4u ? 1u : 2u << (bits - 4u));
+    return core_hz() / (core < 8u ? 1u : 2u) / (bits < 4u ? 1u : 2u << (bits - 4u));
 }
 
 /* RM0090, table 10, 2.7 to 3.6 V; and the limits of the buses. */
 static void check_clock(void)
 {
-    TEST_ASSERT_TRUE(sysclk_hz() <= ((fake.flash.acr & 7u) + 1u) * 30e6);
-    TEST_ASSERT_TRUE(sysclk_hz() <= 168e6);
+    TEST_ASSERT_TRUE(core_hz() <= ((fake.flash.acr & 7u) + 1u) * 30e6);
+    TEST_ASSERT_TRUE(core_hz() <= 168e6);
     TEST_ASSERT_TRUE(bus_hz(10) <= 42e6);
     TEST_ASSERT_TRUE(bus_hz(13) <= 84e6);
 }
@@ -116,7 +131,7 @@ static uint32_t reg_read(const uint32_t *reg)
     } else if (reg == &fake.spi1.dr) {
         fake.spi1.sr &= ~1u;
     } else if (reg == &fake.usart1.sr) {
-        return usart_room > 0u ? 1u << 7 : 0u;
+        return usart_status();
     }
     return *reg;
 }
@@ -179,23 +194,10 @@ static void write_spi_dr(uint32_t value)
     fake.spi1.sr |= spi_at_once;
 }
 
-static void write_usart_dr(uint32_t value)
-{
-    TEST_ASSERT_TRUE(usart_room > 0u); /* or a byte is lost */
-    usart_room--;
-    usart_bytes[usart_count++ % sizeof usart_bytes] = (uint8_t)value;
-}
-
-#include "../support/stm32_watchdog.inc"
-
 static void reg_write(uint32_t *reg, uint32_t value)
 {
     check_enabled(reg);
-    if (count_writes < WRITES) {
-        writes[count_writes].reg = reg;
-        writes[count_writes].value = value;
-        count_writes++;
-    }
+    record(reg, value);
     if (reg == &fake.rcc.cr) {
         write_rcc_cr(value);
     } else if (reg == &fake.rcc.cfgr) {
@@ -208,7 +210,7 @@ static void reg_write(uint32_t *reg, uint32_t value)
     } else if (reg == &fake.spi1.dr) {
         write_spi_dr(value);
     } else if (reg == &fake.usart1.dr) {
-        write_usart_dr(value);
+        usart_takes(value);
     } else if (reg == &fake.rcc.apb2rstr && (value & 1u << 12) != 0u) {
         memset(&fake.spi1, 0, sizeof fake.spi1);
         spi_shifting = false;
@@ -231,39 +233,18 @@ static void reg_write(uint32_t *reg, uint32_t value)
     }
 }
 
-static void cortex_m_enable(unsigned interrupt, uint32_t priority)
-{
-    TEST_ASSERT_NOT_NULL(device_vectors[interrupt]);
-    enabled[interrupt] = priority + 1u;
-}
-
-static void cortex_m_pend(unsigned interrupt)
-{
-    TEST_ASSERT_NOT_EQUAL_UINT32(0, enabled[interrupt]);
-    pending = interrupt;
-}
-
-static void cortex_m_sleep(void)
-{
-    sleeps++;
-}
-
 /* The chip after reset: HSI on and selected, no wait states. */
 void setUp(void)
 {
     memset(&fake, 0, sizeof fake);
-    memset(enabled, 0, sizeof enabled);
-    memset(&telemetry, 0, sizeof telemetry);
+    shared_power_up();
     fake.rcc.cr = 0x83;
     fake.rcc.pllcfgr = 0x24003010;
     fake.gpioa.moder = 0xA8000000;
-    has_crystal = has_pll = has_clock = true;
+    has_crystal = has_clock = true;
     dac_prepared = spi_at_once = spi_low = spi_shifting = spi_dead = in_interrupt = masked = cut_allowed = false;
     dac_code = dac_control = 0; /* power up */
-    watchdog_power_up();
-    count_writes = sleeps = ticks = pending = 0;
-    spi_count = spi_frames = reads_high = usart_count = spi_left = 0;
-    usart_room = UINT32_MAX;
+    spi_count = spi_frames = reads_high = spi_left = 0;
     tick_updates = 0;
 }
 
@@ -279,18 +260,6 @@ static void in_qemu(void)
     spi_at_once = true;
 }
 
-/* The index of the first write of this value, at or after `from`. */
-static unsigned written(const uint32_t *reg, uint32_t mask, uint32_t value, unsigned from)
-{
-    for (unsigned k = from; k < count_writes; k++) {
-        if (writes[k].reg == reg && (writes[k].value & mask) == value) {
-            return k;
-        }
-    }
-    TEST_FAIL_MESSAGE("not written, or not in this order");
-    return 0;
-}
-
 /* TIM2 overflows, and its interrupt runs. */
 static void update(void)
 {
@@ -301,13 +270,23 @@ static void update(void)
     TEST_ASSERT_EQUAL_UINT(55, pending);
 }
 
+static void periods(uint32_t count)
+{
+    for (uint32_t k = 0; k < count; k++) {
+        update();
+    }
+}
+
+static void tick_lasts(uint32_t count)
+{
+    tick_updates = count;
+}
+
 static void tick(void)
 {
     ticks++;
     fed_in_tick = watchdog_fed;
-    for (uint32_t k = 0; k < tick_updates; k++) {
-        update();
-    }
+    periods(tick_updates);
 }
 
 static void started(uint32_t rate_hz)
@@ -367,7 +346,7 @@ void test_the_addresses(void)
 void test_the_clock_is_168_MHz_from_the_crystal(void)
 {
     SystemInit();
-    TEST_ASSERT_EQUAL_DOUBLE(168e6, sysclk_hz());
+    TEST_ASSERT_EQUAL_DOUBLE(168e6, core_hz());
     TEST_ASSERT_EQUAL_DOUBLE(42e6, bus_hz(10));
     TEST_ASSERT_EQUAL_DOUBLE(84e6, bus_hz(13));
     TEST_ASSERT_EQUAL_HEX32(0x705, fake.flash.acr);
@@ -394,7 +373,7 @@ void test_a_clock_left_by_a_boot_loader_is_taken_down_first(void)
     unsigned hsi = written(&fake.rcc.cfgr, 3, 0, 0);
     unsigned off = written(&fake.rcc.cr, 1u << 24, 0, hsi);
     written(&fake.rcc.pllcfgr, 0xFFFFFFFF, 0x07405408, off);
-    TEST_ASSERT_EQUAL_DOUBLE(168e6, sysclk_hz());
+    TEST_ASSERT_EQUAL_DOUBLE(168e6, core_hz());
     TEST_ASSERT_EQUAL_DOUBLE(84e6, bus_hz(13));
 }
 
@@ -411,14 +390,7 @@ void test_without_a_crystal_start_is_refused(void)
 {
     has_crystal = false;
     SystemInit();
-    TEST_ASSERT_EQUAL_DOUBLE(16e6, sysclk_hz());
-    TEST_ASSERT_FALSE(rdpi_port_start(10000, tick));
-}
-
-void test_without_the_pll_start_is_refused(void)
-{
-    has_pll = false;
-    SystemInit();
+    TEST_ASSERT_EQUAL_DOUBLE(16e6, core_hz());
     TEST_ASSERT_FALSE(rdpi_port_start(10000, tick));
 }
 
@@ -598,51 +570,15 @@ void test_a_code_after_the_safe_one_is_sent_again(void)
     TEST_ASSERT_EQUAL_HEX32(0x4321, dac_code);
 }
 
-void test_without_a_watchdog_its_registers_are_left_alone(void)
-{
-    watchdog_is_left_alone();
-}
-
-void test_the_watchdog_has_the_time_that_was_asked_for(void)
-{
-    watchdog_has_its_time();
-}
-
-void test_the_watchdog_is_started_in_the_order_of_the_manual_before_the_timer(void)
-{
-    watchdog_starts_before(&fake.tim2.cr1);
-}
-
-void test_a_rate_that_would_not_feed_the_watchdog_is_refused(void)
-{
-    watchdog_refuses_slow_rates();
-}
-
-void test_a_watchdog_that_does_not_start_is_told(void)
-{
-    watchdog_does_not_start();
-}
-
-static void one_tick(void)
-{
-    update();
-    device_vectors[55]();
-}
-
 void test_only_a_tick_that_has_returned_feeds_the_watchdog_and_only_while_main_lives(void)
 {
-    watchdog_is_fed_by(one_tick);
+    watchdog_is_fed_by_ticks();
     rdpi_port_idle();
     unsigned fed = watchdog_fed;
     device_vectors[28](); /* the timer alone, and a tick that was dropped */
     served = updates;
     device_vectors[55]();
     TEST_ASSERT_EQUAL_UINT(fed, watchdog_fed);
-}
-
-void test_a_reset_by_the_watchdog_is_told_once(void)
-{
-    watchdog_tells_of_its_reset(1u << 24);
 }
 
 void test_rates(void)
@@ -664,12 +600,6 @@ void test_rates_out_of_range_are_refused(void)
     refuses(0);
     refuses(100001);
     refuses(UINT32_MAX);
-}
-
-void test_start_without_a_tick_is_refused(void)
-{
-    SystemInit();
-    TEST_ASSERT_FALSE(rdpi_port_start(10000, NULL));
 }
 
 void test_start_without_the_dac_is_refused(void)
@@ -709,34 +639,6 @@ void test_a_tick_per_update_and_none_lost(void)
     TEST_ASSERT_EQUAL_UINT32(0, rdpi_port_overruns());
 }
 
-void test_a_tick_that_takes_periods_loses_as_many(void)
-{
-    started(10000);
-    tick_updates = 3;
-    update();
-    device_vectors[55]();
-    TEST_ASSERT_EQUAL_UINT32(3, rdpi_port_overruns());
-    device_vectors[55](); /* pending all the same */
-    TEST_ASSERT_EQUAL_UINT(1, ticks);
-    TEST_ASSERT_EQUAL_UINT32(3, rdpi_port_overruns());
-    tick_updates = 0;
-    update();
-    device_vectors[55]();
-    TEST_ASSERT_EQUAL_UINT(2, ticks);
-    TEST_ASSERT_EQUAL_UINT32(3, rdpi_port_overruns());
-}
-
-void test_a_tick_entered_late_by_periods_counts_those_it_stands_for(void)
-{
-    started(10000);
-    update();
-    update();
-    update();
-    device_vectors[55]();
-    TEST_ASSERT_EQUAL_UINT(1, ticks);
-    TEST_ASSERT_EQUAL_UINT32(2, rdpi_port_overruns());
-}
-
 void test_lost_ticks_are_counted_across_the_wrap_of_the_updates(void)
 {
     started(10000);
@@ -746,16 +648,6 @@ void test_lost_ticks_are_counted_across_the_wrap_of_the_updates(void)
     device_vectors[55]();
     TEST_ASSERT_EQUAL_UINT(1, ticks);
     TEST_ASSERT_EQUAL_UINT32(1, rdpi_port_overruns());
-}
-
-void test_the_count_of_lost_ticks_saturates(void)
-{
-    started(10000);
-    overruns = UINT32_MAX - 1;
-    tick_updates = 2;
-    update();
-    device_vectors[55]();
-    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, rdpi_port_overruns());
 }
 
 void test_the_sensor_is_converted_without_end(void)
@@ -777,46 +669,4 @@ void test_cycles_are_those_of_the_core(void)
     TEST_ASSERT_EQUAL_HEX32(1, fake.dwt.ctrl);
     fake.dwt.cyccnt = 123456;
     TEST_ASSERT_EQUAL_UINT32(123456, rdpi_port_cycles());
-}
-
-void test_telemetry_goes_out_in_order_as_the_transmitter_takes_it(void)
-{
-    SystemInit();
-    TEST_ASSERT_EQUAL_UINT32(28, fake.usart1.brr); /* 84 MHz / 3 MBd */
-    TEST_ASSERT_EQUAL_HEX32(0x2008, fake.usart1.cr1);
-    usart_room = 2;
-    TEST_ASSERT_TRUE(rdpi_port_send((const uint8_t *)"abcd", 4));
-    TEST_ASSERT_EQUAL_UINT(37, pending);
-    device_vectors[37]();
-    TEST_ASSERT_EQUAL_UINT(2, usart_count);
-    TEST_ASSERT_EQUAL_HEX32(0x2088, fake.usart1.cr1); /* goes on when there is room */
-    device_vectors[37]();
-    TEST_ASSERT_EQUAL_UINT(2, usart_count);
-    usart_room = 2;
-    device_vectors[37]();
-    TEST_ASSERT_EQUAL_UINT(4, usart_count);
-    TEST_ASSERT_EQUAL_HEX32(0x2008, fake.usart1.cr1);
-    TEST_ASSERT_EQUAL_HEX8_ARRAY("abcd", usart_bytes, 4);
-}
-
-void test_telemetry_that_does_not_fit_is_refused_whole(void)
-{
-    uint8_t frame[128];
-    unsigned taken = 0;
-    memset(frame, 7, sizeof frame);
-    SystemInit();
-    while (rdpi_port_send(frame, sizeof frame)) {
-        taken += sizeof frame;
-        TEST_ASSERT_TRUE(taken <= RING_BYTES);
-    }
-    TEST_ASSERT_EQUAL_UINT(RING_BYTES, taken);
-    device_vectors[37]();
-    TEST_ASSERT_EQUAL_UINT(taken, usart_count);
-    TEST_ASSERT_TRUE(rdpi_port_send(frame, sizeof frame));
-}
-
-void test_idle_sleeps(void)
-{
-    rdpi_port_idle();
-    TEST_ASSERT_EQUAL_UINT(1, sleeps);
 }

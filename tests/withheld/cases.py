@@ -19,9 +19,10 @@ from pathlib import Path
 import numpy as np
 from actuators import (EFFECTS, FORMS, IN_CATALOGUE, OUT_OF_CATALOGUE, POOR, RICH, Form, Put, Run, make_machine,
                        make_run, record, simulate)
-from rdpi import chain, cli
+from rdpi.cli import program as cli
+from rdpi.data import Recording, write_recording
 from rdpi.model import Model, read_model
-from rdpi.recording import Recording, write_recording
+from rdpi.simulate import chain
 
 RHOS = (4.0, 1.0, 10.0, 2.0, 0.3)  # small sets get the first of them
 PAIRED_RHOS = (1.0, 0.3, 4.0, 0.5, 0.2)  # with earlier recordings smaller changes show

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 from cases import Case, pooled, rdpi, residual_rms, write
+from rdpi.data import Recording, read_recording
 from rdpi.model import read_model
-from rdpi.recording import Recording, read_recording
 
 DATA = Path(os.environ.get("RDPI_DATA", Path(__file__).resolve().parents[3] / "shared/data/picma_p885")).resolve()
 PARTS = {  # file and rows

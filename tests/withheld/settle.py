@@ -35,7 +35,7 @@ import check  # noqa: E402  before NumPy: it sets how many threads that starts
 import numpy as np  # noqa: E402
 from actuators import FORMS, WAVES, Form, Put, Run, make_run  # noqa: E402
 from cases import Bench, rdpi, residual_rms, write  # noqa: E402
-from rdpi.recording import read_recording  # noqa: E402
+from rdpi.data import read_recording  # noqa: E402
 from score import GREW, NAMEABLE, wilson  # noqa: E402
 
 HARD_TO_TELL = ("delay", "lag", "resonance", "gain_change", "static_nonlinearity", "hysteresis_change",

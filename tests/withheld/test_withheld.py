@@ -22,7 +22,7 @@ import measured  # noqa: E402
 import score  # noqa: E402
 import settle  # noqa: E402
 from actuators import EFFECTS, FORMS, IN_CATALOGUE, Machine, Put, Run, simulate  # noqa: E402
-from rdpi.recording import Recording, read_recording  # noqa: E402
+from rdpi.data import Recording, read_recording  # noqa: E402
 
 RATE_HZ = 1000.0
 CLEAN = Machine(noise=0.0, flicker=0.0, creep=0.0, adc_bits=30, monitor=True)
@@ -98,7 +98,7 @@ def test_actuators_share_no_statement_with_rdpi(path):
 
 
 def test_statement_check_notices_a_copied_function():
-    source = (ROOT / "host_tools" / "rdpi" / "chain.py").read_text()
+    source = (ROOT / "host_tools" / "rdpi" / "simulate" / "chain.py").read_text()
     copied = "\n".join(source.splitlines()[source.splitlines().index("def states_after("
                        "position_um: float, x0_um: float, thresholds_um: np.ndarray) -> np.ndarray:"):][:3])
     assert statements(copied) & statements(source)

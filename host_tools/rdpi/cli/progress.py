@@ -1,0 +1,85 @@
+"""What a terminal shows while work goes on."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+DELAY_S = 2.0
+
+
+@contextmanager
+def progress(label: str) -> Iterator[Callable[[float], None]]:
+    """Yield a function to call with the fraction done, 0 to 1, as often as convenient.
+
+    A bar appears on a terminal when the work lasts over two seconds (before the first call it only says that work goes
+    on); nothing is shown when stderr is piped.
+    """
+    if not sys.stderr.isatty():
+        yield lambda fraction: None
+        return
+    fraction_done: float | None = None
+    bar = task = None
+
+    def show() -> None:
+        nonlocal bar, task
+        from rich.console import Console
+        from rich.progress import Progress
+
+        bar = Progress(console=Console(stderr=True), transient=True)
+        task = bar.add_task(label, total=None if fraction_done is None else 1.0, completed=fraction_done or 0.0)
+        bar.start()
+
+    def report(fraction: float) -> None:
+        nonlocal fraction_done
+        fraction_done = fraction
+        if task is not None:
+            bar.update(task, total=1.0, completed=fraction)
+
+    timer = threading.Timer(DELAY_S, show)
+    timer.start()
+    try:
+        yield report
+    finally:
+        timer.cancel()
+        timer.join()
+        if bar is not None:
+            bar.stop()
+
+
+@contextmanager
+def recording_line() -> Iterator[Callable[[Any], None]]:
+    """On a terminal, a line that tells how a recording goes on; when stderr is piped, nothing."""
+    if not sys.stderr.isatty():
+        yield lambda decoder: None
+        return
+    from rich.console import Console
+
+    from ..board import FINISHED, NO_READING, displacement_um
+
+    status = Console(stderr=True).status("waiting for the first frame; Ctrl-C ends")
+
+    def report(decoder: Any) -> None:
+        latest, info, counts = decoder.latest, decoder.info, decoder.counts
+        if not counts.samples:
+            over = info is not None and info.state == FINISHED
+            what = "a reset: the target had finished before" if over else "the first frame"
+            text = f"waiting for {what}; Ctrl-C ends"
+        else:
+            at = ""
+            if info is not None and latest is not None and latest["adc_counts"] != NO_READING:
+                at = f", {displacement_um(info, latest['adc_counts']):.4g} um"
+            text = f"{counts.samples} samples, {counts.missing} lost{at}; Ctrl-C ends"
+        with suppress(OSError):  # the terminal is gone, the recording is not
+            status.update(text)
+
+    try:
+        with suppress(OSError):
+            status.start()
+        yield report
+    finally:
+        with suppress(OSError):
+            status.stop()

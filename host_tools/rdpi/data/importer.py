@@ -1,0 +1,453 @@
+"""Tables, MATLAB files and NumPy arrays to recordings.
+
+A source is a list of columns, some with names; the user (`Request`) or an obvious name says which is what and in which
+unit. The recording keeps where it came from: `source`, `source_digest`, `source_columns` and `rows`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import BadInput
+from . import tables
+from .foreign import Unreadable, read_arrays
+from .recording import (UNFINISHED, Place, Recording, check_metadata, check_rate, check_samples, is_column_name,
+                        line_of_row, parse_rows, read_bytes, sample_times, whole_lines)
+from .resample import resample
+from .units import UNITS, known_unit, split_unit, units_of
+
+# Letters and digits, lower case, of names of single numbers that give the sample rate, or the sample time in s
+_RATE_NAMES = frozenset("sampleratehz samplerate ratehz fs samplingrate samplingfrequency".split())
+_SAMPLE_TIME_NAMES = frozenset("sampletimes sampletime ts dt tinterval sampleinterval samplinginterval deltax deltat "
+                               "increment xincrement xinc tinc".split())
+
+
+@dataclass(frozen=True)
+class Role:
+    """A column of the recording, its unit, and the names (lower case, letters and digits only) that give it away."""
+
+    column: str
+    unit: str
+    names: frozenset[str]
+
+
+def _role(column: str, unit: str, names: str) -> Role:
+    return Role(column, unit, frozenset(names.split()))
+
+
+ROLES = {
+    "time": _role("time_s", "s", "time t times timestamp timestamps seconds sec zeit"),
+    "command": _role("command_V", "V", "command cmd voltage volt volts drive drivevoltage commandvoltage "
+                     "controlvoltage inputvoltage input u v vin vi vcmd vdrive uin"),
+    "displacement": _role("displacement_um", "um", "displacement disp position pos measured measureddisplacement "
+                          "measuredposition sensor extension elongation output z y d do"),
+    "reference": _role("reference_um", "um", "reference ref desired desireddisplacement desiredposition setpoint "
+                       "target demand zref xref di"),
+    "monitor": _role("monitor_V", "V", "monitor monitorvoltage voltagemonitor vmon amplifieroutput measuredvoltage"),
+    "temperature": _role("temperature_degC", "degC", "temperature temp"),
+}
+PURPOSES = {"run": ("command", "displacement"), "drive": ("command",), "reference": ("reference",)}
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user says about the sources.
+
+    `columns` maps keys of ROLES to "COLUMN" or "COLUMN:SCALE" (a name or a number from 0; a unit of UNITS or a factor
+    to the base unit), `also` maps names of covariates to the same. `rows` selects data rows before anything is checked.
+    `command_gain` multiplies the command (a fixed-gain amplifier behind the recorded voltage). `purpose` is a key of
+    PURPOSES and says which columns a file must give. `resample_hz` puts the recording on a uniform grid of this rate.
+    """
+
+    columns: dict[str, str] = field(default_factory=dict)
+    also: dict[str, str] = field(default_factory=dict)
+    rate_hz: float | None = None
+    rows: slice = field(default_factory=lambda: slice(None))  # unhashable, so no plain default
+    command_gain: float = 1.0
+    purpose: str = "run"
+    resample_hz: float | None = None
+    metadata: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Some rows of some columns: finite float64 numbers, equally long."""
+
+    columns: list[np.ndarray]
+    start: int  # row of the first
+    total: int  # rows of the whole source
+    place: Place  # row of the cut -> where it is in the file
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file's columns before anyone knows what they mean."""
+
+    path: str
+    kind: str
+    names: list[str]  # "" for a column without a name
+    read: Callable[[list[int], slice], Cut]  # column numbers, rows
+    digest: str
+    metadata: dict[str, str] = field(default_factory=dict)
+    scalars: dict[str, float] = field(default_factory=dict)
+
+    def listing(self) -> str:
+        if not any(self.names):
+            return f"there are {len(self.names)} columns without names, 0 to {len(self.names) - 1}"
+        shown = ", ".join(f"{index} {name!r}" for index, name in enumerate(self.names[:24]))
+        return f"there are {shown}" + (f" and {len(self.names) - 24} more" if len(self.names) > 24 else "")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One column of the source taken as one column of the recording: value = raw · factor · 10^exponent."""
+
+    column: str
+    number: int
+    unit: str
+    exponent: int = 0
+    factor: float = 1.0
+    why: str = ""
+
+    def scale(self, raw: np.ndarray) -> np.ndarray:
+        # Dividing by a power of ten rounds correctly: 1234.5 nm becomes 1.2345 µm, not 1.2345000000000002.
+        power = 10.0 ** abs(self.exponent)
+        return (raw * power if self.exponent >= 0 else raw / power) * self.factor
+
+
+def import_recording(path: str, request: Request) -> tuple[Recording, list[str]]:
+    """Read any supported file as a recording; also the lines that tell the user what was taken for what.
+
+    Raises BadInput for files that cannot be read, columns that cannot be found, and what makes a recording unusable.
+    """
+    if not np.isfinite(request.command_gain) or request.command_gain == 0:
+        raise BadInput(f"--command-gain {request.command_gain:g}: give a finite factor other than 0")
+    source = open_source(path)
+    chosen = _choose(source, request)
+    cut = source.read([choice.number for choice in chosen], request.rows)
+    columns = {choice.column: _scaled(source, request, choice, raw) for choice, raw in zip(chosen, cut.columns)}
+    rows = f"{cut.start}:{cut.start + len(cut.columns[0])}"
+
+    metadata = _metadata(source, request, chosen, cut.start, rows)
+    rate, rate_from = _rate(source, request, has_time="time_s" in columns)
+    if rate is not None:
+        metadata["sample_rate_hz"] = f"{rate:.12g}"
+
+    def key_place(key: str) -> str:
+        return rate_from if key == "sample_rate_hz" else path
+
+    check_metadata(metadata, key_place)
+    if "time_s" not in columns:
+        if rate is None:
+            raise BadInput(f"{path}: no column looks like time; say which with --time COLUMN, or give --rate HZ; "
+                           f"{source.listing()}")
+        columns = {"time_s": sample_times(len(cut.columns[0]), rate), **columns}
+    where = f"{path}, rows {rows} of {cut.total}"
+    resampled = None
+    if request.resample_hz is not None:
+        resampled = resample(where, columns, request.resample_hz, cut.place)
+        check_rate(columns["time_s"], metadata, key_place)
+        columns = resampled.columns
+        metadata |= {"sample_rate_hz": f"{request.resample_hz:.12g}", "resampled": resampled.describe()}
+    check_samples(where, columns, cut.place, cut.start)
+    check_rate(columns["time_s"], metadata, key_place)
+    recording = Recording(path, metadata, columns)
+    lines = _describe(source, request, recording, chosen, cut.total, rate_from)
+    if resampled is not None:
+        lines.append(f"  resampled {resampled.describe()}")
+    return recording, lines
+
+
+def open_source(path: str) -> Source:
+    """Recognise the format by its first bytes (a MATLAB 4 file by its suffix). Raises BadInput."""
+    data = whole_lines(read_bytes(path))
+    packed = data.startswith(b"PK\x03\x04")
+    if data.startswith(b"\x93NUMPY") or packed and Path(path).suffix.lower() != ".xlsx":
+        return _arrays(path, data, "NumPy archive" if packed else "NumPy array", "NumPy data",
+                       "save plain numeric arrays with numpy.save or numpy.savez")
+    if packed or data.startswith(b"\xd0\xcf\x11\xe0"):
+        raise BadInput(f"{path}: an Excel workbook; save the sheet as CSV and import that")
+    if data.startswith(b"MATLAB 7.3") or data.startswith(b"\x89HDF"):
+        raise BadInput(f"{path}: a MATLAB 7.3 (HDF5) file; in MATLAB load it and save it again with "
+                       "save('run.mat', ..., '-v7')")
+    if data.startswith(b"MATLAB 5.0") or Path(path).suffix.lower() == ".mat":
+        return _arrays(path, data, "MATLAB file", "a MATLAB file",
+                       "in MATLAB save it again with save('run.mat', ..., '-v7')")
+    return _table(path, data)
+
+
+# --- which column is what ------------------------------------------------------------------------------------------
+
+def _choose(source: Source, request: Request) -> list[Choice]:
+    """Columns in the order of the recording: the roles as asked for or recognised, then the covariates."""
+    chosen = []
+    needed = PURPOSES[request.purpose]
+    for key, role in ROLES.items():
+        if key in request.columns:
+            chosen.append(_asked(source, f"--{key}", role.column, role.unit, request.columns[key]))
+        elif not (key == "time" and request.rate_hz is not None):
+            taken = {choice.number for choice in chosen}
+            found = _recognised(source, key, role, taken)
+            if found is not None:
+                chosen.append(found)
+            elif key in needed:
+                raise BadInput(f"{source.path}: no column looks like the {key}; say which with --{key} COLUMN; "
+                               f"{source.listing()}")
+    for name, spec in request.also.items():
+        if not is_column_name(name):
+            raise BadInput(f"--also {name!r}: no name for a column; leave out commas, quotation marks, line ends, # in "
+                           "front and what is not UTF-8")
+        chosen.append(_asked(source, f"--also {name}", name, None, spec))
+    return chosen
+
+
+def _asked(source: Source, option: str, column: str, unit: str | None, spec: str) -> Choice:
+    """The column that an option names; `unit` is that of the recording's column, None for a covariate."""
+    number, scale = _find(source, spec), None
+    if number is None and ":" in spec:
+        name, _, scale = spec.rpartition(":")
+        number = _find(source, name)
+    if number is None:
+        raise BadInput(f"{source.path}: {option} {spec}: no such column; {source.listing()}")
+    if scale is None:
+        _, named = split_unit(source.names[number])
+        if unit is None or named is None:
+            return Choice(column, number, unit or "", why="taken as it is" if unit is None else "assumed")
+        dimension, exponent = UNITS.get(named, (None, 0))
+        if dimension != unit:
+            raise BadInput(f"{source.path}: {option} {spec}: the name {source.names[number]!r} says {named}, not "
+                           f"{unit}; give the factor to {unit}, e.g. {option} {spec}:0.5")
+        return Choice(column, number, named, exponent, why="by its name")
+    known = known_unit(scale)
+    if known is not None:
+        dimension, exponent = UNITS[known]
+        if unit is not None and dimension != unit:
+            raise BadInput(f"{source.path}: {option} {spec}: {known} cannot be converted to {unit}; "
+                           f"give one of {units_of(unit)}, or the factor to {unit}")
+        return Choice(column, number, known, exponent)
+    try:
+        factor = float(scale)
+    except ValueError:
+        factor = np.nan
+    if not np.isfinite(factor) or factor == 0:
+        raise BadInput(f"{source.path}: {option} {spec}: {scale!r} is no unit and no factor; give one of "
+                       f"{units_of(unit)}, or a number that multiplies the column")
+    return Choice(column, number, f"x {factor:g}", factor=factor)
+
+
+def _scaled(source: Source, request: Request, choice: Choice, raw: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        values = choice.scale(raw) * (request.command_gain if choice.column == "command_V" else 1.0)
+    if not np.isfinite(values).all():
+        raise BadInput(f"{source.path}: {choice.column} becomes infinite when {_name(source, choice.number)} is "
+                       "scaled; give a smaller factor or gain, or leave such rows out with --rows")
+    return values
+
+
+def _find(source: Source, wanted: str) -> int | None:
+    """A column by its name (exactly, else ignoring case, else without its unit) or by its number from 0."""
+    for match in (lambda name: name, str.lower, lambda name: split_unit(name)[0].lower()):
+        hits = [index for index, name in enumerate(source.names) if name and match(name) == match(wanted)]
+        if len(hits) > 1:
+            raise BadInput(f"{source.path}: several columns are called {wanted!r}; choose one by its number; "
+                           f"{source.listing()}")
+        if hits:
+            return hits[0]
+    if wanted.isascii() and wanted.isdigit() and int(wanted) < len(source.names):
+        return int(wanted)
+    return None
+
+
+def _recognised(source: Source, key: str, role: Role, taken: set[int]) -> Choice | None:
+    hits = []
+    for number, name in enumerate(source.names):
+        base, named = split_unit(name)
+        dimension, exponent = UNITS.get(named or role.unit, (None, 0))
+        if number in taken or dimension != role.unit or tables.plain(base) not in role.names:
+            continue
+        why = "recognised" if named else "recognised, unit assumed"
+        choice = Choice(role.column, number, named or role.unit, exponent, why=why)
+        if name == role.column:
+            return choice
+        hits.append(choice)
+    if len(hits) > 1:
+        names = ", ".join(_name(source, choice.number) for choice in hits)
+        raise BadInput(f"{source.path}: {names} all look like the {key}; say which with --{key} COLUMN")
+    return hits[0] if hits else _only_time(source, taken) if key == "time" else None
+
+
+def _only_time(source: Source, taken: set[int]) -> Choice | None:
+    """The one column that is in a unit of time, whatever it is called: X, x-axis."""
+    hits = []
+    for number, name in enumerate(source.names):
+        named = split_unit(name)[1]
+        dimension, exponent = UNITS.get(named or "", (None, 0))
+        if number not in taken and dimension == "s":
+            hits.append(Choice(ROLES["time"].column, number, named or "", exponent, why="by its unit"))
+    return hits[0] if len(hits) == 1 else None
+
+
+def _name(source: Source, number: int) -> str:
+    return f"column {number}" + (f" {source.names[number]!r}" if source.names[number] else "")
+
+
+def _rate(source: Source, request: Request, has_time: bool) -> tuple[float | None, str]:
+    """Sample rate and where it is stated: the option, else the file."""
+    if request.rate_hz is not None:
+        return request.rate_hz, "--rate"
+    if "sample_rate_hz" in source.metadata:
+        check_metadata(source.metadata, lambda key: source.path)
+        return float(source.metadata["sample_rate_hz"]), f"{source.path}: its header"
+    if not has_time:
+        for name, value in source.scalars.items():
+            base = tables.plain(name.rpartition(".")[2])
+            if value > 0 and base in _RATE_NAMES:
+                return value, f"{source.path}: {name}"
+            if value > 0 and base in _SAMPLE_TIME_NAMES:
+                return 1 / value, f"{source.path}: {name}"
+    return None, ""
+
+
+def _metadata(source: Source, request: Request, chosen: Sequence[Choice], start: int, rows: str) -> dict[str, str]:
+    metadata = dict(source.metadata)
+    metadata.pop(UNFINISHED, None)
+    if start > 0:
+        metadata.pop("memory", None)  # it was about a sample that is now left out
+    for key, text in request.metadata.items():
+        if re.search("[\ud800-\udfff]", text):
+            raise BadInput(f"--{key} {text!r}: not UTF-8; set a UTF-8 locale, or use letters without accents")
+    metadata |= request.metadata
+    metadata["source"] = Path(source.path).name.encode(errors="replace").decode()
+    metadata["source_digest"] = source.digest
+    metadata["source_columns"] = " ".join(f"{c.column}={c.number}" + (f":{c.unit.removeprefix('x ')}" if c.unit else "")
+                                          for c in chosen)
+    metadata["rows"] = rows
+    if request.command_gain != 1:
+        metadata["command_gain"] = f"{request.command_gain:g}"
+    return metadata
+
+
+def _describe(source: Source, request: Request, recording: Recording, chosen: Sequence[Choice], total: int,
+              rate_from: str) -> list[str]:
+    lines = [f"{source.path}: {source.kind}, {total} rows, {len(source.names)} columns"]
+    width = max(len(name) for name in recording.columns)
+    if not any(choice.column == "time_s" for choice in chosen):
+        lines.append(f"  {'time_s':{width}}  from {recording.sample_rate_hz:g} samples per second ({rate_from})")
+    for choice in chosen:
+        gain = request.command_gain if choice.column == "command_V" else 1
+        told = choice.unit + (f", {choice.why}" if choice.why else "") + (f", times gain {gain:g}" if gain != 1 else "")
+        lines.append(f"  {choice.column:{width}}  from {_name(source, choice.number)}, {told.lstrip(', ')}")
+    taken = {choice.number for choice in chosen}
+    left = [name for number, name in enumerate(source.names) if number not in taken and name]
+    if left:
+        more = " …" if len(left) > 12 else ""
+        lines.append(f"  left out: {', '.join(left[:12])}{more} (--also NAME=COLUMN keeps one)")
+    duration = len(recording) * recording.sample_time_s
+    lines.append(f"  rows {recording.metadata['rows']}: {len(recording)} samples, {recording.sample_rate_hz:g} per "
+                 f"second, {duration:.6g} s")
+    return lines
+
+
+# --- MATLAB and NumPy ----------------------------------------------------------------------------------------------
+
+def _arrays(path: str, data: bytes, kind: str, what: str, remedy: str) -> Source:
+    """The columns of a file's arrays; the longer side of a matrix is time."""
+    try:
+        arrays = read_arrays(data)
+    except Unreadable as error:
+        raise BadInput(f"{path}: cannot be read as {what} ({error}); {remedy}") from None
+    names: list[str] = []
+    columns: list[np.ndarray] = []
+    scalars: dict[str, float] = {}
+    for name, value in arrays:
+        if value.size == 1:
+            scalars[name] = float(value.reshape(()))
+            continue
+        matrix = np.squeeze(value)
+        if matrix.ndim == 1:
+            names.append(name)
+            columns.append(matrix)
+        elif matrix.ndim == 2:
+            rows = matrix if matrix.shape[0] < matrix.shape[1] else matrix.T
+            names += [f"{name}.{index}" if name else "" for index in range(len(rows))]
+            columns += list(rows)
+    if not columns:
+        raise BadInput(f"{path}: no numeric vectors in it; save time, command and displacement as plain vectors of "
+                       "numbers (of a MATLAB timeseries: its Time and Data)")
+
+    def read(numbers: list[int], rows: slice) -> Cut:
+        told = [f"{number} {names[number]!r}" if names[number] else str(number) for number in numbers]
+        lengths = [len(columns[number]) for number in numbers]
+        if len(set(lengths)) > 1:
+            raise BadInput(f"{path}: columns of unequal length: "
+                           + ", ".join(f"{name} has {length}" for name, length in zip(told, lengths))
+                           + "; choose columns that were recorded together")
+        start = rows.indices(lengths[0])[0]
+        with np.errstate(over="ignore"):  # what a double does not hold is refused as infinite
+            taken = [np.ascontiguousarray(columns[number][rows], dtype=np.float64) for number in numbers]
+        for name, values in zip(told, taken):
+            bad = ~np.isfinite(values)
+            if bad.any():
+                row = int(np.argmax(bad))
+                raise BadInput(f"{path}, row {start + row}: column {name} is {values[row]}; every sample needs a "
+                               "finite number: leave such rows out with --rows, or interpolate")
+        return Cut(taken, start, lengths[0], lambda row: f"{path}, row {start + row}")
+
+    return Source(path, kind, names, read, _digest(data), scalars=scalars)
+
+
+# --- tables --------------------------------------------------------------------------------------------------------
+
+def _table(path: str, data: bytes) -> Source:
+    text = tables.decode(data)
+    if not text.strip():
+        raise BadInput(f"{path}: empty file; give a table of numbers, a MATLAB .mat or a NumPy .npy or .npz file")
+    found = tables.layout(path, text)
+    names, first, line, clock = found.preamble.names, found.first, found.preamble.line, found.preamble.clock
+    body = text.split("\n", first)[first]
+    if found.decimal == ",":
+        body = body.replace(",", ".")
+    kind = tables.DIALECT_NAMES[found.delimiter] + (", decimal comma" if found.decimal == "," else "")
+    kind += f", names in line {line}" if line else ", no names"
+
+    def read(numbers: list[int], rows: slice) -> Cut:
+        # Cut before parsing: what is wrong elsewhere in the file is then no obstacle.
+        lines = body.split("\n")
+        full = [index for index, line in enumerate(lines) if line.strip()]
+        taken, start = full[rows], rows.indices(len(full))[0]
+        begin, end = (taken[0], taken[-1] + 1) if taken else (0, 0)
+        part, first_line = "\n".join(lines[begin:end]), first + 1 + begin
+        labels = [f"{number} {names[number]!r}" if names[number] else str(number) for number in numbers]
+        try:
+            table = parse_rows(path, part, first_line, labels, found.delimiter, numbers)
+        except BadInput as error:
+            raise _another_table(path, error, lines, taken, start, first + 1, found.delimiter) from None
+        columns = [np.ascontiguousarray(values) for values in table.T]
+        if clock is not None:
+            with np.errstate(over="ignore"):  # times beyond range are refused as they are scaled
+                columns = [clock[0] + clock[1] * values if number == 0 else values
+                           for number, values in zip(numbers, columns)]
+        return Cut(columns, start, len(full), line_of_row(path, part, first_line))
+
+    return Source(path, kind, names, read, _digest(data), found.preamble.metadata, found.preamble.settings)
+
+
+def _another_table(path: str, error: BadInput, lines: list[str], taken: list[int], start: int, first_line: int,
+                   delimiter: str | None) -> BadInput:
+    """What to say of rows that cannot be read: of a line of text amid them, which row it is."""
+    place = re.match(re.escape(path) + r":(\d+): ", str(error))
+    if place is None or not tables.begins_a_preamble(lines[(index := int(place[1]) - first_line):][:9], delimiter):
+        return error
+    row = start + taken.index(index)
+    return BadInput(f"{path}:{place[1]}: text amid the numbers, in row {row}; does another table begin? Take the rows "
+                    f"of one with --rows, e.g. --rows {start}:{row}")
+
+
+def _digest(data: bytes) -> str:
+    return f"sha256:{hashlib.sha256(data).hexdigest()}"

@@ -1,0 +1,559 @@
+"""Recordings: one CSV file per run, `# key: value` metadata, a line of column names, then numbers.
+
+Column names carry their units. Sampling is uniform, and that is checked, not assumed: see `check_samples`.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import io
+import os
+import re
+import stat
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from .. import arguments
+from ..errors import BadInput
+
+MIN_SAMPLES = 16
+UNFINISHED = "unfinished"  # first key of a recording that still grows; what it is set to is for people
+MEMORY = ("reset", "carried", "unknown")
+RUN_COLUMNS = ("time_s", "command_V", "displacement_um")
+GRID_TOLERANCE = 0.25  # of a sample time; a lost sample moves some time by at least 0.5
+RATE_TOLERANCE = 1e-3  # relative, between stated and measured rate
+LARGEST = 1e12  # V or um; no actuator has as much, and squares stay far from overflow
+LARGEST_OTHER = 1e100  # of covariates, whose units are unknown
+RATES_HZ = (1e-6, 1e8)  # samples per second; times are written in whole nanoseconds
+
+_NUMBER = re.compile(r"[+-]?(\d+(?:\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
+_NAME = re.compile(r'(?!#)[^,"\r\n\ud800-\udfff]+')  # surrogates stand for bytes that are no UTF-8
+_ROWS_PER_WRITE = 1 << 16
+_LINES_PER_BLOCK = 1 << 14
+_CANNOT_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF, errno.EACCES, errno.EPERM)
+
+Place = Callable[[int], str]  # data row, counted from 0 -> "file:line"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One run. Columns are float64, 1-D and equally long; metadata and columns keep the file's order."""
+
+    path: str
+    metadata: dict[str, str]
+    columns: dict[str, np.ndarray]
+    digest: str = field(default="")  # "sha256:…" of the file's bytes
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def time_s(self) -> np.ndarray:
+        return self.columns["time_s"]
+
+    @property
+    def command_V(self) -> np.ndarray | None:
+        return self.columns.get("command_V")
+
+    @property
+    def displacement_um(self) -> np.ndarray | None:
+        return self.columns.get("displacement_um")
+
+    @property
+    def reference_um(self) -> np.ndarray | None:
+        return self.columns.get("reference_um")
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """The stated rate, or else the mean rate of the times to nine digits (more is rounding noise)."""
+        if "sample_rate_hz" in self.metadata:
+            return float(self.metadata["sample_rate_hz"])
+        return float(f"{1 / _grid(self.time_s)[0]:.9g}")
+
+    @property
+    def sample_time_s(self) -> float:
+        return 1 / self.sample_rate_hz
+
+    @property
+    def memory(self) -> str:
+        """What the hysteresis remembers at the first sample: "reset", "carried" or "unknown"."""
+        return self.metadata.get("memory", "unknown")
+
+
+def taken(runs: Sequence[Recording], needs: Sequence[str], name: str = "runs", least: int = 0) -> list[Recording]:
+    """These recordings, their columns as float64. Raises BadInput for what is none, and one that lacks a column it
+    needs or has columns that are not of one length or not finite; `reference_um` may hold NaN, which is no reference.
+    """
+    found = []
+    for run in arguments.listed(runs, Recording, name):
+        columns = {key: arguments.series(values, f"{run.path}: {key}", finite=key != "reference_um")
+                   for key, values in arguments.of_kind(run.columns, dict, f"{run.path}: columns").items()}
+        for key in ("time_s", *needs):
+            if key not in columns:
+                raise BadInput(f"{run.path}: no column {key}")
+        for key, values in columns.items():
+            if len(values) != len(columns["time_s"]):
+                raise BadInput(f"{run.path}: {key} has {len(values)} values, time_s has {len(columns['time_s'])}")
+        check_count(run.path, columns["time_s"])
+        same = all(columns[key] is run.columns[key] for key in columns)
+        found.append(run if same else replace(run, columns=columns))
+    if len(found) < least:
+        raise BadInput(f"{name}: none given")
+    return found
+
+
+def read_recording(path: str | os.PathLike[str], required: Sequence[str] = RUN_COLUMNS) -> Recording:
+    """Read and check one recording.
+
+    `required` names the columns that must be there; `time_s` always must. Every other column is kept as a covariate.
+    UTF-8 with or without a byte-order mark, any line ends, blank lines ignored. A metadata key given on several
+    lines is one value of several lines; `#` lines without a colon are comments and are dropped. Of a recording that was
+    cut off while it grew, all whole lines are read.
+
+    Raises BadInput for a file that cannot be read, missing or repeated columns, text, NaN or infinity in a number,
+    rows of unequal length, an unknown `memory`, and everything `check_samples` checks.
+    """
+    path = os.fspath(path)
+    data = read_bytes(path)
+    text = _decode(path, whole_lines(data))
+    metadata, key_lines, header_line, header, body = _split_header(path, text)
+    names = _column_names(path, header_line, header, dict.fromkeys(("time_s", *required)))
+    place = line_of_row(path, body, header_line + 1)
+    table = parse_rows(path, body, header_line + 1, names)
+    columns = {name: np.ascontiguousarray(table[:, index]) for index, name in enumerate(names)}
+
+    def key_place(key: str) -> str:
+        return f"{path}:{key_lines[key]}"
+
+    check_metadata(metadata, key_place)
+    check_samples(path, columns, place)
+    check_rate(columns["time_s"], metadata, key_place)
+    return Recording(path, metadata, columns, f"sha256:{hashlib.sha256(data).hexdigest()}")
+
+
+def write_recording(path: str | os.PathLike[str], columns: Mapping[str, np.ndarray],
+                    metadata: Mapping[str, object]) -> None:
+    """Write a recording atomically; every number reads back as the same float64.
+
+    Columns and metadata keep the order they are given in. Raises ValueError for columns of unequal length, NaN or
+    infinity, and names that the format cannot hold.
+    """
+    arrays = _checked(columns)
+    atomic_write(path, _head(columns, metadata) + "".join(_format_rows(arrays)))
+
+
+class GrowingRecording:
+    """A recording that is on disk up to the last `append`, and that `read_recording` reads wherever it is cut off.
+
+    Its first line has the key UNFINISHED: where that is, a last line without its end is no sample. A number that has
+    lost its last digits is another number. The file is there from its first samples on, of which there must be enough.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], columns: Mapping[str, np.ndarray], metadata: Mapping[str, object],
+                 note: str) -> None:
+        """`note` is the value of UNFINISHED. Raises as `write_recording` does."""
+        self.path = Path(path)
+        self.names = tuple(columns)
+        self.samples = len(columns["time_s"])
+        write_recording(path, columns, {UNFINISHED: note, **metadata})
+        self._file = open(path, "ab", buffering=0)
+
+    def append(self, columns: Mapping[str, np.ndarray]) -> None:
+        """Further samples, of the same columns. Returns when they are on disk. Raises OSError, which names the file."""
+        try:
+            write_all(self._file, "".join(_format_rows(_checked(columns))).encode())
+        except OSError as error:
+            error.filename = os.fspath(self.path)
+            raise
+        self.samples += len(columns["time_s"])
+
+    def close(self) -> None:
+        self._file.close()
+
+    def remove(self) -> None:
+        self.close()
+        with suppress(OSError):
+            self.path.unlink()
+
+
+def whole_lines(data: bytes) -> bytes:
+    """A recording that was cut off while it grew, up to the last whole line; any other file as it is.
+
+    A file system may have made the file longer than what it had written of it: then zeros follow.
+    """
+    if not data.startswith(f"# {UNFINISHED}:".encode()):
+        return data
+    data = data.partition(b"\0")[0]
+    return data[:data.rfind(b"\n") + 1]
+
+
+def atomic_write(path: str | os.PathLike[str], data: str | bytes) -> None:
+    """Replace a file's content in one step: readers see the old file or the new one, never a part of either.
+
+    So do those who read after a power failure; of what this has returned from, the new one, as far as the file system
+    keeps its word. Text is written as UTF-8 with "\\n". A link is followed; a device or pipe is simply written to.
+    Raises OSError, which names `path`.
+    """
+    try:
+        _replace(Path(path), data.encode() if isinstance(data, str) else data)
+    except OSError as error:
+        error.filename = os.fspath(path)  # the user knows the target, not the temporary file
+        raise
+
+
+def write_all(file: io.RawIOBase, data: bytes) -> None:
+    """Write, and return when it is on disk; to a device or pipe, when it is written."""
+    rest = memoryview(data)
+    while rest:
+        rest = rest[file.write(rest):]
+    _sync(file.fileno())
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring a folder's names to disk, those of its files too: a file that is on disk without its name is lost."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # may be written to, but not read; on Windows no folder can be opened
+        return
+    try:
+        _sync(handle)
+    finally:
+        os.close(handle)
+
+
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Make a folder and those above it, where they are not there. A power failure does not undo it."""
+    folder = Path(path)
+    if not folder.is_dir():
+        make_folder(folder.parent)
+        folder.mkdir(exist_ok=True)
+        sync_folder(folder.parent)
+
+
+def is_column_name(name: str) -> bool:
+    """Whether a column of a recording can have this name."""
+    return name == name.strip() and _NAME.fullmatch(name) is not None
+
+
+def sample_times(count: int, rate_hz: float, first: int = 0) -> np.ndarray:
+    """Times of `count` uniform samples from number `first` on, in whole nanoseconds so that they print short."""
+    return np.round(np.arange(first, first + count) / rate_hz, 9)
+
+
+def content(path: str) -> bytes:
+    """Of a file, or of a pipe that is being written to. Raises BadInput for what may have no end, and OSError."""
+    try:
+        mode = os.stat(path).st_mode
+        if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+            raise BadInput(f"{path}: is a device; give a file")
+        if not stat.S_ISFIFO(mode):
+            return Path(path).read_bytes()
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # else opening waits for a writer, for ever if none comes
+        os.set_blocking(handle, True)
+        with open(handle, "rb") as pipe:
+            data = pipe.read()
+        if not data:
+            raise BadInput(f"{path}: nothing came through this pipe; start what writes to it first")
+        return data
+    except MemoryError:
+        raise BadInput(f"{path}: there is not enough memory for this file; give a shorter one") from None
+
+
+def read_bytes(path: str) -> bytes:
+    """Content of a file. Raises BadInput when it cannot be read."""
+    try:
+        return content(path)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read ({error.strerror}); check the file name and permissions") from None
+
+
+def parse_rows(path: str, body: str, first_line: int, names: Sequence[str], delimiter: str | None = ",",
+               usecols: Sequence[int] | None = None) -> np.ndarray:
+    """Numbers of a table's body, shape (rows, len(names)).
+
+    `body` starts at line `first_line` of the file; `delimiter` None means white space. `usecols` are the numbers of the
+    columns called `names`; without it the rows must hold exactly these columns.
+    Raises BadInput with the line of the first thing that is not a finite number.
+    """
+    if not body.strip():
+        return np.empty((0, len(names)))
+    table = _load(body, len(names), delimiter, usecols)
+    if table is None:
+        _explain_rows(path, body, first_line, names, delimiter, usecols)
+        raise BadInput(f"{path}: not a table of numbers; save it as CSV again")
+    return table
+
+
+def line_of_row(path: str, body: str, first_line: int) -> Place:
+    """A function that gives the place "file:line" of a data row."""
+
+    def place(row: int) -> str:
+        return next(f"{path}:{line}" for index, (line, _) in enumerate(_lines(body, first_line)) if index == row)
+
+    return place
+
+
+def check_metadata(metadata: Mapping[str, str], key_place: Callable[[str], str]) -> None:
+    """Raise BadInput unless `memory` and `sample_rate_hz`, where given, can be used."""
+    memory = metadata.get("memory")
+    if memory is not None and memory not in MEMORY:
+        raise BadInput(f"{key_place('memory')}: memory is {_show(memory)}; use one of {', '.join(MEMORY)}")
+    rate = metadata.get("sample_rate_hz")
+    if rate is not None and not (_NUMBER.fullmatch(rate) and RATES_HZ[0] <= float(rate) <= RATES_HZ[1]):
+        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {_show(rate)}; give a positive number of "
+                       f"samples per second, {RATES_HZ[0]:g} to {RATES_HZ[1]:g}, or leave it out")
+
+
+@np.errstate(over="ignore", invalid="ignore")  # absurd times are refused by their step
+def check_samples(path: str, columns: Mapping[str, np.ndarray], place: Place, first_row: int = 0) -> None:
+    """Raise BadInput unless there are enough samples, at rising and uniform times.
+
+    Uniform means: every time lies within a quarter of the sample time of the evenly spaced grid that fits all times
+    best. That lets pass times printed with few digits and small jitter, and finds every lost sample and any change of
+    rate that adds up. Times need not start at 0. `first_row` is the number of the first sample's row in its file.
+    """
+    time_s = columns["time_s"]
+    check_count(path, time_s)
+    check_rising(time_s, place)
+    steps = np.diff(time_s)
+    sample_time_s, deviation = _grid(time_s)
+    if not 1 - RATE_TOLERANCE < sample_time_s * RATES_HZ[1] or not sample_time_s * RATES_HZ[0] < 1 + RATE_TOLERANCE:
+        raise BadInput(f"{place(1)}: time_s steps by {sample_time_s:.6g} s; a recording has {RATES_HZ[0]:g} to "
+                       f"{RATES_HZ[1]:g} samples per second: give times in seconds")
+    if deviation > GRID_TOLERANCE * sample_time_s:
+        usual = float(np.median(steps))
+        row = int(np.argmax(np.abs(steps - usual))) + 1
+        raise BadInput(f"{place(row)}: sampling is not uniform: time_s steps by {steps[row - 1]:.6g} here and by "
+                       f"{usual:.6g} as a rule; for a clock that jitters `rdpi import --resample`, at a gap cut the "
+                       f"recording (`rdpi import --rows`; this is row {first_row + row}), and rebuild times that are "
+                       "merely inaccurate with `rdpi import --rate`")
+
+
+def check_sizes(columns: Mapping[str, np.ndarray], place: Place) -> None:
+    """Raise BadInput for numbers that are no measurements, and with which no arithmetic is possible."""
+    for name, values in columns.items():
+        limit = LARGEST if name.endswith(("_V", "_um")) else LARGEST_OTHER
+        row = int(np.argmax(np.abs(values)))
+        if np.abs(values[row]) > limit and name != "time_s":
+            raise BadInput(f"{place(row)}: {name} is {values[row]:g}, beyond ±{limit:g}; check its unit, or cut the "
+                           "recording there, or take the column out")
+
+
+def check_count(path: str, samples: Sequence[float] | np.ndarray) -> None:
+    """Raise BadInput unless there are enough samples."""
+    if len(samples) < MIN_SAMPLES:
+        raise BadInput(f"{path}: {len(samples)} samples; a recording needs at least {MIN_SAMPLES}")
+
+
+def check_rising(time_s: np.ndarray, place: Place) -> None:
+    """Raise BadInput unless every time is later than the one before."""
+    steps = np.diff(time_s)
+    if (steps <= 0).any():
+        row = int(np.argmax(steps <= 0)) + 1
+        what = "repeats" if steps[row - 1] == 0 else "runs backwards"
+        raise BadInput(f"{place(row)}: time_s {what} ({time_s[row - 1]:.12g} then {time_s[row]:.12g}); cut the "
+                       "recording there, or write times with more digits, or rebuild them with `rdpi import --rate`")
+
+
+def check_rate(time_s: np.ndarray, metadata: Mapping[str, str], key_place: Callable[[str], str]) -> None:
+    """Raise BadInput when `sample_rate_hz`, where given, contradicts the times.
+
+    They may differ by 0.1 %, and by what the grid tolerance at both ends of the recording leaves open.
+    """
+    if "sample_rate_hz" not in metadata:
+        return
+    stated, measured = float(metadata["sample_rate_hz"]), 1 / _grid(time_s)[0]
+    if abs(stated / measured - 1) > RATE_TOLERANCE + 2 * GRID_TOLERANCE / (len(time_s) - 1):
+        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {stated:.9g} but the times say "
+                       f"{measured:.9g}; correct whichever is wrong (times: `rdpi import --rate`)")
+
+
+def _grid(time_s: np.ndarray) -> tuple[float, float]:
+    """Step of the evenly spaced grid that fits the times best, and the largest deviation from it, in s."""
+    index = np.arange(len(time_s)) - (len(time_s) - 1) / 2
+    centred = time_s - time_s.mean()
+    step = float(index @ centred / (index @ index))
+    return step, float(np.abs(centred - step * index).max())
+
+
+def _decode(path: str, data: bytes) -> str:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise BadInput(f"{path}:{line}: not UTF-8 text; save the recording as CSV in UTF-8, "
+                       "or bring another format over with `rdpi import`") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def _split_header(path: str, text: str) -> tuple[dict[str, str], dict[str, int], int, str, str]:
+    """Metadata, the line of each key, the line and text of the column names, and the body below."""
+    metadata: dict[str, str] = {}
+    key_lines: dict[str, int] = {}
+    line_number = start = 0
+    while start < len(text):
+        end = text.find("\n", start)
+        end = len(text) if end < 0 else end
+        line, start, line_number = text[start:end].strip(), end + 1, line_number + 1
+        if not line:
+            continue
+        if not line.startswith("#"):
+            return metadata, key_lines, line_number, line, text[start:]
+        key, colon, value = (part.strip() for part in line[1:].partition(":"))
+        if colon and key:
+            metadata[key] = f"{metadata[key]}\n{value}" if key in metadata else value
+            key_lines[key] = line_number
+    raise BadInput(f"{path}: {'no column names and no samples' if text.strip() else 'empty file'}; "
+                   f"a recording has a line {','.join(RUN_COLUMNS)} and then one line per sample")
+
+
+def _column_names(path: str, line: int, header: str, required: Iterable[str]) -> list[str]:
+    names = [name.strip().strip('"').strip() for name in header.split(",")]
+    place = f"{path}:{line}"
+    if all(_NUMBER.fullmatch(name) for name in names):
+        raise BadInput(f"{place}: numbers where the column names should be; "
+                       "say which column is what with `rdpi import --command … --displacement …`")
+    for name in required:
+        if name not in names:
+            raise BadInput(f"{place}: no column {name}; there are {_show_list(names)}; "
+                           "rename the column, or use `rdpi import` to say which column is what")
+    for index, name in enumerate(names):
+        if not name:
+            raise BadInput(f"{place}: column {index + 1} has no name; name it or take it out")
+        if name in names[:index]:
+            raise BadInput(f"{place}: column {name} is there twice; rename or take out one of them")
+        if not is_column_name(name):
+            raise BadInput(f"{place}: column {index + 1} is called {_show(name)}; rename it, without quotation marks "
+                           "and without # in front")
+    return names
+
+
+def _load(body: str, width: int, delimiter: str | None, usecols: Sequence[int] | None) -> np.ndarray | None:
+    """Rows of `width` finite numbers, or None when it is anything else."""
+    # Bytes behind a text layer: a StringIO would hold four bytes per character.
+    stream = io.TextIOWrapper(io.BytesIO(body.encode()), "utf-8")
+    try:
+        table = np.loadtxt(stream, delimiter=delimiter, usecols=usecols, comments=None, quotechar='"', ndmin=2)
+    except ValueError:
+        return None
+    return table if table.shape[1] == width and np.isfinite(table).all() else None
+
+
+def _explain_rows(path: str, body: str, first_line: int, names: Sequence[str], delimiter: str | None,
+                  usecols: Sequence[int] | None) -> None:
+    """Raise BadInput for the first field that is no finite number, or row of the wrong length."""
+    numbers = range(len(names)) if usecols is None else usecols
+    needed = max(numbers) + 1
+    lines = body.split("\n")
+    for start in range(0, len(lines), _LINES_PER_BLOCK):  # reading a good block again is faster than looking at it
+        block = "\n".join(lines[start:start + _LINES_PER_BLOCK])
+        if not block.strip() or _load(block, len(names), delimiter, usecols) is not None:
+            continue
+        for line, text in _lines(block, first_line + start):
+            fields = [value.strip().strip('"') for value in text.split(delimiter)]
+            if len(fields) < needed or (usecols is None and len(fields) > needed):
+                raise BadInput(f"{path}:{line}: {len(fields)} value(s) where there should be {needed}; "
+                               "complete the line or take it out")
+            for name, number in zip(names, numbers):
+                _explain_field(f"{path}:{line}: column {name}", fields[number])
+
+
+def _explain_field(place: str, value: str) -> None:
+    if _NOT_FINITE.fullmatch(value) or _NUMBER.fullmatch(value) and not np.isfinite(float(value)):
+        raise BadInput(f"{place} is {value}; every sample needs a finite number: cut the recording there or "
+                       "interpolate, or take the column out")
+    if not _NUMBER.fullmatch(value):
+        what = f"is {_show(value)}, not a number" if value else "is empty"
+        raise BadInput(f"{place} {what}; correct the value, or take out the line or the column")
+
+
+def _lines(body: str, first_line: int) -> Iterator[tuple[int, str]]:
+    """Line numbers and texts of the lines that are not blank."""
+    for line, text in enumerate(body.split("\n"), first_line):
+        if text.strip():
+            yield line, text
+
+
+def _checked(columns: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+    """The columns as float64. Raises ValueError for those that the format cannot hold."""
+    arrays = [np.asarray(column, dtype=np.float64) for column in columns.values()]
+    if not arrays or any(array.ndim != 1 or len(array) != len(arrays[0]) for array in arrays):
+        raise ValueError("columns must be 1-D and equally long")
+    for name, array in zip(columns, arrays):
+        if not is_column_name(name):
+            raise ValueError(f"column name {name!r} cannot be written")
+        if not np.isfinite(array).all():
+            raise ValueError(f"column {name} holds NaN or infinity")
+    return arrays
+
+
+def _head(names: Iterable[str], metadata: Mapping[str, object]) -> str:
+    """The lines above the numbers."""
+    lines = []
+    for key, value in metadata.items():
+        if key != key.strip() or not key or re.search(r"[:\r\n]", key):
+            raise ValueError(f"metadata key {key!r} cannot be written")
+        lines += [f"# {key}: {line.strip()}".rstrip() for line in str(value).splitlines() or [""]]
+    return "\n".join([*lines, ",".join(names)]) + "\n"
+
+
+def _format_rows(arrays: Sequence[np.ndarray]) -> Iterator[str]:
+    # Codes and counts look like integers in the file; 2^53 is where float64 stops telling integers apart.
+    whole = [bool((np.abs(array) < 2.0**53).all() and (array == np.rint(array)).all()) for array in arrays]
+    for start in range(0, len(arrays[0]), _ROWS_PER_WRITE):
+        part = [array[start:start + _ROWS_PER_WRITE] for array in arrays]
+        texts = [map(repr, (piece.astype(np.int64) if w else piece).tolist()) for piece, w in zip(part, whole)]
+        yield "\n".join(map(",".join, zip(*texts))) + "\n"
+
+
+def _replace(path: Path, data: bytes) -> None:
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        mode = None
+    if mode is not None and not stat.S_ISREG(mode):
+        path.write_bytes(data)  # replacing /dev/null by a file would be a disaster; a directory raises here
+        return
+    target = Path(os.path.realpath(path))
+    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=".rdpi.", suffix=".part")
+    try:
+        with open(handle, "wb", buffering=0) as stream:
+            os.chmod(temporary, _default_mode() if mode is None else stat.S_IMODE(mode))
+            write_all(stream, data)  # before the rename, which may reach the disk first and leave an empty file
+        os.replace(temporary, target)
+    except BaseException:
+        with suppress(FileNotFoundError):  # stopped when it was renamed already
+            os.unlink(temporary)
+        raise
+    sync_folder(target.parent)
+
+
+def _sync(handle: int) -> None:
+    """To disk, if that is a thing that the file system, or the device or pipe, can do."""
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in _CANNOT_SYNC:
+            raise
+
+
+def _default_mode() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
+
+
+def _show(text: str) -> str:
+    return repr(text if len(text) <= 40 else text[:40] + "…")
+
+
+def _show_list(names: Sequence[str]) -> str:
+    shown = ", ".join(name if name.isprintable() and len(name) <= 40 else _show(name) for name in names[:12])
+    return shown + (f" and {len(names) - 12} more" if len(names) > 12 else "")

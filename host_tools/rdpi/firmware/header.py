@@ -1,0 +1,216 @@
+"""The C header of one actuator: a model as the const parameters that rdpi_f32_init and rdpi_q31_init take; see
+lib/include/rdpi/f32.h and q31.h."""
+
+from __future__ import annotations
+
+import os
+import re
+import unicodedata
+from collections.abc import Callable
+from importlib import resources
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from .. import version
+from ..data import atomic_write
+from ..errors import BadInput
+from ..model import Model
+from . import parameters
+from .library import Firmware, FixedPoint, digest
+from .parameters import INT32_MAX, Q31
+
+SCHEMA = 3  # of the parameters as the template fills them in; the header compares it with the library's
+NAME = "rdpi_params"
+
+# What the header says of the fields of rdpi_f32_params_t, in its order. Tables: type, length, columns.
+TABLES = {
+    "play": ("rdpi_f32_play_t", "PLAYS", "r, um; W at rate 0; c, s/um; intercept at rate 0, um, and its change, s"),
+    "saturation": ("rdpi_f32_deadzone_t", "DEADZONES", "S (eq. 8): d, um; weight"),
+    "inverse_saturation": ("rdpi_f32_piece_t", "DEADZONES",
+                           "S^-1 (eq. 13): references from and to, um; slope; intercept, um"),
+    "memory_um": ("rdpi_real_t", "PLAYS", "y_0 ... y_n, um: the plays at power up; y_0 is x"),
+}
+SCALARS = {
+    "gain_um_per_V": "um/V: x = gain (V - offset_V)",
+    "V_per_um": "1 / gain",
+    "offset_V": "V",
+    "offset_um": "um: displacement = z + offset_um",
+    "rate_window_s": "s: the rate is a difference over this time ...",
+    "rate_filter_s": "s: ... through a low-pass of this time constant",
+    "max_um_per_s": "um/s: the guard clamps the rate to this",
+    "min_slope_ratio": "what is left of every slope at that rate, at least",
+    "min_V": "V: output range",
+    "max_V": "V",
+    "slew_V_per_s": "V/s: largest change of the output; 0: unlimited",
+    "sweep_V_per_s": "V/s: speed of the start-up sweep ...",
+    "sweep_end_V": "V: ... and where it ends",
+    "last_code": "2^DAC_BITS - 1",
+    "codes_per_um": "DAC code = codes_per_um x + code_of_x_0, cut to an integer",
+    "code_of_x_0": "",
+    "um_per_code": "um: x = um_per_code code + x_of_code_0_um",
+    "x_of_code_0_um": "um",
+    "V_per_code": "V: drive = V_per_code code + min_V",
+}
+
+# The same for rdpi_q31_params_t; scalars also with what C has after a literal of their type.
+Q31_TABLES = {
+    "play": ("rdpi_q31_play_t", "PLAYS", "r; W at rate 0, and its change up to the guard; 2^30 is the largest W"),
+    "saturation": ("rdpi_q31_deadzone_t", "DEADZONES", "S (eq. 8): d; weight"),
+    "inverse_saturation": ("rdpi_q31_deadzone_t", "DEADZONES", "S^-1 (eq. 13): d; weight"),
+    "memory": ("int32_t", "PLAYS", "y_0 ... y_n: the plays at power up; y_0 is x"),
+}
+Q31_SCALARS = {
+    "slew_per_us": ("ull", "largest change of the output, drive units per us times 2^32; 0: unlimited"),
+    "sweep_per_us": ("ull", "speed of the start-up sweep, likewise"),
+    "plays": ("", ""),
+    "deadzones": ("", ""),
+    "dac_bits": ("", ""),
+    "sweep_cycles": ("", "of the start-up sweep"),
+    "saturation_shift": ("", "of the weights of S"),
+    "inverse_shift": ("", "of the weights of S^-1"),
+    "code_shift": ("", "of codes_per_drive"),
+    "drive_shift": ("", "of drive_per_code"),
+    "guard_exponent": ("", "the guard is guard_mantissa 2^guard_exponent reference units per ns"),
+    "min_slope_ratio": ("", "of 65536: what is left of every slope at the guard, at least"),
+    "guard_mantissa": ("u", ""),
+    "rate_window_ns": ("u", "ns: the rate is a difference over this time ..."),
+    "rate_filter_ns": ("u", "ns: ... through a low-pass of this time constant"),
+    "min_drive": ("", "output range"),
+    "max_drive": ("", ""),
+    "drive_of_code_0": ("", ""),
+    "codes_per_drive": ("", "times 2^code_shift"),
+    "drive_per_code": ("", "times 2^drive_shift"),
+    "sweep_end": ("", "drive at which the start-up sweep ends"),
+}
+
+# Of C and C++ to date and of GNU's compilers; names of the standard headers are in templates/c_names.txt.
+KEYWORDS = frozenset("""
+    NULL alignas alignof and and_eq asm auto bitand bitor bool break case catch char class co_await co_return co_yield
+    compl concept const const_cast consteval constexpr constinit continue decltype default delete do double dynamic_cast
+    else enum explicit export extern false float for friend goto if inline int linux long main mutable namespace new
+    noexcept not not_eq nullptr offsetof operator or or_eq private protected public register reinterpret_cast requires
+    restrict return short signed sizeof static static_assert static_cast struct switch template this thread_local throw
+    true try typedef typeid typename typeof typeof_unqual union unix unsigned using virtual void volatile while xor
+    xor_eq
+""".split())
+RESERVED = re.compile(r"\w+_t|\w*__\w*|U?INT\w*_(MIN|MAX|WIDTH|C)|(PTRDIFF|SIG_ATOMIC|SIZE|WCHAR|WINT)_(MIN|MAX|WIDTH)")
+
+TEMPLATES = jinja2.Environment(loader=jinja2.PackageLoader(__package__), undefined=jinja2.StrictUndefined,
+                                trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+
+
+def render(model: Model, name: str = NAME, source: str = "") -> str:
+    """The header's text; the same for the same model, whenever and wherever it is made.
+
+    `name` is what the parameters are called in C, and the prefix of arrays and (in capitals) macros, so that a firmware
+    can hold several actuators. `source` is the model's file, for the banner and for messages.
+    Raises BadInput for a name that C cannot use and for a model that 32-bit floats cannot hold.
+    """
+    _check_name(name)
+    where = source or "model"
+    model.validate(where)
+    try:
+        Firmware(model, _sample_time_s(model), "f32")
+    except BadInput as error:
+        raise BadInput(f"{where}: rounded to single precision, {error}; move the model away from this limit") from None
+    single = parameters.f32(model)
+    return TEMPLATES.get_template("rdpi_params.h.j2").render(
+        name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(file_name(source)),
+        actuator=comment(model.actuator), digest=model.digest(), rate_source=model.rate.source, runs=_runs(model.fit),
+        plays=single.plays, deadzones=single.deadzones, dac_bits=single.dac_bits, sweep_cycles=single.sweep_cycles,
+        limits_V=(float(model.drive.min_V), float(model.drive.max_V)),
+        params_digest=f"0x{digest(single):08X}u",
+        tables=[(field, *about, _rows(getattr(single, field), literal)) for field, about in TABLES.items()],
+        scalars=[(field, text, literal(getattr(single, field))) for field, text in SCALARS.items()],
+        **_q31_parts(*fixed_point(model)))
+
+
+def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "") -> None:
+    """Render and write atomically. Raises BadInput as `render` does, OSError when the file cannot be written."""
+    atomic_write(path, render(model, name, source))
+
+
+def fixed_point(model: Model) -> tuple[Q31 | None, str]:
+    """The parameters in fixed point, or None and the reason why this valid model has none."""
+    try:
+        return FixedPoint(model, _sample_time_s(model)).parameters, ""
+    except BadInput as error:
+        return None, str(error).rpartition("no fixed point: ")[2]
+
+
+def _sample_time_s(model: Model) -> float:
+    """One for which the rate window is short and the start-up sweep fast enough."""
+    return max(model.rate.window_s, 1e-3, 2 * model.shortest_sample_s())
+
+
+def _q31_parts(numbers: Q31 | None, reason: str) -> dict[str, Any]:
+    if numbers is None:
+        return {"q31": False, "q31_reason": comment(reason, 300)}
+    scale = numbers.scale
+    reach_um = INT32_MAX * scale.um_per_reference
+    return {
+        "q31": True, "q31_digest": f"0x{digest(numbers):08X}u",
+        "q31_tables": [(field, *about, _rows(getattr(numbers, field), str)) for field, about in Q31_TABLES.items()],
+        "q31_scalars": [(field, text, f"{getattr(numbers, field)}{suffix}")
+                        for field, (suffix, text) in Q31_SCALARS.items()],
+        "q31_scale": {key: f"({float(value)!r})" for key, value in (
+            ("per_um", 1 / scale.um_per_reference), ("um", scale.um_per_reference), ("offset_um", scale.offset_um),
+            ("V", scale.V_per_drive), ("offset_V", scale.offset_V), ("rate", scale.um_per_s_per_rate))},
+        "q31_reach": [f"{scale.offset_um + sign * reach_um:.6g}" for sign in (-1, 1)]}
+
+
+def literal(value: float) -> str:
+    """A C literal that reads back as the float32 nearest to `value`, bit for bit: nine significant digits do."""
+    return f"{float(np.float32(value)):#.9g}f"
+
+
+def _rows(table: np.ndarray, text: Callable[[float], str]) -> list[str]:
+    """The rows of an initialiser: one struct each, or of a plain array six numbers each."""
+    if table.ndim == 2:
+        return ["{" + ", ".join(map(text, row)) + "}," for row in table]
+    numbers = list(map(text, table))
+    return [", ".join(numbers[k:k + 6]) + "," for k in range(0, len(numbers), 6)]
+
+
+def comment(text: str, length: int = 100) -> str:
+    """Foreign text made fit for a C comment: one line of ASCII that cannot end the comment or make trigraphs."""
+    text = unicodedata.normalize("NFKD", " ".join(text.split())).replace("\u03bc", "u")  # the Greek letter of um
+    text = "".join(letter for letter in text if not unicodedata.combining(letter))
+    return re.sub(r"[^A-Za-z0-9 .,:;_+()\[\]<>=%&@#'/-]", "_", text)[:length].rstrip()
+
+
+def _check_name(name: str) -> None:
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", name) or name in KEYWORDS or RESERVED.fullmatch(name):
+        raise BadInput(f"name {name[:60]!r}: must be a C identifier of at most 40 letters, digits and _, starting with "
+                       "a letter, without __, and no keyword, standard macro or type (..._t) of C or C++")
+    if name in standard_names():
+        raise BadInput(f"name {name!r}: a standard header of C, of POSIX or of a compiler's library has this name; use "
+                       f"another, or {NAME}_…")
+    if re.match(r"rdpi_(?!params_)", name + "_", re.IGNORECASE):
+        raise BadInput(f"name {name!r}: names that start with rdpi_ belong to the library; use another, or {NAME}_…")
+
+
+def standard_names() -> frozenset[str]:
+    """What the C libraries of GNU, newlib and picolibc declare at file scope in the headers of standard C."""
+    return frozenset(resources.files(__package__).joinpath("templates", "c_names.txt").read_text("ascii").split())
+
+
+def file_name(path: str) -> str:
+    """The last part of a path of any system."""
+    return re.split(r"[\\/]", path)[-1]
+
+
+def _runs(fit: dict[str, Any]) -> list[dict[str, str]]:
+    """What the banner says about each run the model was fitted to or tested on."""
+    runs = fit.get("runs")
+    lines = []
+    for run in runs if isinstance(runs, list) else []:  # nothing has checked this part of the model file
+        run = run if isinstance(run, dict) else {"file": run}
+        percents = {kind: run.get(f"{kind}_percent") for kind in ("rms", "max")}
+        errors = ", ".join(f"{kind} {percent:.3g} %" for kind, percent in percents.items()
+                           if isinstance(percent, (int, float)) and abs(percent) < 1e9)  # no float holds some integers
+        lines.append({"file": comment(file_name(str(run.get("file", ""))), 60), "held_out": bool(run.get("held_out")),
+                      "errors": f"{errors} of stroke" if errors else "", "digest": comment(str(run.get("digest", "")))})
+    return lines

@@ -1,0 +1,223 @@
+"""Intake: what makes a recording unfit for identification, found before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .. import firmware
+from ..data import RATE_TOLERANCE, Recording
+from ..errors import BadInput
+from ..model import MAX_OFFSET, Model
+
+LARGEST_INPUT = 1e6  # V or um
+LEAST_RANGE = 1e-12  # V or um; below, it is rounding that moves
+MONITOR_SLOPE = 0.3, 2.0  # V of monitor per V of command
+AT_ONCE = 0.8  # correlation of a monitor with the command from which it is not slow
+LATEST_S = 0.05  # by which a displacement may follow and still be of this drive
+MIN_CORRELATION = 0.5  # between command and displacement
+GAIN_SPREAD = 5.0  # between the runs' um per volt
+MODEL_SPREAD = 3.0  # between the model's um per volt and a recording's
+UNITS = 200.0  # ... from which it is a matter of units
+SAME_DRIVE = 0.005  # of its range: how far two commands of the same drive differ at most; a converter's step, jitter
+CLIPPED_SHARE = 0.01  # of the samples at the very highest or lowest reading while the command moves
+
+
+def check_run(run: Recording, related: bool = True) -> None:
+    """Raise BadInput, naming the file and a remedy, for a run from which no hysteresis can be identified.
+
+    `related`: command and displacement must go together.
+    """
+    command, displacement = run.command_V, run.displacement_um
+    for name, values in (("command_V", command), ("displacement_um", displacement)):
+        largest = float(np.max(np.abs(values)))
+        if largest > LARGEST_INPUT:
+            raise BadInput(f"{run.path}: {name} reaches {largest:g}; check its unit")
+    if np.ptp(command) < LEAST_RANGE:
+        raise BadInput(f"{run.path}: command_V is constant at {command[0]:g} V; "
+                       "identification needs a drive that moves: leave this run out, or see `rdpi excite`")
+    if np.ptp(displacement) < LEAST_RANGE:
+        raise BadInput(f"{run.path}: displacement_um is constant at {displacement[0]:g} um; "
+                       "check the sensor and its column")
+    together = late_correlations(run, displacement)
+    if related and np.max(np.abs(together)) < MIN_CORRELATION:
+        raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {together[0]:.2f}); "
+                       "check that both columns are of the same run, and their order and units")
+    if reversals(command, 0.05) == 0:
+        raise BadInput(f"{run.path}: command_V never turns round, so that nothing of the hysteresis shows; "
+                       "record a drive that goes up and down, see `rdpi excite`")
+    offset, stroke = float(np.mean(displacement)), float(np.ptp(displacement))
+    if abs(offset) > MAX_OFFSET * stroke:
+        raise BadInput(f"{run.path}: displacement_um moves by {stroke:.3g} um at {offset:.6g} um; "
+                       "the firmware's single precision cannot carry both: subtract the offset first")
+
+
+def reversals(command: np.ndarray, share: float, first: int = 0) -> int:
+    """How often the command turns round, by more than this share of its range, from sample `first` on."""
+    band = share * np.ptp(command)
+    command = command[first:]
+    settled = firmware.plays(command, np.array([0.0, band / 2]), np.full(2, command[0]))[0][:, 1]
+    moves = np.sign(np.diff(settled))
+    moves = moves[moves != 0]
+    return int(np.count_nonzero(np.diff(moves)))
+
+
+def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> None:
+    """Each run once, all of one actuator: same sign, same zero, about as many um per volt (small loops have fewer)."""
+    _check_once([run.digest or id(run) for run in (*runs, *hold_out)], [*runs, *hold_out],
+                ", and one that is fitted is not held out")
+    gains = [float(np.ptp(run.displacement_um) / np.ptp(run.command_V)) for run in runs]
+    low, high = int(np.argmin(gains)), int(np.argmax(gains))
+    if gains[high] > GAIN_SPREAD * gains[low]:
+        raise BadInput(f"{runs[high].path} moves {gains[high]:.3g} um/V and {runs[low].path} {gains[low]:.3g}: "
+                       "they are not in the same units, or not of the same actuator; "
+                       "check --command-gain and units of `rdpi import`")
+    largest = max(runs, key=lambda run: np.ptp(run.command_V))
+    slope, zero = np.polyfit(largest.command_V, largest.displacement_um, 1)
+    for run in runs:
+        if correlation(run) * slope < 0:
+            raise BadInput(f"{run.path}: moves opposite to {largest.path}; one of them has the sign inverted")
+        moved = float(np.mean(run.displacement_um) - slope * np.mean(run.command_V) - zero)
+        if abs(moved) > np.ptp(largest.displacement_um) / 2:
+            raise BadInput(f"{run.path}: lies {moved:.4g} um from {largest.path} at the same command; "
+                           "the sensor's zero or the command's offset has changed: subtract it, or fit the runs apart")
+
+
+def _check_once(marks: Sequence[object], runs: Sequence[Recording], why: str = "") -> None:
+    """Raise BadInput if a mark is there twice."""
+    for run, mark in zip(runs, marks):
+        if marks.count(mark) > 1:
+            raise BadInput(f"{run.path}: given twice (the same bytes); a run counts once{why}")
+
+
+def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
+    """Remarks; raises BadInput for recordings that are not this actuator's, or not in these units."""
+    notes = []
+    widest = max(runs, key=lambda run: float(np.ptp(run.command_V)))
+    for run in runs:
+        check_run(run, related=run is widest)  # what shakes the actuator may drown its small movements
+    _check_once([hash(run.command_V.tobytes() + run.displacement_um.tobytes()) for run in runs], runs)
+    usual = abs(model.gain_um_per_V) * float(model.slopes[-1])
+    for run in runs:
+        together = correlation(run)
+        late = late_correlations(run, run.displacement_um) * np.sign(model.gain_um_per_V)
+        if np.min(late) < -MIN_CORRELATION and np.max(late) < MIN_CORRELATION:
+            raise BadInput(f"{run.path}: moves opposite to the model; check the sign of command and displacement")
+        gain = float(np.ptp(run.displacement_um) / np.ptp(run.command_V))
+        times = max(gain / usual, usual / gain)
+        if times > UNITS:
+            raise BadInput(f"{run.path}: moves {gain:.3g} um/V, the model {usual:.3g}: these are other units; give "
+                           "volts as at commissioning, and displacement in um (`rdpi import`)")
+        if times > MODEL_SPREAD and abs(together) > MIN_CORRELATION:
+            notes.append(f"{run.path} moves {gain:.3g} um/V and the model {usual:.3g}: is it the same actuator?")
+        stays = stays_at_an_end(run)
+        if stays:
+            notes.append(f"{run.path}: {stays} samples stand at the very highest or lowest reading while the command "
+                         "moves: a clipped sensor looks like saturation of the amplifier or a curved scale")
+        _check_covariates(run, related=run is widest)
+        low, high = float(np.min(run.command_V)), float(np.max(run.command_V))
+        beyond = max(model.drive.min_V - low, high - model.drive.max_V)
+        if beyond > 0.05 * (model.drive.max_V - model.drive.min_V):
+            notes.append(f"{run.path}: the command goes {beyond:.3g} V beyond what the model was fitted to")
+    others = sorted({name for run in runs if (name := run.metadata.get("actuator", "")) and name != model.actuator})
+    if others and model.actuator:
+        notes.append(f"recorded from {', '.join(others)}, the model is of {model.actuator}")
+    fitted = fitted_digests(model)
+    known = [run.path for run in runs if run.digest and run.digest in fitted]
+    if known:
+        notes.append(f"the model was fitted to {', '.join(known)}: give recordings that it does not know")
+    if model.passport is None:
+        notes.append("the model has no passport: what it always missed cannot be told from what is new; "
+                     "fit it again to get one")
+    if len(runs) == 1:
+        notes.append("one recording only: effects were judged on parts of it that were left out, which promises more "
+                     "than other recordings keep; give several with different waveforms")
+    return notes
+
+
+def fitted_digests(model: Model, where: str = "model") -> list[str]:
+    """Digests of the runs that the model was fitted to. Raises BadInput, naming the key, where they cannot be read."""
+    runs = model.fit.get("runs", [])
+    if not isinstance(runs, list) or not all(isinstance(run, dict) for run in runs):
+        raise BadInput(f"{where}: fit.runs: must be a list of objects, as `rdpi fit` writes it; "
+                       "fit the model again, or take fit.runs out")
+    return [run["digest"] for run in runs if isinstance(run.get("digest"), str)]
+
+
+def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list[Recording]:
+    """For each run the earlier recording whose command is the same from the first sample on, as long as the run.
+
+    Raises BadInput for a run that has none, or one that lacks what effects follow.
+    """
+    _check_once([hash(run.command_V.tobytes() + run.displacement_um.tobytes()) for run in (*runs, *earlier)],
+                [*runs, *earlier])
+    found = []
+    for run in runs:
+        alike = [one for one in earlier if abs(one.sample_time_s / run.sample_time_s - 1) < RATE_TOLERANCE]
+        if not alike:
+            raise BadInput(f"{run.path}: no earlier recording has its {run.sample_rate_hz:g} samples per second")
+        apart, nearest = min(((_apart(run, one), one) for one in alike), key=lambda pair: pair[0])
+        if apart > SAME_DRIVE or len(nearest) < len(run):
+            short = f"up to {100 * apart:.3g} % of the range away" if apart > SAME_DRIVE and len(nearest) >= len(run) \
+                else f"which ends after {len(nearest)} of its {len(run)} samples"
+            raise BadInput(f"{run.path}: no earlier recording has the same drive all along (nearest is {nearest.path}, "
+                           f"{short}); leave this run out, or give its earlier one after an --earlier of its own")
+        lacks = [name for name in run.columns if name.endswith(("_V", "_degC")) and name not in nearest.columns]
+        if lacks:
+            raise BadInput(f"{nearest.path}: lacks {', '.join(lacks)} of {run.path}; take it out there, or give "
+                           "another earlier recording")
+        found.append(replace(nearest, columns={name: values[:len(run)] for name, values in nearest.columns.items()}))
+    return found
+
+
+def _apart(run: Recording, other: Recording) -> float:
+    """Largest distance of two commands as far as both go, as a share of the range, and the share that one lacks."""
+    both = min(len(run), len(other))
+    apart = float(np.max(np.abs(other.command_V[:both] - run.command_V[:both])) / np.ptp(run.command_V))
+    return apart + 1 - both / len(run)
+
+
+def _check_covariates(run: Recording, related: bool) -> None:
+    """Raise BadInput for absurd covariates, and if `related` for a monitor that is not the drive in V."""
+    for name, values in run.columns.items():
+        if np.max(np.abs(values)) > LARGEST_INPUT and name != "time_s":
+            raise BadInput(f"{run.path}: {name} reaches {np.max(np.abs(values)):g}; check its unit, or take it out")
+    monitor = run.columns.get("monitor_V")
+    if monitor is None or not related:
+        return
+    slope = float(np.polyfit(run.command_V, monitor, 1)[0])
+    moved = abs(float(np.mean(monitor - run.command_V)))
+    late = np.abs(late_correlations(run, monitor))
+    # An amplifier too slow for the drive follows it by little, and late; in other units, at once.
+    slow = late[0] < AT_ONCE and np.max(late) > MIN_CORRELATION
+    if not (MONITOR_SLOPE[0] < slope < MONITOR_SLOPE[1] or slow) or moved > np.ptp(run.command_V):
+        raise BadInput(f"{run.path}: monitor_V moves {slope:.3g} V per volt of the command and lies {moved:.3g} V from "
+                       "it; give volts at the actuator, as command_V, or take the column out")
+
+
+def correlation(run: Recording) -> float:
+    """Of command and displacement, -1 to 1."""
+    return float(np.corrcoef(run.command_V, run.displacement_um)[0, 1])
+
+
+def late_correlations(run: Recording, signal: np.ndarray) -> np.ndarray:
+    """Of the command and what a signal is so many samples later, 0 and up to LATEST_S; (lags,), -1 to 1.
+
+    A fast drive and an actuator that is late by half its period go against each other.
+    """
+    samples = len(run)
+    lags = max(1, min(samples // 4, round(LATEST_S / run.sample_time_s)))
+    u, z = (values - np.mean(values) for values in (run.command_V, signal))
+    size = 1 << (2 * samples - 1).bit_length()
+    product = np.fft.irfft(np.conj(np.fft.rfft(u, size)) * np.fft.rfft(z, size), size)[:lags]
+    return product / max(float(np.sqrt((u @ u) * (z @ z))), np.finfo(float).tiny)
+
+
+def stays_at_an_end(run: Recording) -> int:
+    """Samples at the very highest or lowest reading while the command moves, 0 if a sound sensor may do that."""
+    z, moving = run.displacement_um, np.gradient(run.command_V) != 0
+    stays = max(int(np.count_nonzero((z == end) & moving)) for end in (z.min(), z.max()))
+    grid = len(np.unique(z)) < len(z) / 20  # a coarse sensor has many equal readings everywhere
+    return stays if stays > CLIPPED_SHARE * len(z) and not grid else 0

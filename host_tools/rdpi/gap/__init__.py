@@ -1,0 +1,8 @@
+"""Why the model misses: the gap between a model and recordings, its cause, and the improved model."""
+
+from __future__ import annotations
+
+from . import report
+from .diagnosis import Diagnosis, diagnose
+
+__all__ = ["Diagnosis", "diagnose", "report"]

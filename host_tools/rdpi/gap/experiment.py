@@ -1,0 +1,115 @@
+"""The next experiment: of a few canned drives the one that tells the surviving effects apart best per second."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..data import Recording, excite
+from ..errors import BadInput
+from ..fit import localise, passport
+from ..simulate.effects import Acting
+from . import candidates
+from .candidates import Bench, Candidate
+from .selection import Round, Selection
+
+CANNED: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("sawtooth", {"cycles": 2}), ("steps", {"levels": 3, "hold_s": 1.0}), ("steps", {"levels": 2, "hold_s": 5.0}),
+    ("minor-loops", {"levels": 4}), ("multisine", {"duration_s": 10.0}), ("sine", {"cycles": 3}),
+    ("chirp", {"duration_s": 5.0}), ("startup", {}))
+SMALL = 0.1  # of the drive's range
+LONGEST = 120_000  # samples of a drive that is simulated
+
+
+def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, Any] | None:
+    """The canned recording that would tell the survivors apart best per second of bench time."""
+    if verdict == "unknown":
+        return {"command": _command(state, "steps", {"levels": 3, "hold_s": 1.0}), "seconds": None,
+                "why": "fast edges and holds show what kind of motion is missing; record monitor_V beside it"}
+    open_ = next((done for done in rounds if done.rivals), None) if verdict == "ambiguous" else None
+    if open_ is None:
+        return None
+    truth, rivals = open_.best.candidate, open_.rivals
+    at_hand = _shown(state, truth, min(state.runs, key=len))
+    known, best = passport.read(state.model), None
+    for kind, options in CANNED:
+        try:
+            limits = _limits(state, kind)
+            columns, _ = excite.make_drive(kind, limits, **options)
+            if (times := len(columns["time_s"]) / LONGEST) > 1:  # judged at fewer samples per second
+                limits = replace(limits, sample_rate_hz=limits.sample_rate_hz / times)
+                columns, _ = excite.make_drive(kind, limits, **options)
+            seconds = float(columns["time_s"][-1])
+            metadata = {"memory": "reset", "sample_rate_hz": f"{limits.sample_rate_hz:.12g}"}
+            drive = Recording("next.csv", metadata, columns)
+            bench = Bench(state.model, [_shown(state, truth, drive), at_hand], monitored=False)
+            apart = min(_apart(bench, rival.candidate) for rival in rivals)
+            worth = apart / _missed(state, known, drive) ** 2 / seconds
+        except BadInput:  # this drive is not to be had, or not to be simulated
+            continue
+        if best is None or worth > best[0]:
+            best = worth, apart / len(drive), kind, options, seconds
+    if best is None:
+        return None
+    names = " and ".join([truth.effect.name, *dict.fromkeys(rival.name for rival in rivals)])
+    why = f"of the canned recordings it tells {names} apart best per second"
+    if best[1] < float(np.mean(state.rest**2)) / 4:
+        why += "; if it does not, monitor_V beside it will tell what lies before the actuator from what lies after"
+    if state.earlier:
+        why += "; no earlier recording has this drive: it helps where the change shows without --earlier too"
+    return {"command": _command(state, best[2], best[3]), "why": why, "seconds": best[4]}
+
+
+def _limits(state: Selection, kind: str = "") -> excite.Limits:
+    """The model's drive; for a chirp, which reaches resonances, a tenth of its range about the middle."""
+    drive = state.model.drive
+    share = SMALL if kind == "chirp" else 1.0
+    middle_V, half_V = (drive.min_V + drive.max_V) / 2, share * (drive.max_V - drive.min_V) / 2
+    return excite.Limits(middle_V - half_V, middle_V + half_V,
+                         sample_rate_hz=max(run.sample_rate_hz for run in state.runs),
+                         slew_V_per_s=drive.slew_V_per_s)
+
+
+def _command(state: Selection, kind: str, options: dict[str, Any]) -> str:
+    limits = _limits(state, kind)
+    parts = ["rdpi excite", kind, "-o next.csv", f"--min-V {limits.min_V:.12g}", f"--max-V {limits.max_V:.12g}",
+             f"--sample-rate {limits.sample_rate_hz:.12g}"]
+    if limits.slew_V_per_s is not None:
+        parts.append(f"--slew {limits.slew_V_per_s:.12g}")
+    return " ".join(parts + [f"--{excite.OPTION_NAMES[name]} {value:g}" for name, value in options.items()])
+
+
+def _apart(bench: Bench, rival: Candidate) -> float:
+    """Sum of squares that the rival leaves of what the truth would show in a drive and in a recording at hand.
+
+    It is fitted to both: what happens to be alike in the one differs in the other.
+    """
+    before = bench.predict([])
+    found = candidates.search(bench, rival.effect, [], before)
+    left = bench.measured - before
+    return float(np.sum((left if found is None else left - found.change) ** 2))
+
+
+def _shown(state: Selection, truth: Candidate, run: Recording) -> Recording:
+    """What an actuator that is the model with this effect would show."""
+    rig = candidates.rigs(state.model, [run], False)[0]
+    shown = rig.respond([Acting(truth.effect, truth.values)])
+    if truth.per_run:
+        shown = shown + truth.effect.columns(run, truth.values, state.model) @ _sizes(truth)
+    return replace(run, columns={**run.columns, "displacement_um": shown})
+
+
+def _missed(state: Selection, known: dict[str, Any] | None, drive: Recording) -> float:
+    """rms in um that the model is expected to miss in this drive anyway; 1 where that is not known."""
+    if known is None:
+        return 1.0
+    rig = candidates.rigs(state.model, [drive], False)[0]
+    return passport.level_um(known, localise.coordinates(drive, rig.respond([]), rig.rate_um_per_s))
+
+
+def _sizes(truth: Candidate) -> np.ndarray:
+    """Typical coefficients of a disturbance's columns."""
+    size = truth.values.get("amplitude_um") or truth.values.get("um_per_s") or truth.values.get("um_per_degC") or 0.0
+    return np.r_[size, np.zeros(truth.slopes.shape[1])][:truth.slopes.shape[1]]

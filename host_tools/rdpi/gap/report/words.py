@@ -1,0 +1,380 @@
+"""What `rdpi gap` found, in sentences: every text of its report that is more than a row of a table.
+
+All of it says what the document of `rdpi gap --json` says.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...fit import FITTED
+from ...simulate.effects import CATALOGUE
+from .numbers import (SAME, Document, bin_names, bracketed, change, given, interval, listed, number, percent, plain,
+                      quantity, sentence_of, shrinks, sized, times, um, unit_of)
+
+COUNTED = {"delay", "lag", "slew_limit", "initial_memory", "gain_change", "resonance", "periodic_disturbance",
+           "static_nonlinearity"}  # whose titles take an article
+LOOK = {"thermal_drift": "If the residual over time shows a step rather than a slope, something slipped or the "
+                         "sensor's zero jumped."}  # what tells an effect from its like in the pictures
+NOTICED = 0.005  # shrink: less is 0 %
+EXPLAINED = 0.9  # of the energy, from where on an effect explains the gap, and not most of it
+
+
+class Terms(NamedTuple):
+    """What the gap is called, and what it is compared with."""
+
+    heading: str
+    gap: str
+    left: str  # what it is in one recording
+    opening: str  # followed by its size
+    usual: str  # what the passport expects, after "as much as" or "3 times what"
+    usual_there: str  # ... in one place
+    usually: str  # the same in a legend and a tile
+    ratio: str  # to it, in the head of a column
+    nothing_beyond: str
+    unjudged: str  # a sentence where there is no passport
+
+
+GAP = Terms(
+    heading="Sim-to-real gap", gap="gap", left="residual", opening="The gap is",
+    usual="the model missed at commissioning",
+    usual_there="the model missed there at commissioning", usually="at commissioning", ratio="ratio to commissioning",
+    nothing_beyond="the model's own error and the sensor's noise",
+    unjudged="The model carries no passport: how much of this it missed at commissioning is not known.")
+CHANGE = Terms(
+    heading="Change since the earlier recordings", gap="change", left="change",
+    opening="What has changed since these drives were first recorded is",
+    usual="two recordings of the same drive may differ by anyway",
+    usual_there="two recordings of the same drive may differ by anyway there", usually="may differ anyway",
+    ratio="ratio to usual", nothing_beyond="that",
+    unjudged="The model carries no passport: how much two recordings of the same drive may differ is not known.")
+
+
+def terms(document: Document) -> Terms:
+    """CHANGE where every recording is compared with an earlier one of the same drive."""
+    return CHANGE if document.get("paired") else GAP
+
+
+class AxisWords(NamedTuple):
+    """What an axis is called."""
+
+    title: str
+    label: str  # of a picture's axis
+    place: str  # of one bin of it
+
+
+AXES = {
+    "time_s": AxisWords("time", "time from the start [s]", "{} s after the start"),
+    "frequency_hz": AxisWords("frequency", "frequency [Hz]", "at {} Hz"),
+    "rate_um_per_s": AxisWords("rate", "rate [µm/s]", "at rates of {} µm/s"),
+    "position_um": AxisWords("position", "position [µm]", "at positions of {} µm"),
+    "direction": AxisWords("direction", "direction", "while {}"),
+    "since_reversal_s": AxisWords("time since reversal", "time since reversal [s]",
+                                  "{} s after the command turned round"),
+    "amplitude_um": AxisWords("amplitude", "size of the loop [µm]", "in loops of {} µm"),
+    "recording": AxisWords("recording", "recording", "in {}"),
+}
+
+
+# ---- effects ----
+
+
+def title(name: str) -> str:
+    """Of an effect, in plain words."""
+    return CATALOGUE[name].title
+
+
+def about(name: str) -> dict[str, str]:
+    """Id, title, what it is, and what to do about it on the bench."""
+    effect = CATALOGUE[name]
+    remedy = " ".join(filter(None, (sentence_of(effect.remedy), LOOK.get(name))))
+    return {"id": name, "title": effect.title, "what": sentence_of(effect.what), "remedy": remedy}
+
+
+def named(name: str) -> str:
+    """Title with its article: "a signal delay", "creep"."""
+    article = "" if name not in COUNTED else "an " if title(name)[0] in "aeiou" else "a "
+    return f"{article}{title(name)}"
+
+
+def phrase(effect: Document) -> str:
+    """An accepted effect with its size: "a signal delay of 0.52 ms (95 % interval 0.48 to 0.56 ms)"."""
+    text, sizes = named(effect["name"]), given(effect["parameters"])
+    if len(sizes) == 1 and not {"of", "from"} & set(text.split()):
+        (name, one), = sizes.items()
+        if unit_of(name, one):
+            of = "in steps of" if name == "step" else "of"
+            return f"{text} {of} {quantity(name, one)}{bracketed(interval(name, one))}"
+    return text + bracketed("; ".join(
+        ", ".join(filter(None, (sized(name, one), interval(name, one, False))))
+        for name, one in sizes.items()))
+
+
+def tried(document: Document) -> list[Document]:
+    """Candidates that the recordings could show."""
+    return [one for one in document["candidates"] if one["excited"]]
+
+
+def rivals(document: Document) -> set[str]:
+    """Names of what accepted effects cannot be told from."""
+    return {name for effect in document["effects"] for name in effect["confusable_with"]}
+
+
+class Grid(NamedTuple):
+    """What the sensor's grid adds to the residual, in um rms."""
+
+    own_um: float
+    whole_um: float  # the gap, or what is left of it where other effects were accepted too
+    finer_um: float  # the same with a finer converter
+    alone: bool
+
+
+def grid(document: Document) -> Grid | None:
+    """Of an accepted quantisation of the sensor: rounding errors lie evenly over a step, which is step / √12 rms."""
+    effects, gap = document["effects"], document["gap"]
+    steps = [effect["parameters"]["step"]["value"] for effect in effects
+             if (effect["name"], effect["stage"]) == ("quantisation", "sensor")]
+    if not steps:
+        return None
+    alone = len(effects) == 1
+    whole = gap["rms_um"] if alone else gap["remaining_um"]
+    own = min(steps[0] / math.sqrt(12), whole)
+    least = min((document["passport"] or {"rms_um": 0.0})["rms_um"], whole)  # a converter mends nothing else
+    return Grid(own, whole, max(math.sqrt(whole**2 - own**2), least), alone)
+
+
+def rounding(document: Document) -> str:
+    """What a sensor's grid adds, which no prediction promises to take away; "" without one."""
+    found = grid(document)
+    if found is None:
+        return ""
+    whole = f"the {terms(document).gap}" if found.alone else "what is left"
+    return (f"Of {whole}, {um(found.own_um)} rms is the grid's own rounding, which no better model takes away. A finer "
+            f"converter would bring {change(found.whole_um, found.finer_um, 'to')}.")
+
+
+# ---- the verdict ----
+
+
+def sentence(document: Document) -> str:
+    """The verdict with numbers and units."""
+    gap, passport, words = document["gap"], document["passport"], terms(document)
+    runs = len(document["runs"])
+    text = (f"{words.opening} {um(gap['rms_um'])} rms ({number(gap['percent_of_stroke'], 2)} % of the stroke) "
+            f"{'in one recording' if runs == 1 else f'over {runs} recordings'}")
+    less = document.get("paired") and document["effects"] and passport and passport["ratio"] < 1
+    if passport and not less:  # than may be, and found all the same
+        text += f", {times(passport['ratio'])} {words.usual}"
+    zero = document["offset_um"]
+    apart = (f"Not counted: the zero lies {um(zero['mean'])} off{' since then' if document.get('paired') else ''}."
+             if zero["moved"] else "")
+    say = {"effect": _explained, "ambiguous": _explained, "none": _nothing, "unknown": _unexplained}
+    return " ".join(filter(None, (f"{text}.", say[document["verdict"]](document), apart,
+                                  "" if passport else words.unjudged)))
+
+
+def _explained(document: Document) -> str:
+    """What explains the gap, how well, and whether it is sure."""
+    effects, coarse = document["effects"], grid(document)
+    causes = [_cause(effect) for effect in effects]
+    several = len(causes) > 1
+    before, after = held_out(document)
+    text = listed(causes) + (" explain " if several else " explains ")
+    if coarse and coarse.alone:
+        text += _how_much(document, coarse.whole_um, coarse.finer_um)
+    else:
+        they = "they were" if several or effects[0]["confusable_with"] else "it was"
+        text += (f"{_how_much(document, before, after)}: on {unseen_parts(document)} {they} not fitted to, the "
+                 f"{terms(document).left} {'falls' if after < before else 'goes'} from {change(before, after, 'to')}")
+    lines = [sentence_of(text), rounding(document)]
+    if document["verdict"] == "ambiguous":
+        lines.append(f"{'This recording' if len(document['runs']) == 1 else 'These recordings'} cannot tell which "
+                     "it is.")
+    return " ".join(filter(None, lines))
+
+
+def _cause(effect: Document) -> str:
+    """An accepted effect, or it and its rivals: "either a signal delay of 0.52 ms or a first-order lag"."""
+    others = [named(name) for name in effect["confusable_with"]]
+    return f"either {listed([phrase(effect), *others], 'or')}" if others else phrase(effect)
+
+
+def _nothing(document: Document) -> str:
+    if document["passport"]:
+        return f"Nothing goes beyond {terms(document).nothing_beyond}."
+    return f"{_none_tried(document)} makes it smaller by more than chance would."
+
+
+def _unexplained(document: Document) -> str:
+    lines = [f"{_none_tried(document)} explains it."]
+    best = max(tried(document), key=lambda one: one["shrink"], default=None)
+    if best is not None and best["shrink"] >= NOTICED:
+        lines.append(f"The best of them, {title(best['name'])}, would shrink it by {percent(best['shrink'])}.")
+    return " ".join(filter(None, (*lines, place(document))))
+
+
+def _none_tried(document: Document) -> str:
+    count = len(tried(document))
+    return f"None of the {count} effects tried" if count > 1 else "No effect that was tried"
+
+
+def _how_much(document: Document, before: float, after: float) -> str:
+    """Of the gap: it, most of it, a part of it."""
+    expected = (document["passport"] or {"rms_um": 0.0})["rms_um"]
+    explained = 1 - (after / before)**2 if before > 0 else 0.0
+    if explained >= EXPLAINED or (explained > 0 and after <= (1 + SAME) * expected):
+        return "it"
+    return "most of it" if explained >= 0.5 else "a part of it"
+
+
+def held_out(document: Document) -> tuple[float, float]:
+    """rms in um before the first effect and with the last one, on recordings not fitted to."""
+    effects = document["effects"]
+    return effects[0]["held_out_rms_um"]["before"], effects[-1]["held_out_rms_um"]["after"]
+
+
+def unseen_parts(document: Document) -> str:
+    """What effects are judged on."""
+    return "blocks of the recording" if len(document["runs"]) == 1 else "recordings"
+
+
+def promise(document: Document) -> str:
+    """What adding the effects to the model promises on recordings to come; "" where they can promise nothing."""
+    promised, coarse = document["promised"], grid(document)
+    if promised["shrink"] is None or coarse and coarse.alone:
+        return ""
+    if promised["shrink"] < NOTICED:
+        return "Added to the model, this promises no smaller residual on new recordings."
+    share = percent(promised["shrink"])
+    sure = f" (90 % interval {shrinks(promised['ci90'])})" if promised["ci90"] else ""
+    text = f"Added to the model, this promises a residual smaller by {share} on new recordings{sure}"
+    if whole := document["gap"].get("whole_um"):
+        text = (f"Added to the model, this makes up for {share}{sure} of the change on new recordings, and leaves what "
+                "the model always missed. In all, the residual of these recordings goes from "
+                f"{change(whole['before'], whole['after'], 'to')}")
+    return f"{text}." if sure else f"{text}; no interval can be given: {promised['why_no_interval']}."
+
+
+# ---- where, why, how far ----
+
+
+def place(document: Document) -> str:
+    """Where on the dominant axis the gap lies: "62 % of the energy lies at 40 to 80 Hz."; "" where it is nowhere."""
+    name = document["where"]["dominant"]
+    axis = document["where"]["axes"][name]
+    if not any(axis["share"]):
+        return ""
+    worst = int(np.argmax(axis["share"]))
+    text = f"{percent(axis['share'][worst])} of the energy lies {AXES[name].place.format(bin_names(axis)[worst])}"
+    ratio = axis["ratio"] and axis["ratio"][worst]
+    return f"{text}, {times(ratio)} {terms(document).usual_there}." if ratio else f"{text}."
+
+
+def where(document: Document) -> list[str]:
+    """Sentences on the dominant axis, the stage and the arithmetic."""
+    found, gap = document["where"], terms(document).gap
+    lines = []
+    if spot := place(document):
+        lines.append(f"The {gap} concentrates most along {AXES[found['dominant']].title}: {spot}")
+    lines.append(f"Stage of the chain: {found['stage']}.")
+    if stages := found["stages"]:
+        lines.append(f"The recorded monitor_V splits the {gap}'s energy: {percent(stages['before_monitor'])} arises "
+                     "before the tap (numerics, DAC, timing, amplifier), "
+                     f"{percent(stages['after_monitor'])} after it (actuator, mechanics, environment, sensor).")
+    engines = (document["numerics"] or {"rms_um": {}})["rms_um"]
+    sizes = {name: size for name, size in engines.items() if size is not None}
+    if sizes:
+        share = max(sizes.values()) / (document["gap"]["rms_um"] or math.inf)
+        lines.append(f"The firmware's arithmetic ({listed(list(sizes), 'or')}) is not the cause: it adds less than 1 % "
+                     f"of the {gap}." if share < 0.01 else
+                     "The firmware's arithmetic differs from exact numbers by "
+                     f"{listed([f'{um(size)} rms ({name})' for name, size in sizes.items()])}: up to {percent(share)} "
+                     f"of the {gap}.")
+    return lines
+
+
+def why(document: Document) -> list[str]:
+    """Why these effects: what they gain, the best of the others, and what refitting the model alone gains."""
+    lines, verdict, several, coarse = [], document["verdict"], len(document["effects"]) > 1, grid(document)
+    if verdict == "ambiguous":
+        lines.append("More than one effect explains these recordings equally well; to take one of them for the cause "
+                     "would be a guess.")
+    elif coarse and coarse.alone:
+        lines.append(f"{len(tried(document))} effects were tried. This one is read off the values themselves.")
+    elif verdict == "effect":
+        lines.append(f"{len(tried(document))} effects were tried. {'These hold' if several else 'This one holds'} on "
+                     f"{unseen_parts(document)} {'they were' if several else 'it was'} not fitted to.")
+    elif verdict == "none":
+        lines.append("No effect is needed: those that were tried gain no more than chance gives.")
+    else:
+        lines.append("The cause is not among the effects that are known here, or what it needs to be seen is not in "
+                     "these recordings.")
+    open_ = {effect["name"] for effect in document["effects"]} | rivals(document)
+    best = max((one for one in tried(document) if one["name"] not in open_), key=lambda one: one["shrink"],
+               default=None)
+    if document["effects"] and best is not None and best["shrink"] >= NOTICED:
+        lines.append(f"The best of those rejected, {title(best['name'])}, would shrink the residual by "
+                     f"{percent(best['shrink'])}: {best['rejected_because']}.")
+    refit = document["refit"]["shrink"]
+    lines.append("Fitting the model anew to these recordings, without any effect, would "
+                 + (f"shrink the residual by {percent(refit)}." if refit >= NOTICED else "not help."))
+    return lines
+
+
+def far(document: Document) -> list[str]:
+    """What adding the effects gains over all recordings."""
+    words = terms(document)
+    if not document["effects"]:
+        return [f"No effect was added; this is the {words.gap} in each recording as it is."]
+    before, after = held_out(document)
+    text = (f"On {unseen_parts(document)} not used to fit or to select, the {words.left} is {um(before)} rms without "
+            f"and {um(after)} rms with the effects")
+    if coarse := rounding(document):
+        return [f"{text}.", coarse]
+    return [f"{text}; the sensor's noise alone is {um(document['gap']['noise_floor_um'])} rms."]
+
+
+# ---- what could not be seen, what to record ----
+
+
+def limits(document: Document) -> list[str]:
+    """What limits what can be said, besides effects not excited."""
+    passport, lines = document["passport"], []
+    if passport and passport["held_out"] == FITTED and not document.get("paired"):
+        lines.append("The passport was taken on the recordings the model was fitted to, which makes the gap look "
+                     "larger than it is; fit with two or more recordings, or with --hold-out.")
+    if document["where"]["stages"] is None:
+        lines.append("Without a column monitor_V (the amplifier's output as measured) in every recording, amplifier "
+                     "and sensor can be told apart only by the effect itself.")
+    return [*lines, *notes(document)]
+
+
+def notes(document: Document) -> list[str]:
+    """Remarks of the diagnosis."""
+    return [plain(note, 500) for note in document["notes"]]
+
+
+def next_experiment(document: Document) -> dict[str, str] | None:
+    """The command that makes the drive to record, and why; None where none is proposed."""
+    experiment = document["next_experiment"]
+    if not experiment:
+        return None
+    why, seconds = sentence_of(experiment["why"]), experiment["seconds"]
+    return {"command": experiment["command"],
+            "why": why if seconds is None else f"{why} It takes {number(seconds)} s on the bench."}
+
+
+def resemblances(names: Sequence[str], r2: Sequence[Sequence[float | None]], alike: float, most: int) -> str:
+    """The pairs of effects of the matrix that look alike, `most` of them named."""
+    found = sorted(((value, f"{names[column]} reproduces {percent(value)} of {names[row]}")
+                    for row, values in enumerate(r2) for column, value in enumerate(values)
+                    if row != column and value is not None and value >= alike), reverse=True)
+    if not found:
+        return f"In these recordings no effect reproduces {percent(alike)} or more of another."
+    more = len(found) - most
+    told = [text for _, text in found[:most]] + ([f"{more} more, in bold below"] if more > 0 else [])
+    return f"Nearly the same in these recordings: {listed(told)}."

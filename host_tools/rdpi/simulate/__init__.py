@@ -1,0 +1,8 @@
+"""What a model predicts: the chain from command to displacement, its effects, its signals."""
+
+from __future__ import annotations
+
+from . import chain, effects, signals
+from .chain import Prediction
+
+__all__ = ["Prediction", "chain", "effects", "signals"]

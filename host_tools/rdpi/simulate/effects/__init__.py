@@ -1,0 +1,171 @@
+"""Effects that a real actuator has and its model may lack, and the models that were given some.
+
+`CATALOGUE` holds them all, by name; `Acting` is one with its parameters, as the model file's list `effects` holds it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ... import arguments
+from ...data import Recording
+from ...errors import BadInput
+from ...model import Model, guarded
+from .backlash import Backlash
+from .base import BEFORE_MONITOR, STAGES, Effect, Parameter, Values, View
+from .creep import Creep
+from .cross_coupling import CrossCoupling
+from .delay import Delay
+from .gain_change import GainChange
+from .hysteresis_change import HysteresisChange
+from .initial_memory import InitialMemory
+from .lag import Lag
+from .periodic_disturbance import PeriodicDisturbance
+from .quantisation import Quantisation
+from .rail_saturation import RailSaturation
+from .rate_dependence import RateDependence
+from .resonance import Resonance
+from .slew_limit import SlewLimit
+from .static_nonlinearity import StaticNonlinearity
+from .thermal_drift import ThermalDrift
+
+__all__ = ["BEFORE_MONITOR", "CATALOGUE", "STAGES", "Acting", "Effect", "Parameter", "Values", "View", "acting",
+           "disturbed", "driven", "entries", "moved", "operator"]
+
+CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
+    # where two act at one stage, the first comes first
+    InitialMemory, RateDependence, HysteresisChange, Creep, GainChange, Backlash, Resonance, CrossCoupling,
+    ThermalDrift, PeriodicDisturbance, StaticNonlinearity, SlewLimit, Lag, RailSaturation, Delay, Quantisation)}
+_ORDER = list(CATALOGUE)
+GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
+LEAST_SLOPE_RATIO = 0.02
+
+
+class Acting(NamedTuple):
+    """An effect and its parameters."""
+
+    effect: Effect
+    values: dict[str, float]
+
+
+def acting(model: Model, where: str = "model") -> list[Acting]:
+    """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete, named
+    by `where` the model is from.
+    """
+    arguments.of_kind(model, Model, "model")
+    found = [_acting(entry, f"{where}: effects[{k}]") for k, entry in enumerate(model.effects)]
+    return in_order(found)
+
+
+def entries(effects: Iterable[Acting]) -> list[dict[str, Any]]:
+    """Effects as the model file's list holds them."""
+    return [{"name": one.effect.name, "stage": one.effect.stage, **one.effect.options, "parameters": dict(one.values)}
+            for one in effects]
+
+
+def in_order(effects: Iterable[Acting]) -> list[Acting]:
+    """Sorted along the chain."""
+    return sorted(effects, key=lambda one: (STAGES.index(one.effect.stage), _ORDER.index(one.effect.name)))
+
+
+def driven(effects: Sequence[Acting], drive_V: np.ndarray, run: Recording, model: Model) -> np.ndarray:
+    """The drive in V that reaches the actuator, of the one that goes in, both (samples,)."""
+    for effect, values in effects:
+        drive_V = effect.drive(drive_V, run, values, model)
+    return drive_V
+
+
+def operator(effects: Sequence[Acting], model: Model) -> Model:
+    """The model with what the effects change of its operator.
+
+    It is only ever driven forward, so that its guard keeps the slopes positive and no more.
+    """
+    changed = model
+    for effect, values in effects:
+        changed = effect.operator(changed, values)
+    if changed is model:
+        return model
+    return guarded(replace(changed, rate=replace(changed.rate, min_slope_ratio=LEAST_SLOPE_RATIO)),
+                   GUARD_SLACK * (1 - LEAST_SLOPE_RATIO), model.rate.max_um_per_s)
+
+
+def moved(effects: Sequence[Acting], z_um: np.ndarray, run: Recording, model: Model) -> np.ndarray:
+    """The displacement in um that the sensor shows, of the one that the operator gives, both (samples,).
+
+    run.command_V is what drove the actuator.
+    """
+    for effect, values in effects:
+        z_um = effect.displacement(z_um, run, values, model)
+    return z_um
+
+
+def disturbed(effects: Sequence[Acting], predicted_um: np.ndarray, run: Recording, model: Model) -> np.ndarray:
+    """The prediction with the disturbances of this very recording, estimated from what is missed, (samples,)."""
+    columns = [one.effect.columns(run, one.values, model) for one in effects if one.effect.disturbance]
+    if not columns or run.displacement_um is None:
+        return predicted_um
+    drifts = any(one.effect.name == "thermal_drift" for one in effects)
+    design = np.column_stack([np.ones(len(run)), *columns])
+    found = np.linalg.lstsq(design, run.displacement_um - predicted_um, rcond=None)[0]
+    if not drifts:
+        found[0] = 0.0  # the zero is not hum's to move
+    return predicted_um + design @ found
+
+
+def _acting(entry: Any, where: str) -> Acting:
+    if not isinstance(entry, dict) or str(entry.get("name")) not in CATALOGUE:
+        name = entry.get("name") if isinstance(entry, dict) else entry
+        raise BadInput(f"{where} is {json.dumps(name)[:40]}, which this version cannot simulate; it knows "
+                       f"{', '.join(CATALOGUE)}")
+    kind = CATALOGUE[entry["name"]]
+    where += f" ({kind.name})"
+    stage = entry.get("stage", kind.stages[0])
+    if stage not in kind.stages:
+        raise BadInput(f"{where}: stage is {json.dumps(stage)[:40]}; must be one of {', '.join(kind.stages)}")
+    options = {"column": entry["column"]} if kind.of_column and "column" in entry else {}
+    if options and (complaint := kind.wrong_column(entry["column"])) is not None:
+        raise BadInput(f"{where}: column is {json.dumps(entry['column'])[:40]}; {complaint}")
+    given = entry.get("parameters", {})
+    if not isinstance(given, dict):
+        raise BadInput(f"{where}: parameters must be an object")
+    if (complaint := _misnamed(entry, given, kind)) is not None:
+        raise BadInput(f"{where}: {complaint}")
+    values = {}
+    for parameter in kind.parameters:
+        value = given.get(parameter.name, parameter.absent)
+        value = value.get("value") if isinstance(value, dict) else value
+        if value is None:
+            value = parameter.absent
+        low, high = parameter.ends
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or \
+                not (low <= value <= high or value in (parameter.low, parameter.high)):
+            raise BadInput(f"{where}: {parameter.name} is {json.dumps(value)[:40]}; must be a number, "
+                           f"{low:g} to {high:g} {parameter.unit}")
+        values[parameter.name] = float(value)
+    if (complaint := kind.refusal(values)) is not None:
+        raise BadInput(f"{where}: {complaint}")
+    return Acting(kind(stage, **options), values)
+
+
+def _misnamed(entry: dict[str, Any], given: dict[str, Any], kind: type[Effect]) -> str | None:
+    """What is wrong with the names of parameters; None: nothing.
+
+    Keys that this version does not know are accepted beside all that the effect has. Where one of those is missing
+    they are a misspelling of it, and the effect would silently do nothing.
+    """
+    own = [parameter.name for parameter in kind.parameters]
+    missing = [name for name in own if name not in given]
+    strange = [key for key in given if key not in own]
+    beside = [key for key in own if key in entry]
+    if not missing or not strange and not beside and len(missing) < len(own):
+        return None
+    known = ", ".join(f"{parameter.name} ({parameter.unit})" for parameter in kind.parameters)
+    found = json.dumps([*strange, *beside])[1:-1]
+    return (f"no {' and no '.join(missing)} in its parameters"
+            + (f", but {found[:80]}{' beside them' if beside and not strange else ''}" if found else "")
+            + f"; they are {known}")

@@ -1,0 +1,31 @@
+"""Backlash: play between actuator and stage."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ... import firmware
+from ...data import Recording
+from ...model import Model
+from .base import Effect, Parameter, Values, View
+
+SHARES = 0.003, 0.01, 0.04  # of the stroke, where a fit starts
+
+
+class Backlash(Effect):
+    """One play operator (eq. 1) of threshold width / 2 after the actuator; starts in the middle of the gap."""
+
+    name = "backlash"
+    title = "backlash"
+    what = "a joint or screw has play: after a reversal the stage stands still for a while"
+    remedy = "preload the joint, or approach every position from the same side"
+    needs = "reversals at several amplitudes"
+    stages = ("mechanics",)
+    parameters = (Parameter("width_um", "um", 0.0, np.inf),)
+
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        return firmware.plays(z_um, np.array([0.0, values["width_um"] / 2]), np.full(2, z_um[0]))[0][:, 1]
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        stroke = max(float(np.ptp(predicted)) for predicted in view.predicted_um)
+        return [{"width_um": share * stroke} for share in SHARES]

@@ -1,0 +1,155 @@
+"""What an effect is: a physical block with one to three bounded parameters, at its own place in the chain.
+
+    command -> DAC -> timing -> amplifier -> (monitor_V) -> actuator -> mechanics -> environment -> sensor
+
+An effect acts on the drive in V, on the operator's parameters, or on the displacement in um. One class in one file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from ...data import Recording
+from ...model import LARGEST, Model
+
+STAGES = "DAC", "timing", "amplifier", "actuator", "mechanics", "environment", "sensor"
+BEFORE_MONITOR = STAGES[:3]
+Values = Mapping[str, float]
+
+
+class Parameter(NamedTuple):
+    """A number of an effect. Physics bounds it; a fit never leaves the bounds."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    absent: float = 0.0  # the value at which the effect does nothing
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lowest and highest finite value: the firmware's largest number bounds what physics does not."""
+        return max(self.low, -LARGEST), min(self.high, LARGEST)
+
+
+@dataclass(frozen=True)
+class View:
+    """What an effect may look at to choose where a fit starts: recordings, their prediction and what it misses."""
+
+    model: Model
+    runs: Sequence[Recording]
+    predicted_um: Sequence[np.ndarray]  # (samples,) per run
+    residual_um: Sequence[np.ndarray]  # measured - predicted, without each run's mean
+    drive_residual_um: Sequence[np.ndarray]  # the same of what monitor_V shows, in um; residual_um without a monitor
+
+
+class Effect:
+    """One effect at one stage; stateless: what a run remembers starts settled at its first sample."""
+
+    name: ClassVar[str]
+    title: ClassVar[str]  # in plain words
+    what: ClassVar[str]  # physically
+    remedy: ClassVar[str]  # what to do about it on the bench
+    needs: ClassVar[str]  # what recordings must hold for it to be seen
+    stages: ClassVar[tuple[str, ...]]  # where it may act; the first unless a monitor tells more
+    shows_stage: ClassVar[bool] = False  # ... or the recorded values themselves
+    parameters: ClassVar[tuple[Parameter, ...]]
+    linear: ClassVar[bool] = False  # the displacement is linear in the parameters, at least while they are small
+    of_column: ClassVar[str | None] = None  # the covariate that it follows unless told another; None: it follows none
+    disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
+
+    def __init__(self, stage: str | None = None, column: str | None = None) -> None:
+        self.stage = self.stages[0] if stage is None else stage
+        self.column = self.of_column if column is None else column
+        if self.stage not in self.stages:
+            raise ValueError(f"{self.name} does not act at {self.stage}")
+
+    def __repr__(self) -> str:
+        return f"{self.name}({self.stage})"
+
+    @property
+    def before_monitor(self) -> bool:
+        """Whether monitor_V shows it."""
+        return self.stage in BEFORE_MONITOR
+
+    @property
+    def ahead(self) -> bool:
+        """Whether it acts on the drive or on the operator, not on the displacement."""
+        return self.before_monitor or type(self).operator is not Effect.operator
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters that a fit moves; the others stay where it starts."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def options(self) -> dict[str, str]:
+        """What else an entry of the model file's list `effects` must hold to make this effect again."""
+        return {} if self.column is None else {"column": self.column}
+
+    def absent(self) -> dict[str, float]:
+        """Parameters at which it does nothing."""
+        return {parameter.name: parameter.absent for parameter in self.parameters}
+
+    @classmethod
+    def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
+        """The effect everywhere that these recordings may show it."""
+        return [cls(stage) for stage in cls.stages]
+
+    @staticmethod
+    def wrong_column(column: object) -> str | None:
+        """What is wrong with a column to follow; None: nothing."""
+        return None
+
+    @staticmethod
+    def refusal(values: Values) -> str | None:
+        """What is wrong with parameters that are each within bounds; None: nothing."""
+        return None
+
+    def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        """The signal (samples,) that leaves this stage: the drive in V ahead of the actuator, else the displacement in
+        um, and run.command_V then is what drove the actuator.
+        """
+        return signal
+
+    def drive(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        """The drive in V (samples,) that leaves this stage."""
+        return self.act(drive_V, run, values, model) if self.before_monitor else drive_V
+
+    def operator(self, model: Model, values: Values) -> Model:
+        """The model with the changed operator."""
+        return model
+
+    def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        """The displacement in um (samples,) that leaves this stage."""
+        return z_um if self.before_monitor else self.act(z_um, run, values, model)
+
+    def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
+        """Disturbances: what is fitted to each recording by itself, um, (samples, columns)."""
+        raise NotImplementedError
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        """Parameters from which a fit starts; none: these recordings do not excite it."""
+        raise NotImplementedError
+
+    def hidden(self, view: View) -> bool:
+        """Whether these recordings cannot show it."""
+        return not self.starts(view)
+
+
+def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float) -> np.ndarray:
+    """First-order lag of unit gain, exact for a signal that is straight between samples; settled at the first.
+
+    y' = (u - y) / T: y_k = a y_(k-1) + (1 - g) u_k + (g - a) u_(k-1), a = exp(-h / T), g = (1 - a) T / h.
+    """
+    from scipy.signal import lfilter
+
+    ratio = sample_time_s / time_constant_s
+    a = np.exp(-ratio)
+    g = -np.expm1(-ratio) / ratio
+    start = signal[0]
+    return start + lfilter([1 - g, g - a], [1, -a], signal - start)

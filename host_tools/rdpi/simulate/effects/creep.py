@@ -1,0 +1,40 @@
+"""Creep: the displacement goes on by a share of the move for every decade of time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...data import Recording
+from ...model import Model
+from .base import Effect, Parameter, Values, View, low_pass
+
+TIMES_S = 10.0 ** np.arange(-1.0, 3.01, 0.5)  # of the lags whose sum grows as the logarithm of time
+HOLD_S = 1.0  # creep is slow: shorter recordings cannot show it
+
+
+class Creep(Effect):
+    """z + percent_per_decade / 100 times the mean per decade of lags of z, from 0.1 s to 1000 s.
+
+    One-parameter logarithmic creep, z (1 + g log10(t / t_0)) after a step, as a linear operator.
+    """
+
+    name = "creep"
+    title = "creep"
+    what = "after a move the actuator goes on moving, in proportion to the logarithm of time"
+    remedy = "wait after large moves, close the loop for slow motion, or add creep to the inverse"
+    needs = "step and hold; it starts anew at each step"
+    stages = ("actuator",)
+    parameters = (Parameter("percent_per_decade", "%", -2.0, 20.0),)
+    linear = True
+
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        share = values["percent_per_decade"] / 100
+        if share == 0:
+            return z_um
+        per_decade = (len(TIMES_S) - 1) / np.log10(TIMES_S[-1] / TIMES_S[0])
+        crept = sum(low_pass(z_um, run.sample_time_s, time_s) for time_s in TIMES_S) / per_decade
+        return z_um + share * (crept - len(TIMES_S) / per_decade * z_um[0])
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        longest = max(len(run) * run.sample_time_s for run in view.runs)
+        return [self.absent()] if longest > HOLD_S else []

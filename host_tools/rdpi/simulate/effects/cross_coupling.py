@@ -1,0 +1,54 @@
+"""Cross coupling: another axis moves this one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...data import Recording
+from ...model import Model
+from .base import Effect, Parameter, Values, View
+
+OWN = "command_V", "monitor_V"
+
+
+def covariates(run: Recording) -> list[str]:
+    """Columns in V of other axes that move."""
+    return [name for name, values in run.columns.items() if is_axis(name) and np.ptp(values) > 0]
+
+
+def is_axis(column: str) -> bool:
+    """Whether a column of this name is the drive of another axis."""
+    return column.endswith("_V") and column not in OWN
+
+
+class CrossCoupling(Effect):
+    """um_per_V times the drive of another axis, a logged column in V."""
+
+    name = "cross_coupling"
+    title = "cross coupling from another axis"
+    what = "another axis of the stage moves this one, mechanically or through the supply"
+    remedy = "decouple the axes, or subtract its share from the reference"
+    needs = "a logged column of the other axis, such as other_axis_V, that moves"
+    stages = ("environment",)
+    parameters = (Parameter("um_per_V", "um/V", -np.inf, np.inf),)
+    linear = True
+
+    of_column = "other_axis_V"
+
+    @classmethod
+    def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
+        return [cls(column=column) for column in dict.fromkeys(name for run in runs for name in covariates(run))]
+
+    @staticmethod
+    def wrong_column(column: object) -> str | None:
+        named = isinstance(column, str) and is_axis(column)
+        return None if named else "must name another axis' drive, such as other_axis_V"
+
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        other = run.columns.get(self.column)
+        return z_um if other is None else z_um + values["um_per_V"] * other
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        return [self.absent()] if any(self.column in covariates(run) for run in view.runs) else []

@@ -1,0 +1,28 @@
+"""Delay: everything comes later by the same time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...data import Recording
+from ...model import Model
+from .base import Effect, Parameter, Values, View
+
+
+class Delay(Effect):
+    """x(t - delay_s), straight between samples; before the first sample as at the first."""
+
+    name = "delay"
+    title = "signal delay"
+    what = "the drive reaches the actuator, or the reading the record, later by a fixed time"
+    remedy = "shift the reference ahead by the delay, or shorten conversion and communication"
+    needs = "fast segments; at both ends of the record, or a clock error looks the same"
+    stages = "timing", "sensor"
+    parameters = (Parameter("delay_s", "s", 0.0, 1.0),)
+
+    def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        whole = np.arange(len(signal))
+        return np.interp(whole - values["delay_s"] / run.sample_time_s, whole, signal)
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        return [{"delay_s": 0.5 * min(run.sample_time_s for run in view.runs)}]

@@ -1,0 +1,34 @@
+"""Gain change: everything moves more, or less, than identified."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...data import Recording
+from ...model import Model
+from .base import Effect, Parameter, Values, View
+
+
+class GainChange(Effect):
+    """factor times the displacement from the model's offset."""
+
+    name = "gain_change"
+    title = "changed gain"
+    what = "the actuator's stroke, its load or the sensor's scale has changed"
+    remedy = "calibrate the sensor, check the load; then identify anew or scale the model"
+    needs = "any motion, the model frozen"
+    stages = "actuator", "sensor"
+    parameters = (Parameter("factor", "1", 0.05, 20.0, 1.0),)
+    linear = True
+
+    @classmethod
+    def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
+        return [cls()]  # a sensor's scale looks like the actuator's
+
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        return model.offset_um + values["factor"] * (z_um - model.offset_um)
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        return [self.absent()]

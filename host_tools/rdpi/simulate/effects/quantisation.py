@@ -1,0 +1,86 @@
+"""Quantisation: values on a grid too coarse for what is asked."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...data import Recording
+from ...model import Model
+from ..signals import grid_step
+from .base import Effect, Parameter, Values, View
+
+HARMONICS = 8
+LEAST_STEP = 1e-9  # um or V; a finer grid is none
+BINS, FINER = 1 << 14, 8  # of the command's range, and of their spectrum
+LEAST_STEPS = 3  # over the command's range
+PEAKS = 2
+ORIGINS = np.arange(16) / 16  # tried, of a step: a staircase has no slope for the fit to follow
+DITHERS = 0.0, 0.1, 0.2, 0.3, 0.45  # of a step
+
+
+class Quantisation(Effect):
+    """Rounding to multiples of `step`; `dither` is the uncertainty of what is rounded, which blurs the staircase.
+
+    round(x) = x + (q / pi) sum over k of (-1)^k / k exp(-2 (pi k s / q)^2) sin(2 pi k x / q), averaged over a Gaussian
+    of standard deviation s: the best prediction of a rounded value that is not known exactly.
+    """
+
+    name = "quantisation"
+    title = "quantisation"
+    what = "values stand on a grid: too few bits of the DAC or of the sensor's converter"
+    remedy = "use a converter of more bits, or a smaller range of it"
+    needs = "repeated values in the record"
+    stages = "sensor", "DAC"
+    shows_stage = True
+    parameters = (Parameter("step", "um or V", 0.0, np.inf), Parameter("origin", "um or V", -np.inf, np.inf),
+                  Parameter("dither", "um", 0.0, np.inf))
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        return () if self.stage == "sensor" else ("step", "origin")  # a sensor's grid is read off its values
+
+    def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        step = values["step"]
+        if step < LEAST_STEP:
+            return signal
+        if self.stage == "sensor":
+            return _staircase(signal, step, values["dither"])
+        return values["origin"] + step * np.round((signal - values["origin"]) / step)
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        if self.stage == "sensor":
+            step = max(grid_step(run.displacement_um) for run in view.runs)
+            return [{"step": step, "origin": 0.0, "dither": share * step} for share in DITHERS] if step > 0 else []
+        return _steps(view)
+
+
+def _steps(view: View) -> list[dict[str, float]]:
+    """Steps of a DAC: periods of the residual as a function of the command, whose phase tells where codes lie."""
+    low = min(float(np.min(run.command_V)) for run in view.runs)
+    span = max(float(np.max(run.command_V)) for run in view.runs) - low
+    profile = np.zeros(BINS)
+    for run, residual in zip(view.runs, view.drive_residual_um):
+        profile += np.bincount(np.minimum((run.command_V - low) / span * BINS, BINS - 1).astype(int), residual, BINS)
+    spectrum = np.fft.rfft(profile, FINER * BINS)
+    spectrum[:FINER * LEAST_STEPS] = 0
+    starts = []
+    for _ in range(PEAKS):
+        best = int(np.argmax(np.abs(spectrum[:len(spectrum) // 2])))
+        if best == 0:
+            break
+        # round(V) - V is -(step / pi) sin(2 pi (V - origin) / step) + ..., and bins are counted by their lower ends
+        step = FINER * span / best
+        phase = -np.angle(spectrum[best] * (1 if view.model.gain_um_per_V > 0 else -1)) - np.pi / 2
+        origin = low + span / BINS / 2 + step * phase / (2 * np.pi)
+        starts += [{"step": step, "origin": origin + share * step, "dither": 0.0} for share in ORIGINS]
+        spectrum[max(0, best - 2 * FINER):best + 2 * FINER + 1] = 0
+    return starts
+
+
+def _staircase(x: np.ndarray, step: float, dither: float) -> np.ndarray:
+    if dither < 0.05 * step:
+        return step * np.round(x / step)
+    k = np.arange(1, HARMONICS + 1)
+    heights = step / np.pi * (-1.0) ** k / k * np.exp(-2 * (np.pi * k * dither / step) ** 2)
+    phase = 2 * np.pi / step * x
+    return x + sum(height * np.sin(j * phase) for j, height in zip(k, heights) if abs(height) > 1e-6 * step)

@@ -1,0 +1,62 @@
+"""Rate dependence: loops that change with the rate otherwise than the model says, or at all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...data import Recording
+from ...model import Model, operators
+from .. import signals
+from .base import Effect, Parameter, Values, View
+
+RATES = 3.0  # the fastest and the slowest recorded motion must differ by this
+STARTS = [(widening, exponent) for widening in (-0.1, 0.1) for exponent in (1.0, 0.5)]
+
+
+class RateDependence(Effect):
+    """z + (rate / top)^exponent (widening h + change (z - middle)), top being the highest identified rate.
+
+    h is the hysteresis itself: what z departs from the straight line between the ends of the greatest loop. At the rate
+    top the loops are wider by `widening` and the stroke larger by `change`; slopes that change in proportion to the
+    rate (eq. 14 of Ang et al. 2003) are nearly that with exponent 1.
+    """
+
+    name = "rate_dependence"
+    title = "rate dependence of the hysteresis"
+    what = "the loops widen and the slopes fall as the actuator moves faster, other than in the model"
+    remedy = "identify anew with recordings at several rates (without --rate-independent)"
+    needs = "two or more rates at two amplitudes"
+    stages = ("actuator",)
+    parameters = (Parameter("widening", "1", -1.0, 10.0), Parameter("change", "1", -0.9, 2.0),
+                  Parameter("exponent", "1", 0.2, 1.5, 1.0))
+
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        if values["widening"] == 0 and values["change"] == 0:
+            return z_um
+        law = model.rate
+        top = law.identified_um_per_s or law.max_um_per_s
+        rate = signals.rate(z_um, run.sample_time_s, law.window_s, law.filter_s, law.smoothing_s)
+        (low_V, low_um), (high_V, high_um) = _ends(model)
+        line = low_um + (high_um - low_um) * (run.command_V - low_V) / (high_V - low_V)
+        growth = values["widening"] * (z_um - line) + values["change"] * (z_um - (low_um + high_um) / 2)
+        return z_um + np.minimum(rate / top, 2.0) ** values["exponent"] * growth
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        speeds = np.concatenate([np.abs(np.diff(predicted)) / run.sample_time_s
+                                 for run, predicted in zip(view.runs, view.predicted_um)])
+        slow, fast = np.percentile(speeds[speeds > 0], (20, 99)) if np.any(speeds > 0) else (0.0, 0.0)
+        return [{"widening": widening, "change": 0.0, "exponent": exponent}
+                for widening, exponent in STARTS] if fast > RATES * slow else []
+
+
+def _ends(model: Model) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Drive in V and displacement in um at both ends of the greatest loop, lower drive first.
+
+    There the plays lag by their thresholds: v = W_n x + sum of w_i r_i at the low end, minus it at the high end.
+    """
+    ends_V = np.array([model.drive.min_V, model.drive.max_V])
+    x = model.x_of(ends_V)
+    lag = float(np.diff(model.slopes, prepend=0.0) @ model.thresholds_um)
+    v = model.slopes[-1] * x + np.where(x == np.min(x), lag, -lag)
+    z = operators.saturation(v, model.deadzones_um, model.deadzone_weights) + model.offset_um
+    return (float(ends_V[0]), float(z[0])), (float(ends_V[1]), float(z[1]))

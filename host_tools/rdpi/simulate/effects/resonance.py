@@ -1,0 +1,80 @@
+"""Resonance: mass and stiffness behind the actuator ring."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from ...data import Recording
+from ...model import Model
+from .base import Effect, Parameter, Values, View
+
+DAMPINGS = 0.02, 0.1, 0.4
+PER_OCTAVE = 3  # of the grid, on which only strongly damped ones are found
+SHARP = 0.005, 0.02, 0.08  # dampings tried where the residual has a peak
+PEAKS = 3
+AROUND, COARSE = 4, 0.008  # steps tried on either side of a peak, of its damping or of the spectrum's grid
+LEAST_PERIOD = 3.0  # samples of a period that can be simulated
+OCTAVES = 8
+
+
+class Resonance(Effect):
+    """x'' + 2 damping w0 x' + w0^2 x = w0^2 z, w0 = 2 pi f0_hz: second order, unit gain at rest."""
+
+    name = "resonance"
+    title = "mechanical resonance"
+    what = "the moved mass rings on the actuator's stiffness"
+    remedy = "stay below a third of f0 or shape the reference; stiffen or lighten the mechanics"
+    needs = "steps, chirps or multisines that reach it"
+    stages = ("mechanics",)
+    parameters = Parameter("f0_hz", "Hz", 1e-3, np.inf, np.inf), Parameter("damping", "1", 1e-3, 0.95, 0.05)
+
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        turn = values["f0_hz"] * run.sample_time_s  # per sample
+        return _ring(z_um, 2 * np.pi * turn, values["damping"]) if turn < 0.5 else z_um
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        rate = min(run.sample_rate_hz for run in view.runs)
+        longest = max(len(run) * run.sample_time_s for run in view.runs)
+        highest, lowest = rate / LEAST_PERIOD, 4 / longest
+        octaves = np.arange(0, min(OCTAVES, np.log2(highest / lowest)), 1 / PER_OCTAVE)
+        grid = [(highest / 2**octave, damping) for octave in octaves for damping in DAMPINGS]
+        # A slightly damped one is too narrow for a grid, but rings at its own frequency.
+        grid += [(peak * (1 + step * max(damping, COARSE)), damping) for peak in _peaks(view, lowest, highest)
+                 for damping in SHARP for step in range(-AROUND, AROUND + 1)]
+        return [{"f0_hz": float(f0), "damping": damping} for f0, damping in grid]
+
+
+def _peaks(view: View, lowest_hz: float, highest_hz: float) -> list[float]:
+    """Frequencies at which the residual is strongest beside what was asked for, of the recordings together."""
+    grid = np.geomspace(lowest_hz, highest_hz, 400)
+    ratio = np.zeros(len(grid))
+    for run, residual, predicted in zip(view.runs, view.residual_um, view.predicted_um):
+        frequencies = np.fft.rfftfreq(len(run), run.sample_time_s)
+        window = np.hanning(len(run))
+        missed, asked = (np.abs(np.fft.rfft(window * signal)) ** 2
+                         for signal in (residual, np.gradient(predicted - np.mean(predicted))))
+        floor = max(1e-3 * np.mean(asked), 1e-9 * np.mean(missed), np.finfo(float).tiny)
+        ratio += np.interp(grid, frequencies, missed) / (np.interp(grid, frequencies, asked) + floor)
+    found = []
+    for _ in range(PEAKS):
+        best = int(np.argmax(ratio))
+        found.append(float(grid[best]))
+        ratio[max(0, best - 10):best + 11] = 0
+    return found
+
+
+def _ring(z: np.ndarray, w: float, damping: float) -> np.ndarray:
+    """Exact for a signal that is straight between samples (first-order hold), w in radians per sample."""
+    from scipy.signal import lfilter
+
+    return z[0] + lfilter(*_filter(w, damping), z - z[0])
+
+
+@lru_cache(maxsize=256)
+def _filter(w: float, damping: float) -> tuple[np.ndarray, np.ndarray]:
+    from scipy.signal import cont2discrete
+
+    numerator, denominator, _ = cont2discrete(([w * w], [1, 2 * damping * w, w * w]), 1.0, method="foh")
+    return np.ravel(numerator), denominator

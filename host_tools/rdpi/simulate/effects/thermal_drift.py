@@ -1,0 +1,51 @@
+"""Thermal drift: the zero wanders with time, or with the temperature where that was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...data import Recording
+from ...model import Model
+from .base import Effect, Parameter, Values, View
+
+COLUMNS = "time_s", "temperature_degC"  # whose parameters stand in this order
+
+
+class ThermalDrift(Effect):
+    """um_per_s times the time, or um_per_degC times `column`; estimated per recording, never extrapolated.
+
+    A parabola beside it would take the slow noise of any sensor for drift.
+    """
+
+    name = "thermal_drift"
+    title = "thermal drift"
+    what = "the zero wanders as actuator, sensor or frame warm up"
+    remedy = "warm up longer, shield from draught and sun, log temperature_degC, or re-zero"
+    needs = "rest or repetition over a long time"
+    stages = ("environment",)
+    parameters = Parameter("um_per_s", "um/s", -np.inf, np.inf), Parameter("um_per_degC", "um/°C", -np.inf, np.inf)
+    disturbance = True
+
+    of_column = COLUMNS[0]
+
+    @classmethod
+    def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
+        return [cls(column=column) for column in COLUMNS]
+
+    @staticmethod
+    def wrong_column(column: object) -> str | None:
+        return None if column in COLUMNS else f"must be one of {', '.join(COLUMNS)}"
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        return (self.parameters[COLUMNS.index(self.column)].name,)
+
+    def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
+        wandering = run.columns.get(self.column, np.zeros(len(run)))
+        return (wandering - wandering[0])[:, None]
+
+    def starts(self, view: View) -> list[dict[str, float]]:
+        seen = [self.column in run.columns and np.ptp(run.columns[self.column]) > 0 for run in view.runs]
+        return [{}] if all(seen) else []
