@@ -13,6 +13,7 @@ import click.testing
 import hypothesis
 import numpy as np
 import pytest
+import written
 from captures import WITHOUT_A_FEW
 from ports import Board
 from streams import stream
@@ -26,6 +27,7 @@ hypothesis.settings.register_profile("rdpi", deadline=None, database=None, deran
 hypothesis.settings.register_profile("long", hypothesis.settings.get_profile("rdpi"), max_examples=2000,
                                      derandomize=False)
 hypothesis.settings.load_profile("rdpi")
+written.install()  # what a command writes in this process is checked
 LONG_S = float(os.environ.get("RDPI_FUZZ_SECONDS", 60))
 
 ROOT = Path(__file__).resolve().parents[2]

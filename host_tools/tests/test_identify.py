@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from plants import changed, marked, rate_of, recording, slopes_um_per_V, stack, thresholds_um, waves
 
 from rdpi.errors import BadInput
-from rdpi.fit.identify import SLOPE_FLOOR, Options, fit, rate_slopes
+from rdpi.fit import thresholds
+from rdpi.fit.identify import Options, fit, rate_slopes
 from rdpi.model import Drive
 
 
@@ -63,7 +64,7 @@ def test_slopes_of_each_band_agree_with_the_law() -> None:
         assert percent(bands.slopes[0], law[0]) < 2  # most samples are slow
         again = rate_slopes(result.model, runs)
         assert all(np.allclose(one, other, rtol=0.01, equal_nan=True) for one, other in zip(again, bands))
-        rows = bands.to_json()
+        rows = [band.to_json() for band in bands.bands()]
         assert sum(row["samples"] for row in rows) <= sum(map(len, runs))
         assert [slope is None for slope in rows[0]["slopes"]] == list(np.isnan(bands.slopes[0]))
 
@@ -198,7 +199,7 @@ def test_slopes_never_fall_below_the_floor(kind: str, rate_independent: bool) ->
             continue
         model.validate()
         top = model.rate.identified_um_per_s
-        assert min(model.slopes.min(), model.slopes_at(top).min()) >= SLOPE_FLOOR * (1 - 1e-9)
+        assert min(model.slopes.min(), model.slopes_at(top).min()) >= thresholds.SLOPE_FLOOR * (1 - 1e-9)
         assert min(model.slopes_at(model.rate.max_um_per_s) / model.slopes) >= model.rate.min_slope_ratio * (1 - 1e-9)
 
 
@@ -206,7 +207,7 @@ def test_the_floor_is_reported() -> None:
     """An actuator that stands still for 10 V after each reversal has slopes of 0, and no inverse."""
     slack = replace(stack(), slopes=np.where(stack().thresholds_V < 10, 0.0, 0.15))
     result = fit([static_run(slack)], STATIC)
-    assert result.model.slopes[:3].min() == pytest.approx(SLOPE_FLOOR)
+    assert result.model.slopes[:3].min() == pytest.approx(thresholds.SLOPE_FLOOR)
     assert any("floor" in text and "--operators" in text for text in result.warnings)
     assert not any("floor" in text for text in static_fit().warnings)
 
