@@ -284,7 +284,7 @@ def with_passport(known: object) -> Model:
 def test_survives_the_model_file(tmp_path: Path) -> None:
     write_model(tmp_path / "model.json", with_passport(plain()))
     model = read_model(tmp_path / "model.json")
-    assert passport.read(model, "model.json") == plain()
+    assert passport.read(model) == plain()
     at = left_of(waves(70, 4, 4, RATE_HZ), np.zeros(1000)).coords
     assert np.array_equal(passport.expected_um(passport.read(model), at), passport.expected_um(plain(), at))
 
@@ -323,7 +323,7 @@ def test_a_malformed_passport_is_refused(path: str, value: object, key: str) -> 
     if path:
         place[last] = value
     with pytest.raises(BadInput) as error:
-        passport.read(with_passport(known if path else value), "m.json")
+        passport.read(replace(with_passport(known if path else value), where="m.json"))
     assert str(error.value).startswith(f"m.json: {key}") and "fit the model again" in str(error.value)
 
 

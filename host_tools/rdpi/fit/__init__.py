@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from . import checks, identify, localise, passport, report
+from . import checks, identify, localise, passport, report, summary
 from .identify import Options, fit
 from .localise import Axis, Table
 from .passport import FITTED
 
-__all__ = ["FITTED", "Axis", "Options", "Table", "checks", "fit", "identify", "localise", "passport", "report"]
+__all__ = ["FITTED", "Axis", "Options", "Table", "checks", "fit", "identify", "localise", "passport", "report",
+           "summary"]

@@ -137,11 +137,11 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     return notes
 
 
-def fitted_digests(model: Model, where: str = "model") -> list[str]:
+def fitted_digests(model: Model) -> list[str]:
     """Digests of the runs that the model was fitted to. Raises BadInput, naming the key, where they cannot be read."""
     runs = model.fit.get("runs", [])
     if not isinstance(runs, list) or not all(isinstance(run, dict) for run in runs):
-        raise BadInput(f"{where}: fit.runs: must be a list of objects, as `rdpi fit` writes it; "
+        raise BadInput(f"{model.where}: fit.runs: must be a list of objects, as `rdpi fit` writes it; "
                        "fit the model again, or take fit.runs out")
     return [run["digest"] for run in runs if isinstance(run.get("digest"), str)]
 

@@ -97,11 +97,11 @@ def build(residuals: Sequence[Residual]) -> dict[str, Any]:
     })
 
 
-def read(model: Model, where: str = "model") -> dict[str, Any] | None:
+def read(model: Model) -> dict[str, Any] | None:
     """The model's passport, checked; None if it has none. Raises BadInput that names the key and a remedy."""
     if model.passport is None:
         return None
-    known = _Checked(model.passport, f"{where}: passport")
+    known = _Checked(model.passport, f"{model.where}: passport")
     schema = known.item("schema")
     if schema != SCHEMA:
         known.refuse("schema", f"is {schema!r}, and this version reads {SCHEMA}")
@@ -112,7 +112,7 @@ def read(model: Model, where: str = "model") -> dict[str, Any] | None:
     if not isinstance(known.item("runs"), list):
         known.refuse("runs", "must be a list")
     for k, run in enumerate(known.item("runs")):
-        _Checked(run, f"{where}: passport.runs[{k}]").number("step_um")
+        _Checked(run, f"{model.where}: passport.runs[{k}]").number("step_um")
     for name in AXES:
         axis = known.section("axes").section(name)
         edges = axis.numbers("edges", low=-np.inf)

@@ -31,8 +31,8 @@ MAX_PLAYS, MAX_DEADZONES = 129, 65  # of the library as firmware_build.py compil
 MAX_EFFECTS = 100  # each takes part in every simulation
 MAX_FILE_BYTES, MAX_DEPTH = 16_000_000, 50
 SECTIONS = "rate", "drive", "memory"
-NOT_NUMBERS = {*SECTIONS, "source", "extra", "actuator", "fit", "effects", "passport", "dac_bits", "sweep_cycles",
-               "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
+NOT_NUMBERS = {*SECTIONS, "source", "extra", "actuator", "fit", "effects", "passport", "where", "dac_bits",
+               "sweep_cycles", "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
 WHOLE = "dac_bits", "sweep_cycles"
 MAX_DAC_BITS = 20  # RDPI_MAX_DAC_BITS
 SWEEP_CYCLES, MAX_SWEEP_CYCLES, SWEEP_HZ = 20, 10_000, 20.0  # of the start-up sweep
@@ -104,9 +104,10 @@ class Model:
     effects: list[dict[str, Any]] = field(default_factory=list)
     passport: dict[str, Any] | None = None
     extra: dict[str, Any] = field(default_factory=dict)
+    where: str = "model"  # names it in messages: the file that it was read from
 
     def __post_init__(self) -> None:
-        self._take_kinds("model")
+        self._take_kinds(self.where)
         if len(self.memory.plays_um) == 0:
             self.memory.plays_um = np.zeros(len(self.thresholds_um))
 
@@ -118,15 +119,19 @@ class Model:
         """Control input in um."""
         return self.gain_um_per_V * (command_V - self.offset_V)
 
+    def start_V(self) -> float:
+        """Drive in V that holds the memory: the firmware starts from it."""
+        return float(self.memory.plays_um[0] / self.gain_um_per_V + self.offset_V)
+
     def sweep_end(self) -> float:
         """Drive in V at which the start-up sweep ends."""
         if self.drive.sweep_end_V is not None:
             return self.drive.sweep_end_V
-        end_V = self.memory.plays_um[0] / self.gain_um_per_V + self.offset_V
-        return float(min(max(end_V, self.drive.min_V), self.drive.max_V))
+        return float(min(max(self.start_V(), self.drive.min_V), self.drive.max_V))
 
-    def validate(self, where: str = "model") -> None:
+    def validate(self, where: str | None = None) -> None:
         """Raise BadInput, naming the key and a remedy, unless the firmware would take these parameters."""
+        where = where or self.where
         self._take_kinds(where)
         self.validate_lengths(where)
         for key, maximum in (("thresholds_um", MAX_PLAYS), ("deadzones_um", MAX_DEADZONES)):
@@ -170,8 +175,9 @@ class Model:
                 rounded[section][name] = single if single.ndim else float(single)
         return replace(self, **rounded[""], **{key: replace(getattr(self, key), **rounded[key]) for key in SECTIONS})
 
-    def validate_lengths(self, where: str = "model") -> None:
+    def validate_lengths(self, where: str | None = None) -> None:
         """Raise BadInput unless every array is as long as it must be."""
+        where = where or self.where
         n, m = len(self.thresholds_um), len(self.deadzones_um)
         for key, values, length, of in (
                 ("slopes", self.slopes, n, "threshold"),
@@ -268,7 +274,7 @@ class Model:
             refuse("memory.plays_um",
                    "no history leaves these states: neighbours may differ by no more than their thresholds do")
         with np.errstate(over="ignore"):
-            start_V = memory.plays_um[0] / self.gain_um_per_V + self.offset_V
+            start_V = self.start_V()
         slack = TOLERANCE * (drive.max_V - drive.min_V)
         if not drive.min_V - slack <= start_V <= drive.max_V + slack:
             refuse("memory.x_um", f"is held by {start_V:g} V, outside drive {drive.min_V:g} to {drive.max_V:g} V")
@@ -503,4 +509,5 @@ class _Reader:
             effects=self.effects(document),
             passport=passport,
             extra=document,
+            where=self.path,
         )

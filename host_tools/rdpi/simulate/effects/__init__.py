@@ -53,12 +53,10 @@ class Acting(NamedTuple):
     values: dict[str, float]
 
 
-def acting(model: Model, where: str = "model") -> list[Acting]:
-    """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete, named
-    by `where` the model is from.
-    """
+def acting(model: Model) -> list[Acting]:
+    """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete."""
     arguments.of_kind(model, Model, "model")
-    found = [_acting(entry, f"{where}: effects[{k}]") for k, entry in enumerate(model.effects)]
+    found = [_acting(entry, f"{model.where}: effects[{k}]") for k, entry in enumerate(model.effects)]
     return in_order(found)
 
 
