@@ -189,7 +189,7 @@ class Loop:
 
 @dataclass
 class Rig:
-    """One actuator with amplifier, converters and sensor; made by make_rig. Shares are of the stroke or of the range."""
+    """One actuator with amplifier, converters and sensor; made by make_rig. Shares are of stroke or range."""
 
     family: str
     seed: int

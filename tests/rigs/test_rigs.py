@@ -331,7 +331,7 @@ def result(family: str, sins: float, plain: float, effects: list[dict] = [], tru
     both = {name: {"prediction": value, "middle": -0.1 * value, "tenth": 0.2, "edge": 0.3, "10hz": 1.0,
                    "5-20-35hz": 2.0, "effects": effects if name == "sins" else []}
             for name, value in (("sins", sins), ("plain", plain))}
-    return {"family": family, "seed": 1, "truth": truth, **both}
+    return {"family": family, "seed": 1, "rate_hz": 1e4, "truth": truth, **both}
 
 
 def test_table_counts_as_it_says():
@@ -350,8 +350,10 @@ def test_effects_of_models_are_compared_with_the_truth():
     truth = {"delay": {"delay_s": 1e-3}}
     lines = measure.chain_rows([result("a", 1, 1, delay(1.1e-3, 0.9e-3, 1.3e-3), truth),
                                 result("a", 1, 1, delay(0.7e-3, 0.6e-3, 0.8e-3), truth),
-                                result("a", 1, 1, [], truth), result("a", 1, 1, delay(1e-3, 0, 1))])
-    assert lines == ["delay: named on 2 of 3 rigs that have it; named 1 times where it is not",
+                                result("a", 1, 1, [], truth), result("a", 1, 1, delay(3e-5, 0, 1)),
+                                result("a", 1, 1, delay(4e-5, 0, 1))])
+    assert lines == ["delay: named on 2 of 3 rigs that have it, and on 2 of 7 that do not, 1 times with a size that "
+                     "matters",
                      "  delay_s: median error 20 %; the 95 % interval holds the true value in 1 of 2"]
 
 
