@@ -136,7 +136,7 @@ MISBEHAVIOUR = {
     "crashes": ("os.kill(os.getpid(), signal.SIGSEGV)", "its reader crashed, SIGSEGV"),
     "hangs": ("time.sleep(60)", "its reader did not end within 1 s"),
     "takes memory": ("bytearray(1 << 40)", "MemoryError"),
-    "nests without end": ("loadmat(file)", "recursion"),
+    "nests without end": ("deeper = lambda: deeper(); deeper()", "recursion"),
     "leaves": ("os._exit(3)", "its reader failed"),
     "talks": ("print('hello')", "its reader sent"),
 }

@@ -6,8 +6,8 @@
 #error "rdpi tells NaN from numbers: compile it without -ffast-math and -ffinite-math-only"
 #endif
 
-#include "f32_bank.h"
 #include "f32_check.h"
+#include "f32_bank.h"
 #include "f32_drive.h"
 #include "f32_rate.h"
 #include "f32_saturation.h"
