@@ -208,29 +208,55 @@ class Equation:
         return np.array(result)
 
 
+class Mixture:
+    """Weighted sum of operators.
+
+    A single equation remembers one number, and its minor loops drift far more than a piezo stack's do. Several of
+    different lengths keep a longer memory.
+    """
+
+    def __init__(self, parts: list[Operator], weights: np.ndarray) -> None:
+        self.parts, self.weights = parts, weights
+
+    def __call__(self, u: np.ndarray) -> np.ndarray:
+        return sum(weight * part(u) for part, weight in zip(self.parts, self.weights))
+
+
+def mixed(random: np.random.Generator, make: Callable[[float], Operator], count: int, shortest: float, longest: float
+          ) -> Operator:
+    """Operators of several lengths, each weighted with about its length: none turns much more steeply than others."""
+    lengths = np.geomspace(shortest, longest, count) * random.uniform(0.85, 1.15, count)
+    return Mixture([make(float(length)) for length in lengths], lengths * random.uniform(0.7, 1.3, count))
+
+
 def bouc_wen(random: np.random.Generator) -> Operator:
-    """Wang and Wen's asymmetric equation: the loss differs by the signs of the motion and of h, and of both."""
-    length = random.uniform(0.9, 1.4)
-    gamma, beta, phi = random.uniform(-0.1, 0.3), random.uniform(0.5, 0.9), random.uniform(-0.06, 0.06)
+    """Wang and Wen's asymmetric equations: the loss differs by the signs of the motion and of h, and of both."""
+    gamma, beta, phi = random.uniform(-0.1, 0.3), random.uniform(0.5, 0.9), random.uniform(-0.08, 0.08)
 
-    def slope(h: float, u: float, sign: float) -> float:
-        side = 1.0 if h > 0 else -1.0
-        return (1 - h * h * (gamma + beta * sign * side + phi * (sign + side))) / length
+    def equation(length: float) -> Operator:
+        def slope(h: float, u: float, sign: float) -> float:
+            side = 1.0 if h > 0 else -1.0
+            return (1 - h * h * (gamma + beta * sign * side + phi * (sign + side))) / length
 
-    return Equation(slope)
+        return Equation(slope)
+
+    return mixed(random, equation, 3, 0.3, 1.2)
 
 
 def dahl(random: np.random.Generator) -> Operator:
     """Dahl's friction with an exponent; its level grows with position, and pulling differs from pushing."""
-    stiffness, exponent = random.uniform(0.6, 1.1), random.uniform(1.1, 1.6)
+    exponent = random.uniform(1.1, 1.6)
     grows, pulls = random.uniform(-0.2, 0.2), random.uniform(0.85, 1.15)
 
-    def slope(h: float, u: float, sign: float) -> float:
-        level = (1 + grows * u) * (pulls if sign > 0 else 1.0)
-        left = 1 - sign * h / level
-        return stiffness * left**exponent if left > 0 else 0.0
+    def element(length: float) -> Operator:
+        def slope(h: float, u: float, sign: float) -> float:
+            level = (1 + grows * u) * (pulls if sign > 0 else 1.0)
+            left = 1 - sign * h / level
+            return left**exponent / length if left > 0 else 0.0
 
-    return Equation(slope)
+        return Equation(slope)
+
+    return mixed(random, element, 3, 0.5, 2.2)
 
 
 class ColemanHodgdon:
@@ -257,26 +283,27 @@ class ColemanHodgdon:
 
 
 def duhem(random: np.random.Generator) -> Operator:
-    rising = random.uniform(1.0, 2.0)
-    return ColemanHodgdon(rising, rising * random.uniform(0.8, 1.25), 1.0, random.uniform(0.6, 1.2),
-                          random.uniform(0.0, 0.4))
+    falls, steep, slope = random.uniform(0.8, 1.25), random.uniform(0.6, 1.2), random.uniform(0.0, 0.4)
+    return mixed(random, lambda length: ColemanHodgdon(1 / length, falls / length, 1.0, steep, slope), 3, 0.2, 1.0)
 
 
 def jiles_atherton(random: np.random.Generator) -> Operator:
-    """Jiles and Atherton's magnetisation with the arctangent for the anhysteretic curve."""
-    shape, pinning = random.uniform(0.5, 0.9), random.uniform(0.35, 0.6)
-    coupling, reversible = random.uniform(0.0, 0.15), random.uniform(0.1, 0.4)
-    shift = random.uniform(-0.2, 0.2)
+    """Jiles and Atherton's magnetisation with the arctangent for the anhysteretic curve; domains of two pinnings."""
+    shape, reversible = random.uniform(0.5, 0.9), random.uniform(0.1, 0.4)
+    coupling, shift = random.uniform(0.0, 0.15), random.uniform(-0.2, 0.2)
 
-    def slope(m: float, u: float, sign: float) -> float:
-        field = (u + shift + coupling * m) / shape
-        away = atan(field) - m
-        turned = 1 / (shape * (1 + field * field))
-        moved = away / (pinning * sign - coupling * away) if away * sign > 0 else 0.0
-        both = (1 - reversible) * moved + reversible * turned
-        return both / (1 - coupling * reversible * turned)
+    def domains(pinning: float) -> Operator:
+        def slope(m: float, u: float, sign: float) -> float:
+            field = (u + shift + coupling * m) / shape
+            away = atan(field) - m
+            turned = 1 / (shape * (1 + field * field))
+            moved = away / (pinning * sign - coupling * away) if away * sign > 0 else 0.0
+            both = (1 - reversible) * moved + reversible * turned
+            return both / (1 - coupling * reversible * turned)
 
-    return Equation(slope)
+        return Equation(slope)
+
+    return mixed(random, domains, 2, 0.2, 0.65)
 
 
 FAMILIES: dict[str, Callable[[np.random.Generator], Operator]] = {

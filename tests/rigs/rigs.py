@@ -25,7 +25,7 @@ from pathlib import Path
 from zlib import crc32
 
 import numpy as np
-from loops import FAMILIES, Operator
+from loops import FAMILIES, WIPE_OUT, Operator
 from scipy.signal import cont2discrete, lfilter
 from sealed import SEALED
 
@@ -34,6 +34,8 @@ Sins = Mapping[str, Mapping[str, float]]
 
 FINEST_S = 50e-6  # longest step of the simulation
 LEAST_STEPS = 4  # per sample
+WIDTHS = 0.05, 0.20  # of great loops, share of the stroke
+DRIFTING = 0.05, 0.10  # likewise, of families whose minor loops drift: wider ones would drift as no piezo stack does
 SUPPLY = 0.02  # of the range: the amplifier's supply ends that far beyond it
 CREEP_S = 0.025, 1000.0  # shortest and longest time constant of the creep
 CREEP_PER_DECADE = 2.5  # elements
@@ -375,9 +377,10 @@ def make_rig(family: str, seed: int, sins: Sins | Collection[str] | None = None,
     if family not in FAMILIES and family not in SEALED:
         raise ValueError(f"no family {family!r}: {', '.join(FAMILIES)}; sealed: {', '.join(SEALED)}")
     random = _random(family, seed, "rig")
+    widths = WIDTHS if family in WIPE_OUT or family in SEALED else DRIFTING
     low_V, high_V = [(0.0, 100.0), (0.0, 150.0), (-20.0, 120.0), (-30.0, 130.0), (0.0, 10.0)][random.integers(5)]
     rig = Rig(family, seed, {}, low_V, high_V, stroke_um=random.uniform(8, 60), offset_um=random.uniform(-2, 5),
-              width=random.uniform(0.05, 0.20), curve=(random.uniform(-0.03, 0.03), random.uniform(0, 0.04)),
+              width=random.uniform(*widths), curve=(random.uniform(-0.03, 0.03), random.uniform(0, 0.04)),
               sweep_cycles=int(random.integers(15, 41)), sweep_hz=random.uniform(15, 40),
               rest_s=random.uniform(0.2, 0.5))
     present = {name: random.random() < SOME.get(name, 1.0) for name in SINS}
