@@ -113,7 +113,7 @@ def test_simulate_a_drive_alone(folder: Path, rdpi: Callable) -> None:
     write_recording("drive.csv", {"time_s": run.time_s, "command_V": run.command_V}, {})
     result, text = result_of(rdpi, "simulate", "static.json", "drive.csv", "-o", "out.csv")
     assert result["runs"] == [] and result["rms_percent"] is result["max_percent"] is None
-    assert "no displacement_um to score" in text
+    assert "there is no displacement_um to compare with" in text
     out = read_recording("out.csv", required=("predicted_um",))
     assert list(out.columns) == ["time_s", "command_V", "predicted_um"]
     truth = stack(law=0).respond(run.command_V, 0 * run.command_V)
@@ -429,10 +429,11 @@ def test_header_notes_a_slow_sweep(folder: Path, rdpi: Callable) -> None:
 
 def test_header_without_fixed_point(folder: Path, rdpi: Callable) -> None:
     result, text = result_of(rdpi, "header", "static.json", "-o", "params.h")
-    assert result["q31"] and "note: single" not in text
+    assert result["q31"] and "single precision" not in text
     change_model(rate=Rate(max_um_per_s=100.0, filter_s=5.0))
     result, text = result_of(rdpi, "header", "static.json", "-o", "params.h")
-    assert not result["q31"] and "note: single precision only, not fixed point: rate.filter_s: is 5 s" in text
+    assert not result["q31"]
+    assert "note: the header has no fixed-point parameters, only single precision: rate.filter_s: is 5 s" in text
     message = refusal(rdpi, "compensate", "static.json", None, "--engine", "q31")
     assert message.startswith("static.json: no fixed point: rate.filter_s: is 5 s; at most 4.29 s")
 
@@ -540,7 +541,8 @@ def columns_without(name: str) -> Callable[[list[str]], list[str]]:
 
 # Lines 1 and 2 are metadata, 3 the names of the columns, 4 the first sample of large.csv.
 BAD_RUN: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
-    "missing column": (columns_without("command_V"), r":3: no column command_V; there are .*sensor.*; rename"),
+    "missing column": (columns_without("command_V"), r":3: there is no column command_V; "
+                       r"the columns are .*sensor.*\. Rename"),
     "NaN": (lambda lines: [*lines[:20], "0.017,nan,1,1\n", *lines[21:]],
             r":21: column command_V is nan; .*(cut|interpolate)"),
     "text": (lambda lines: [*lines[:20], "0.017,off,1,1\n", *lines[21:]],
@@ -548,7 +550,7 @@ BAD_RUN: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
     "too short": (lambda lines: lines[:18], r": 15 samples; a recording needs at least 16"),
     "backwards time": (lambda lines: [*lines[:30], *lines[10:]], r":31: time_s runs backwards .*cut"),
     "wrong rate": (lambda lines: [lines[0].replace("1000", "900"), *lines[1:]],
-                   r":1: sample_rate_hz is 900 but the times say 1000"),
+                   r":1: sample_rate_hz is 900, but the times give 1000"),
 }
 
 
@@ -565,12 +567,13 @@ def test_bad_reference(folder: Path, rdpi: Callable) -> None:
     lines = Path("reference.csv").read_text().splitlines(keepends=True)
     for text, message in (
             ([*lines[:30], "0.028,nan\n", *lines[31:]], r"bad\.csv:31: column reference_um is nan"),
-            (columns_without("reference_um")(lines), r"bad\.csv:2: no column reference_um; there are time_s, sensor"),
+            (columns_without("reference_um")(lines), r"bad\.csv:2: there is no column "
+             r"reference_um; the columns are time_s, sensor"),
             (lines[:10], r"bad\.csv: 8 samples")):
         Path("bad.csv").write_text("".join(text))
         assert re.match(message, refusal(rdpi, "compensate", "static.json", "bad.csv"))
     text = refusal(rdpi, "compensate", "static.json", None, "--reference-column", "wish")
-    assert re.match(r"reference\.csv:2: no column wish", text)
+    assert re.match(r"reference\.csv:2: there is no column wish", text)
     assert re.match(r"nowhere\.csv: cannot be read", refusal(rdpi, "compensate", "static.json", "nowhere.csv"))
 
 
@@ -579,7 +582,7 @@ def test_unwritable(command: str, folder: Path, rdpi: Callable) -> None:
     usual, output = COMMANDS[command]
     done = rdpi(command, "static.json", *([usual] if usual else []), "-o", f"missing/{output}")
     assert done.exit_code == 2 and "Traceback" not in done.output
-    assert done.output == f"rdpi: missing/{output}: there is no folder missing; make it first\n"
+    assert done.output == f"rdpi: missing/{output}: there is no directory missing; create it first\n"
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -236,8 +236,8 @@ BAD_RUNS: dict[str, tuple[Callable[[Recording], Recording], str]] = {
                       r"fresh0\.csv: moves opposite to the model; check the sign"),
     "unrelated": (lambda run: changed(run, displacement_um=np.random.default_rng(0).standard_normal(len(run))),
                   r"fresh\d\.csv: command_V and displacement_um are unrelated"),
-    "no displacement": (without_column("displacement_um"), r"fresh0\.csv:\d+: no column displacement_um"),
-    "no command": (without_column("command_V"), r"fresh0\.csv:\d+: no column command_V"),
+    "no displacement": (without_column("displacement_um"), r"fresh0\.csv:\d+: there is no column displacement_um"),
+    "no command": (without_column("command_V"), r"fresh0\.csv:\d+: there is no column command_V"),
 }
 
 
@@ -281,7 +281,7 @@ def test_outputs_that_cannot_be(folder: Path, rdpi: Callable) -> None:
                                (("--report", "file"), "file"),
                                (("--report", "model.json"), "model.json"),
                                (("-o", "nowhere/a.json"), "nowhere"),
-                               (("--without", "magic"), "--without magic: no effect; there are "),
+                               (("--without", "magic"), "--without magic: is not an effect; the effects are "),
                                (("-o", "out/gap.json", "--report", "out"), "would be written over another output")):
         before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
         done = rdpi("gap", "model.json", *FRESH, *arguments)

@@ -227,7 +227,7 @@ def test_fields_beside_the_numbers(name: str, imported: Callable, refused: Calla
 def test_hexadecimal_numbers_are_text(imported: Callable, refused: Callable, tmp_path: Path) -> None:
     (tmp_path / "scope.csv").write_text(BESIDE["digital channels"])
     options = ["--command", "CH1", "--displacement", SENSED]
-    assert "left out: D7-D0, D15-D8 (" in imported(tmp_path / "scope.csv", *options)[1]
+    assert "not used: D7-D0, D15-D8 (" in imported(tmp_path / "scope.csv", *options)[1]
     message = refused("import", tmp_path / "scope.csv", *options, "--also", "bits=D7-D0", "-o", refused.output)
     assert "column 2 'D7-D0' is '0x00', not a number" in message
 
@@ -252,7 +252,7 @@ def test_a_second_table_in_a_file(refused: Callable, imported: Callable, tmp_pat
     (tmp_path / "two.lvm").write_text(LVM + LVM.partition("***\n")[2])
     options = ["--command", "Drive", "--displacement", "Stage"]
     message = refused("import", tmp_path / "two.lvm", *options, "-o", refused.output)
-    assert f"does another table begin? Take the rows of one with --rows, e.g. --rows 0:{COUNT}" in message
+    assert f"If another table begins there, choose the rows of one with --rows, e.g. --rows 0:{COUNT}" in message
     same(imported(tmp_path / "two.lvm", *options, "--rows", f"0:{COUNT}")[0])
 
 
@@ -292,7 +292,7 @@ def test_what_is_printed_and_kept(imported: Callable, rdpi: Callable, tmp_path: 
     result = json.loads((tmp_path / "result.json").read_text())["recordings"][0]
     assert result["samples"] == COUNT and result["columns"] == list(recording.columns)
     _, output = imported(content)
-    assert "left out: spare (--also" in output
+    assert "not used: spare (keep one with --also" in output
 
 
 def test_counts_beyond_any_time(refused: Callable, tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
@@ -401,7 +401,7 @@ def bad_row(row: int, line: str) -> str:
 OTHER = table(*RUN.values(), header="a,b,c\n")
 TWO = table(TIME_S, COMMAND_V, DISPLACEMENT_UM, DISPLACEMENT_UM, header="t,voltage,position,pos_nm\n")
 REFUSED = {
-    "empty": ("x.csv", "", [], ["x.csv", "empty file"]),
+    "empty": ("x.csv", "", [], ["x.csv", "is empty"]),
     "binary": ("x.bin", bytes(range(256)).replace(b"\n", b"").replace(b"\r", b"") * 2000, [],
                ["x.bin:1", "no table of numbers"]),
     "words": ("x.csv", "no numbers\nhere at all\n", [], ["x.csv:1", "no table of numbers", "separated by"]),
@@ -416,7 +416,7 @@ REFUSED = {
     "no such number": ("x.csv", NAMED, ["--command", "3"], ["x.csv", "--command 3: no such column"]),
     "same name twice": ("x.csv", table(*RUN.values(), header="t,a,A\n"),
                         ["--command", "a", "--displacement", "A", "--time", "T:ks"],
-                        ["x.csv", "--time T:ks", "'ks' is no unit and no factor", "ms"]),
+                        ["x.csv", "--time T:ks", "'ks' is neither a unit nor a factor", "ms"]),
     "ambiguous name": ("x.csv", table(*RUN.values(), header="t,a,a\n"), ["--command", "a"],
                        ["several columns are called 'a'", "number"]),
     "unit of another kind": ("x.csv", NAMED, ["--displacement", "2:mV"],
@@ -435,15 +435,15 @@ REFUSED = {
     "absurd sample time in a file": ("x.npz", archive(ts=np.array(5e-324), u=COMMAND_V, z=DISPLACEMENT_UM), [],
                                      ["x.npz: ts: ", "'inf'"]),
     "absurd times": ("x.csv", NAMED, ["--time", "t:1e308"], ["x.csv:3", "times in seconds"]),
-    "name of two lines": ("x.csv", NAMED, ["--also", "a\nb=1"], ["--also 'a\\nb'", "no name for a column"]),
-    "name not UTF-8": ("x.csv", NAMED, ["--also", "\udcff=1"], ["--also '\\udcff'", "no name for a column"]),
+    "name of two lines": ("x.csv", NAMED, ["--also", "a\nb=1"], ["--also 'a\\nb'", "is not valid as a name"]),
+    "name not UTF-8": ("x.csv", NAMED, ["--also", "\udcff=1"], ["--also '\\udcff'", "is not valid as a name"]),
     "note not UTF-8": ("x.csv", NAMED, ["--note", "\udcb5m"], ["--note '\\udcb5m'", "not UTF-8"]),
     "zero factor": ("x.csv", NAMED, ["--displacement", "2:0"], ["--displacement 2:0", "a number that multiplies"]),
     "name of another unit": ("x.csv", table(*RUN.values(), header="t,voltage,sensor_V\n"),
                              ["--displacement", "sensor_V"],
-                             ["--displacement sensor_V", "says V, not um", "sensor_V:0.5"]),
+                             ["--displacement sensor_V", "is V, not um", "sensor_V:0.5"]),
     "unknown unit in the name": ("x.csv", table(*RUN.values(), header="t,voltage,sensor [counts]\n"),
-                                 ["--displacement", "2"], ["says counts, not um", "factor"]),
+                                 ["--displacement", "2"], ["is counts, not um", "factor"]),
     "text": ("x.csv", bad_row(5, "0.005,none,1"), [], ["x.csv:7", "column 1 'voltage' is 'none', not a number"]),
     "text in the first row": ("x.csv", bad_row(0, "0,none,1"), [],
                               ["x.csv:2", "column 1 'voltage' is 'none', not a number"]),
@@ -456,7 +456,7 @@ REFUSED = {
     "backwards": ("x.csv", bad_row(5, "0.0035,1,2"), [], ["x.csv:7", "runs backwards", "--rate"]),
     "lost sample": ("x.csv", table(*(np.delete(column, 20) for column in RUN.values()), header=LINE + "\n"),
                     ["--rows", "2:"], ["x.csv:23", "not uniform", "this is row 20"]),
-    "rate contradicts": ("x.csv", NAMED, ["--time", "t", "--rate", "500"], ["--rate", "is 500 but the times say 1000"]),
+    "rate contradicts": ("x.csv", NAMED, ["--time", "t", "--rate", "500"], ["--rate", "is 500, but the times give 1000"]),
     "bad rate in the header": ("x.csv", "# sample_rate_hz: fast\n" + OTHER,
                                ["--command", "b", "--displacement", "c"], ["x.csv", "'fast'", "positive number"]),
     "bad memory in the header": ("x.csv", "# memory: good\n" + NAMED, [], ["x.csv", "'good'", "carried"]),
@@ -464,20 +464,20 @@ REFUSED = {
     "rows beyond the end": ("x.csv", NAMED, ["--rows", "100:"], ["of 40", "0 samples"]),
     "own column by --also": ("x.csv", NAMED, ["--also", "command_V=1"], ["--also command_V", "--command"]),
     "Excel": ("x.xlsx", zipped("[Content_Types].xml"), [], ["x.xlsx", "save the sheet as CSV"]),
-    "other zip": ("x.npz", zipped("readme.txt"), [], ["x.npz", "no numeric vectors"]),
+    "other zip": ("x.npz", zipped("readme.txt"), [], ["x.npz", "contains no numeric vectors"]),
     "MATLAB 7.3": ("x.mat", b"MATLAB 7.3 MAT-file, Platform: PCWIN64" + bytes(500), [], ["x.mat", "7.3", "'-v7'"]),
     "HDF5": ("x.mat", b"\x89HDF\r\n\x1a\n" + bytes(500), [], ["x.mat", "7.3", "'-v7'"]),
     "half a MATLAB file": ("x.mat", ARRAYS["vectors.mat"][0][:700], [],
                            ["x.mat", "cannot be read as a MATLAB file", "'-v7'"]),
     "no MATLAB file": ("x.mat", b"hello", [], ["x.mat", "cannot be read as a MATLAB file"]),
-    "MATLAB text": ("x.mat", matlab(remark="nothing"), [], ["x.mat", "no numeric vectors", "timeseries"]),
+    "MATLAB text": ("x.mat", matlab(remark="nothing"), [], ["x.mat", "contains no numeric vectors", "timeseries"]),
     "half an archive": ("x.npz", ARRAYS["named.npz"][0][:-100], [], ["x.npz", "cannot be read as NumPy data"]),
     "array too large": ("x.npy", array(MATRIX).replace(b"(40, 3), }" + b" " * 12, b"(40" + b"0" * 12 + b", 3), }"),
                         BY_NUMBER, ["x.npy", "cannot be read as NumPy data"]),
     "half an array": ("x.npy", ARRAYS["matrix.npy"][0][:-100], BY_NUMBER, ["x.npy", "cannot be read as NumPy data"]),
     "objects": ("x.npy", array(np.array([{}, {}]), allow_pickle=True), [], ["x.npy", "plain numeric arrays"]),
     "unequal lengths": ("x.npz", archive(t=TIME_S, u=COMMAND_V[1:], z=DISPLACEMENT_UM), [],
-                        ["x.npz", "unequal length", "1 'u' has 39", "2 'z' has 40"]),
+                        ["x.npz", "the columns differ in length", "1 'u' has 39", "2 'z' has 40"]),
     "NaN in an array": ("x.npz", archive(t=TIME_S, u=COMMAND_V, z=np.where(TIME_S == 0.03, np.nan, 1)),
                         ["--rows", "10:"], ["x.npz, row 30", "column 2 'z' is nan", "--rows"]),
     "backwards in an array": ("x.npz", archive(t=TIME_S[::-1], u=COMMAND_V, z=DISPLACEMENT_UM), [],
@@ -615,7 +615,7 @@ def test_several_sources_all_or_nothing(rdpi: Callable, tmp_path: Path) -> None:
     a, b, again = tmp_path / "a.csv", tmp_path / "b.csv", tmp_path / "other" / "a.dat"
     for sources, output, needle in (([a, b], tmp_path / "runs", "b.csv:5"),
                                     ([a, again], tmp_path / "runs", "would both be written"),
-                                    ([a, again], tmp_path / "runs.csv", "need a folder")):
+                                    ([a, again], tmp_path / "runs.csv", "need a directory")):
         result = rdpi("import", *sources, "-o", output)
         assert result.exit_code == 2 and needle in result.output and not output.exists()
 

@@ -157,7 +157,7 @@ def test_silence_after_samples_saves_them(board: Board, run_csv: Path, rdpi: Cal
     board.later(lambda: board.send(stream(SENT, finished=0)))
     done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.5")
     assert done.exit_code == 2
-    assert done.output.endswith(f"rdpi: {board.port}: silent for 0.5 s; what came before has been written\n")
+    assert done.output.endswith(f"rdpi: {board.port}: no data for 0.5 s; the samples before that have been written\n")
     assert len(codes(run_csv)) == 3000
 
 
@@ -176,20 +176,21 @@ def test_noise_is_not_silence(board: Board, refused: Callable, noise: bytes) -> 
     finally:
         stop.set()
         thread.join()
-    assert message == f"{board.port}: no samples: nothing that is telemetry for 0.3 s; is the baud rate right?"
+    assert message == f"{board.port}: no samples: no valid telemetry for 0.3 s; check the baud rate"
 
 
 def test_a_port_that_vanishes_leaves_what_there_is(board: Board, run_csv: Path, rdpi: Callable) -> None:
     board.later(lambda: board.send(stream(SENT, finished=0)), lambda: time.sleep(A_MOMENT_S), board.unplug)
     done = rdpi("record", board.port, "-o", run_csv)
-    assert done.exit_code == 2 and "the port is gone" in done.output and "has been written" in done.output
+    assert done.exit_code == 2
+    assert "the connection to the port was lost" in done.output and "have been written" in done.output
     assert len(codes(run_csv)) == 3000
 
 
 def test_a_target_that_refuses(board: Board, rdpi: Callable, run_csv: Path) -> None:
     for info, words in ((Info(streams.REFUSED, -8), f"{firmware.status_text(-8)} (status -8)"),
                         (Info(streams.REFUSED, 0), "the board has no timer for 10000 samples per second"),
-                        (Info(streams.RESET), "its watchdog has reset it; its safe code is out")):
+                        (Info(streams.RESET), "its watchdog has reset it; it now outputs its safe code")):
         board.later(lambda: board.send(info.frame()))
         done = rdpi("record", board.port, "-o", run_csv)
         assert (done.exit_code, done.output) == (2, f"rdpi: {board.port}: the target refuses to run: {words}\n")
@@ -199,17 +200,17 @@ def test_a_target_that_refuses(board: Board, rdpi: Callable, run_csv: Path) -> N
 @pytest.mark.parametrize("last, why", [
     (Info(streams.REFUSED, -8).frame(), "the target refuses to run: "),
     (Info(streams.SAFE, counts=(0, 7, *(0,) * 7)).frame(),
-     "the target refuses to run: too many ticks lost in a row, 7 in all; its safe code is out"),
-    (Info(streams.RESET).frame(), "the target refuses to run: its watchdog has reset it; its safe code is out"),
-    (Info(um_per_count=1e306).frame() * 2, "the firmware says that um_per_count is 1e+306; check RDPI_UM_PER_COUNT"),
-    (Info().frame(version=9) * 2, "telemetry of version 9, which this version of rdpi does not know"),
+     "the target refuses to run: it lost too many ticks in a row, 7 in total; it now outputs its safe code"),
+    (Info(streams.RESET).frame(), "the target refuses to run: its watchdog has reset it; it now outputs its safe code"),
+    (Info(um_per_count=1e306).frame() * 2, "the firmware reports um_per_count = 1e+306; check RDPI_UM_PER_COUNT"),
+    (Info().frame(version=9) * 2, "telemetry of version 9: unknown to this version of rdpi"),
 ])
 def test_what_came_before_the_target_went_wrong_is_kept(board: Board, run_csv: Path, rdpi: Callable, last: bytes,
                                                         why: str) -> None:
     board.later(lambda: board.send(stream(SENT, finished=0) + last))
     done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.5")
     assert done.exit_code == 2 and f"rdpi: {board.port}: {why}" in done.output
-    assert done.output.endswith("; what came before has been written\n")
+    assert done.output.endswith("; the samples before that have been written\n")
     assert len(codes(run_csv)) == 3000
 
 
@@ -218,7 +219,7 @@ def test_a_copy_that_cannot_be_written_does_not_cost_the_recording(board: Board,
     board.later(lambda: board.send(stream(SENT)))
     done = rdpi("record", board.port, "-o", run_csv, "--raw", "/dev/full")
     assert done.exit_code == 2
-    assert done.output.endswith("--raw /dev/full: No space left on device; it does not hold all that came\n")
+    assert done.output.endswith("--raw /dev/full: No space left on device; it does not contain all bytes received\n")
     assert len(codes(run_csv)) == 3000
 
 
@@ -226,7 +227,7 @@ def test_all_that_went_wrong_is_told(board: Board, run_csv: Path, rdpi: Callable
     board.later(lambda: board.send(stream(SENT[:15], finished=0) + Info(streams.REFUSED, -8).frame()))
     done = rdpi("record", board.port, "-o", run_csv, "--raw", "/dev/full")
     assert done.exit_code == 2 and done.output.count("the target refuses to run: ") == 1
-    assert done.output.endswith("; --raw /dev/full: No space left on device; it does not hold all that came\n")
+    assert done.output.endswith("; --raw /dev/full: No space left on device; it does not contain all bytes received\n")
     assert not run_csv.exists()
 
 
@@ -267,7 +268,7 @@ def test_a_fault_of_the_decoder_does_not_cost_what_was_decoded(board: Board, run
     monkeypatch.setattr(Decoder, "feed", fail)
     board.later(lambda: board.send(stream(SENT, finished=0)))
     error = rdpi("record", board.port, "-o", run_csv).exception
-    assert isinstance(error, IndexError) and error.__notes__ == [f"What came before is in {part(run_csv)}."]
+    assert isinstance(error, IndexError) and error.__notes__ == [f"The samples received so far are in {part(run_csv)}."]
     assert len(codes(part(run_csv))) == 3000 and not run_csv.exists()
 
 
@@ -302,7 +303,7 @@ def test_samples_that_cannot_be_saved_end_it(board: Board, run_csv: Path, rdpi: 
                 lambda: board.send(b"".join(sample.frame() for sample in SENT[1000:])))
     done = rdpi("record", board.port, "-o", run_csv)
     assert done.exit_code == 2
-    assert done.output.endswith("run.csv.part: No space left on device; what came before has been written\n")
+    assert done.output.endswith("run.csv.part: No space left on device; the samples before that have been written\n")
     assert len(codes(run_csv)) >= 1000 and list(run_csv.parent.iterdir()) == [run_csv]
 
 
@@ -316,13 +317,13 @@ def test_what_a_recording_that_was_cut_off_has_left_is_not_written_over(board: B
     left = run_csv.with_name(name)
     left.write_text("left")
     done = rdpi("record", board.port, "-o", run_csv)
-    assert done.exit_code == 2 and done.output.startswith(f"rdpi: {left}: is what a recording that was cut off has")
+    assert done.exit_code == 2 and done.output.startswith(f"rdpi: {left}: exists already: a recording was interrupted")
     assert left.read_text() == "left" and list(run_csv.parent.iterdir()) == [left]
     for option in ("--raw", "--json"):
         left.unlink(missing_ok=True)
         done = rdpi("record", board.port, "-o", run_csv, option, left)
         assert (done.exit_code, done.output) == (
-            2, f"rdpi: {left}: is where samples go while the recording goes on; give another name\n")
+            2, f"rdpi: {left}: is used for samples during the recording; give another name\n")
 
 
 @pytest.mark.parametrize("name", ["run.csv", "raw"])
@@ -341,8 +342,8 @@ def test_two_recordings_to_one_file(board: Board, run_csv: Path, rdpi: Callable,
         finally:
             process.kill()
     first.unplug()
-    assert (done.returncode, done.stderr) == (2, f"rdpi: {both}: another recording is being written there; end that "
-                                                 "first, or give another name\n")
+    assert (done.returncode, done.stderr) == (2, f"rdpi: {both}: another recording is being written to this file; "
+                                                 "stop it first, or give another name\n")
     board.later(lambda: board.send(stream(SENT)))
     assert rdpi("record", board.port, "-o", other[0], "--raw", other[1]).exit_code == 0
     assert len(codes(other[0])) == len(SENT) and not both.with_name(f".rdpi.{name}.lock").exists()
@@ -395,7 +396,8 @@ def test_a_fault_of_what_saves_does_not_cost_the_recording(board: Board, run_csv
     board.later(lambda: board.send(stream(SENT, finished=0)))
     done = rdpi("record", board.port, "-o", run_csv)
     assert done.exit_code == 2
-    assert done.output.endswith(".part: ZeroDivisionError: division by zero; what came before has been written\n")
+    assert done.output.endswith(".part: ZeroDivisionError: division by zero; the samples before that have been "
+                                "written\n")
     assert len(codes(run_csv)) >= 1000
 
 
@@ -403,7 +405,7 @@ def test_a_fault_of_what_saves_does_not_cost_the_recording(board: Board, run_csv
 def test_texts_that_no_file_can_hold_are_refused_before_it_begins(captured: Path, refused: Callable,
                                                                   option: str) -> None:
     for words in (["record", "/dev/null"], ["import", "--telemetry", captured], ["import", captured]):
-        assert refused(*words, "-o", refused.output, option, "a\udcff").startswith(f"{option} 'a\\udcff': not UTF-8")
+        assert refused(*words, "-o", refused.output, option, "a\udcff").startswith(f"{option} 'a\\udcff': is not UTF-8")
 
 
 def test_a_stream_of_a_name_that_is_no_text(captured: Path, run_csv: Path, rdpi: Callable) -> None:
@@ -415,7 +417,7 @@ def test_a_stream_of_a_name_that_is_no_text(captured: Path, run_csv: Path, rdpi:
 @pytest.mark.parametrize("option", ["-o", "--raw", "--json"])
 def test_the_port_is_no_file_to_write_to(board: Board, run_csv: Path, rdpi: Callable, option: str) -> None:
     done = rdpi("record", board.port, "-o", run_csv, option, board.port)
-    assert (done.exit_code, done.output) == (2, f"rdpi: {board.port}: is the port; give a file to write to\n")
+    assert (done.exit_code, done.output) == (2, f"rdpi: {board.port}: is the port; give a file name\n")
 
 
 def test_a_folder_that_cannot_be_written_to(board: Board, run_csv: Path, rdpi: Callable,
@@ -423,14 +425,14 @@ def test_a_folder_that_cannot_be_written_to(board: Board, run_csv: Path, rdpi: C
     monkeypatch.setattr(os, "access", lambda path, mode: str(path) != str(run_csv.parent))
     done = rdpi("record", board.port, "-o", run_csv)
     assert (done.exit_code, done.output) == (
-        2, f"rdpi: {run_csv}: the folder {run_csv.parent} cannot be written to; check its permissions\n")
+        2, f"rdpi: {run_csv}: you may not write to the directory {run_csv.parent}; check its permissions\n")
 
 
 def test_a_port_in_use(board: Board, refused: Callable) -> None:
     with open(board.port, "rb", buffering=0) as other:
         fcntl.flock(other, fcntl.LOCK_EX)
         assert refused("record", board.port, "-o", refused.output) == (
-            f"{board.port}: is in use by another program; end that first")
+            f"{board.port}: is in use by another program; stop that program first")
 
 
 @pytest.mark.parametrize("option", ["--timeout", "--duration", "--um-per-count", "--count-0-um"])
@@ -455,7 +457,7 @@ def test_samples_but_no_info(board: Board, run_csv: Path, rdpi: Callable) -> Non
     thread.start()
     done = rdpi("record", board.port, "-o", run_csv, "--duration", "0.1")
     stop.set()
-    assert done.exit_code == 2 and f"no info frame, which says rate and scale, in the first {NO_INFO}" in done.output
+    assert done.exit_code == 2 and f"no info frame with rate and scale in the first {NO_INFO}" in done.output
 
 
 @pytest.mark.parametrize("before, state", [(b"", streams.RUNNING), (b"", streams.STARTING),
@@ -475,14 +477,14 @@ def test_infos_but_no_sample(board: Board, run_csv: Path, rdpi: Callable, before
     done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.5")
     stop.set()
     thread.join()
-    assert done.exit_code == 2 and "no sample for 0.5 s, though the target says that it runs" in done.output
+    assert done.exit_code == 2 and "no sample for 0.5 s, although the target reports that it is running" in done.output
     assert run_csv.exists() == bool(before)
 
 
 def test_a_target_of_another_version(board: Board, rdpi: Callable, run_csv: Path) -> None:
     board.later(lambda: board.send(Info().frame(version=9) * 2))
     done = rdpi("record", board.port, "-o", run_csv)
-    assert done.exit_code == 2 and "telemetry of version 9, which this version of rdpi does not know" in done.output
+    assert done.exit_code == 2 and "telemetry of version 9: unknown to this version of rdpi" in done.output
 
 
 def test_a_target_that_had_finished_before(board: Board, run_csv: Path, rdpi: Callable) -> None:
@@ -498,7 +500,7 @@ def test_a_target_that_had_finished_before(board: Board, run_csv: Path, rdpi: Ca
 def test_reset_while_it_records(board: Board, run_csv: Path, rdpi: Callable) -> None:
     board.later(lambda: board.send(stream(SENT, finished=0)[5000:20_000]), lambda: board.send(stream(SENT)))
     done = rdpi("record", board.port, "-o", run_csv)
-    assert done.exit_code == 0 and "note: the target started anew 1 times" in done.output
+    assert done.exit_code == 0 and "note: the target was reset 1 times" in done.output
     assert codes(run_csv) == [sample.dac_code for sample in SENT]
 
 
@@ -512,7 +514,7 @@ def test_from_a_socket(run_csv: Path, rdpi: Callable) -> None:
 
         threading.Thread(target=serve, daemon=True).start()
         done = rdpi("record", f"socket://127.0.0.1:{server.getsockname()[1]}", "-o", run_csv)
-    assert done.exit_code == 2 and "the port is gone" in done.output
+    assert done.exit_code == 2 and "the connection to the port was lost" in done.output
     assert len(codes(run_csv)) == 3000
     assert read_recording(run_csv).metadata["source"].startswith("socket://127.0.0.1:")
 
@@ -538,7 +540,7 @@ def test_a_terminal_shows_how_it_goes(board: Board, run_csv: Path) -> None:
         while b"waiting for a reset: the target had finished before" not in shown:
             shown += os.read(screen, 4096)
         board.send(stream(SENT)[:half])
-        while b" samples, 0 lost, " not in shown or b" um; Ctrl-C ends" not in shown:
+        while b" samples, 0 lost, " not in shown or b" um; Ctrl-C stops" not in shown:
             shown += os.read(screen, 4096)
         board.send(stream(SENT)[half:])
         threading.Thread(target=lambda: [None for _ in iter(lambda: _read(screen), b"")], daemon=True).start()
@@ -608,11 +610,11 @@ def test_another_sensor(captured: Path, run_csv: Path, rdpi: Callable) -> None:
 
 @pytest.mark.parametrize("data, message", [
     (b"", "no telemetry frame in 0 bytes; nothing was sent"),
-    (b"abc" * 100, "no telemetry frame in 300 bytes; is the baud rate right?"),
+    (b"abc" * 100, "no telemetry frame in 300 bytes; check the baud rate"),
     (stream(SENT[:15]), "15 samples, 0 lost on the way, 0 ticks lost by the target; 0 corrupt frames: no 16 samples w"),
     (Info().frame(), "0 samples, 0 lost on the way, 0 ticks lost by the target; 0 corrupt frames: no 16 samples w"),
     (Info(streams.REFUSED, -8).frame(), f"the target refuses to run: {firmware.status_text(-8)} (status -8)"),
-    (stream(SENT)[len(Info().frame()):20_000], "samples, but no info frame"),
+    (stream(SENT)[len(Info().frame()):20_000], "there are samples, but no info frame"),
 ])
 def test_streams_without_a_recording(captured: Path, refused: Callable, data: bytes, message: str) -> None:
     captured.write_bytes(data)
@@ -626,10 +628,10 @@ def test_a_bad_stream_among_good_ones_leaves_nothing(captured: Path, tmp_path: P
 
 
 @pytest.mark.parametrize("words, message", [
-    (["--telemetry", "--rate", "5"], "--rate: has a meaning only without --telemetry"),
-    (["--telemetry", "--command", "1"], "--command: has a meaning only without --telemetry"),
-    (["--stretches"], "--stretches: has a meaning only with --telemetry"),
-    (["--um-per-count", "1"], "--um-per-count: has a meaning only with --telemetry"),
+    (["--telemetry", "--rate", "5"], "--rate: is only valid without --telemetry"),
+    (["--telemetry", "--command", "1"], "--command: is only valid without --telemetry"),
+    (["--stretches"], "--stretches: is only valid with --telemetry"),
+    (["--um-per-count", "1"], "--um-per-count: is only valid with --telemetry"),
 ])
 def test_options_of_the_other_kind(captured: Path, refused: Callable, words: list[str], message: str) -> None:
     assert refused("import", captured, "-o", refused.output, *words) == message
@@ -642,7 +644,7 @@ def test_stretches_are_not_written_over_what_is_read(captured: Path, rdpi: Calla
     as_it_was = source.read_bytes()
     done = rdpi("import", "--telemetry", source, "-o", tmp_path / "run.csv", "--stretches")
     assert (done.exit_code, done.output) == (
-        2, f"rdpi: {source}: would be written over an input; give another name or folder\n")
+        2, f"rdpi: {source}: would be written over an input; give another name or directory\n")
     link = tmp_path / "other-1.csv"
     link.symlink_to(source)
     done = rdpi("import", "--telemetry", source, "-o", tmp_path / "other.csv", "--stretches")
@@ -669,7 +671,7 @@ def test_the_raw_stream_is_not_written_over_the_recording(refused: Callable) -> 
 def test_the_target_told_what_it_did_not_send(captured: Path, run_csv: Path, rdpi: Callable) -> None:
     captured.write_bytes(stream(WITHOUT_A_FEW, Info(counts=(3, *[0] * 8))))
     done = rdpi("import", "--telemetry", captured, "-o", run_csv)
-    assert "note: 3 samples never left the target: its line is too slow" in done.output
+    assert "note: the target could not send 3 samples: its line is too slow" in done.output
 
 
 @pytest.mark.parametrize("sent, note", [
@@ -690,7 +692,7 @@ def test_why_the_memory_is_unknown(captured: Path, run_csv: Path, rdpi: Callable
             replace(sample, dac_code=40_000) for sample in SENT]
     captured.write_bytes(stream(sent))
     done = rdpi("import", "--telemetry", captured, "-o", run_csv)
-    assert "memory: unknown (the drive jumps at the sweep's end)\n" in done.output
+    assert "memory: unknown (the drive jumps at the end of the sweep)\n" in done.output
     done = rdpi("import", "--telemetry", captured, "-o", run_csv, "--memory", "carried")
     assert "memory: carried\n" in done.output
 
@@ -698,5 +700,5 @@ def test_why_the_memory_is_unknown(captured: Path, run_csv: Path, rdpi: Callable
 def test_samples_without_readings(captured: Path, run_csv: Path, rdpi: Callable) -> None:
     captured.write_bytes(stream([replace(sample, adc_counts=streams.NO_READING) for sample in SENT]))
     done = rdpi("import", "--telemetry", captured, "-o", run_csv)
-    assert done.exit_code == 0 and "note: no displacement_um" in done.output
+    assert done.exit_code == 0 and "note: there is no displacement_um" in done.output
     assert read_recording(run_csv, ("command_V",)).displacement_um is None

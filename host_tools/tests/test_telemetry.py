@@ -211,12 +211,12 @@ def test_a_reset_is_told_even_if_the_ticks_go_on() -> None:
 
 @pytest.mark.parametrize("data, message", [
     (b"", "board: no telemetry frame in 0 bytes; nothing was sent"),
-    (bytes(range(256)) * 100, "board: no telemetry frame in 25600 bytes; is the baud rate right?"),
-    (b"x" * 5000, "board: no telemetry frame in 5000 bytes; is the baud rate right?"),
-    (Info().frame(version=2), "board: telemetry of version 2, which this version of rdpi does not know"),
-    (Info().frame() + frame(b"\x07abc") * 2, "board: a frame of type 7 with 4 bytes, which"),
-    (Info().frame() + frame(b"\x01abc") * 2, "board: a frame of type 1 with 4 bytes, which"),
-    (Info(numbers=3).frame(), "board: an info of numbers 3 and state 1, which this version of rdpi does not know"),
+    (bytes(range(256)) * 100, "board: no telemetry frame in 25600 bytes; check the baud rate"),
+    (b"x" * 5000, "board: no telemetry frame in 5000 bytes; check the baud rate"),
+    (Info().frame(version=2), "board: telemetry of version 2: unknown to this version of rdpi"),
+    (Info().frame() + frame(b"\x07abc") * 2, "board: a frame of type 7 with 4 bytes: unknown"),
+    (Info().frame() + frame(b"\x01abc") * 2, "board: a frame of type 1 with 4 bytes: unknown"),
+    (Info(numbers=3).frame(), "board: an info frame with numbers 3 and state 1: unknown to this version of rdpi"),
 ])
 def test_streams_that_are_none(data: bytes, message: str) -> None:
     with pytest.raises(BadInput) as error:
@@ -228,15 +228,15 @@ def test_streams_that_are_none(data: bytes, message: str) -> None:
     (Info(rate_hz=0), "0 samples per second; check rate_hz"),
     (Info(dac_bits=0), "0 DAC bits from -20 to 120 V; check min_V, max_V and dac_bits"),
     (Info(min_V=float("nan")), "16 DAC bits from nan to 120 V; check min_V, max_V and dac_bits"),
-    (Info(um_per_count=float("inf")), "that um_per_count is inf; check RDPI_UM_PER_COUNT"),
-    (Info(um_per_count=-1e306), "that um_per_count is -1e+306; check RDPI_UM_PER_COUNT"),
-    (Info(count_0_um=1e9), "that count_0_um is 1e+09; check RDPI_COUNT_0_UM"),
-    (Info(um_per_reference=float("nan")), "that um_per_reference is nan; check the parameters"),
+    (Info(um_per_count=float("inf")), "um_per_count = inf; check RDPI_UM_PER_COUNT"),
+    (Info(um_per_count=-1e306), "um_per_count = -1e+306; check RDPI_UM_PER_COUNT"),
+    (Info(count_0_um=1e9), "count_0_um = 1e+09; check RDPI_COUNT_0_UM"),
+    (Info(um_per_reference=float("nan")), "um_per_reference = nan; check the parameters"),
 ])
 def test_absurd_numbers_are_named(info: Info, message: str) -> None:
     with pytest.raises(BadInput) as error:
         decode(info.frame())
-    assert str(error.value).startswith(f"board: the firmware says {message}") and "version" not in str(error.value)
+    assert str(error.value).startswith(f"board: the firmware reports {message}") and "version" not in str(error.value)
 
 
 @pytest.mark.parametrize("body", [b"\x07abc", b"\x07", b"\x01", b"\x02", b"\x02\x01", b"\x02\x09"])
@@ -247,7 +247,7 @@ def test_one_strange_frame_among_many_is_damage(body: bytes) -> None:
 
 def test_samples_without_an_info_have_no_scale() -> None:
     decoder = decode(b"".join(sample.frame() for sample in samples(50)))
-    with pytest.raises(BadInput, match="samples, but no info frame"):
+    with pytest.raises(BadInput, match="there are samples, but no info frame"):
         stretches(decoder)
 
 
@@ -318,7 +318,7 @@ def test_after_the_sweep_the_memory_is_reset() -> None:
     assert (stretch.samples, stretch.why_unknown) == (70, "")
 
 
-NOT_WHOLE, ELSEWHERE = "the start-up sweep was not received whole to its end", "it does not begin at the sweep's end"
+NOT_WHOLE, ELSEWHERE = "the start-up sweep was not received completely", "it does not start at the end of the sweep"
 
 
 @pytest.mark.parametrize("sent, why", [
@@ -327,9 +327,9 @@ NOT_WHOLE, ELSEWHERE = "the start-up sweep was not received whole to its end", "
     pytest.param(swept(30, 100)[:29] + swept(30, 100)[30:], NOT_WHOLE, id="its last sample lost"),
     pytest.param(swept(30, 100)[:30] + swept(30, 100)[31:], NOT_WHOLE, id="a gap behind it"),
     pytest.param(swept(30, 100)[:60] + swept(30, 100)[61:], ELSEWHERE, id="a gap later"),
-    pytest.param(swept(30, 100, 31_000), "the drive jumps at the sweep's end", id="a jump behind it"),
+    pytest.param(swept(30, 100, 31_000), "the drive jumps at the end of the sweep", id="a jump behind it"),
     pytest.param([replace(sample, flags=HELD) if sample.tick == 31 else sample for sample in swept(30, 100)],
-                 "the DAC did not take the code at the sweep's end", id="no code behind it"),
+                 "the DAC did not take the code at the end of the sweep", id="no code behind it"),
     pytest.param(samples(100), "", id="no sweep"),
 ])
 def test_else_it_is_unknown(sent: list[Sample], why: str) -> None:
@@ -345,7 +345,7 @@ def test_a_sweep_that_ends_off_its_middle_leaves_the_memory_unknown(low: int, hi
     sent[3], sent[4] = (replace(sent[k], dac_code=code) for k, code in ((3, high), (4, low)))
     (stretch,) = stretches(decode(stream(sent)))
     assert stretch.metadata["memory"] == memory
-    assert stretch.why_unknown == ("" if memory == "reset" else "the sweep ends off the middle")
+    assert stretch.why_unknown == ("" if memory == "reset" else "the sweep does not end in the middle of its range")
 
 
 def test_a_drive_is_recorded_from_where_its_sweep_ended() -> None:
@@ -362,7 +362,7 @@ def test_without_readings_no_displacement() -> None:
     decoder = decode(stream(samples(100, adc_counts=streams.NO_READING)))
     (stretch,) = stretches(decoder)
     assert "displacement_um" not in stretch.columns
-    assert any("no displacement_um" in note for note in telemetry.notes(decoder, [stretch], [stretch]))
+    assert any("there is no displacement_um" in note for note in telemetry.notes(decoder, [stretch], [stretch]))
 
 
 def test_a_sample_without_reading_among_others_is_a_gap() -> None:
@@ -380,7 +380,7 @@ def test_a_reference_that_is_none_leaves_the_column_out() -> None:
     (stretch,) = stretches(decoder)
     assert "reference_um" not in stretch.columns and stretch.samples == 100
     assert stretch.metadata["without_reference"] == 2
-    assert telemetry.notes(decoder, [stretch], [stretch]) == ["no reference_um: 2 samples had no reference"]
+    assert telemetry.notes(decoder, [stretch], [stretch]) == ["there is no reference_um: 2 samples had no reference"]
 
 
 def test_where_the_dac_held_its_code_the_command_is_that_one() -> None:
@@ -407,7 +407,7 @@ def test_notes() -> None:
     decoder = decode(data + stream(sent, finished=0) + b"noise\0")
     found = stretches(decoder)
     text = "\n".join(telemetry.notes(decoder, found, found))
-    assert "started anew 1 times" in text
+    assert "the target was reset 1 times" in text
     assert "1 samples are not used" in text and "1 corrupt frames came after the last sample" in text
     assert struct.calcsize("<BBBbIBB7d10I") == telemetry.INFO_BODY.size == 106
 
@@ -417,7 +417,7 @@ def test_a_target_that_was_running_already_is_told(start_heard: bool, first: int
     data = stream(samples(100)[first - 1:])
     decoder = decode(data if start_heard else data[len(Info().frame()):])
     found = stretches(decoder)
-    told = [f"the target was running already: samples before tick {first} were not received"]
+    told = [f"the target was already running: samples before tick {first} were not received"]
     assert telemetry.notes(decoder, found, found) == (told if first > 1 and not start_heard else [])
 
 
@@ -425,15 +425,15 @@ def test_infos_that_disagree_are_told() -> None:
     decoder = decode(stream(samples(2500)) + Info(streams.FINISHED, offered=2500, max_V=5.0).frame())
     found = stretches(decoder)
     assert telemetry.notes(decoder, found, found) == [
-        "5 infos of one run tell 2 different rates or scales; those of most are used"]
+        "the 5 info frames of one run contain 2 different rates or scales; the most frequent are used"]
     assert found[0].columns["command_V"].max() > 5
 
 
 @pytest.mark.parametrize("cycles, cycles_per_s, told", [
-    (0, 0, "the target itself counts 7 ticks lost"),
-    (20_000, 0, "the target itself counts 7 ticks lost; its longest tick took 20000 cycles"),
-    (20_000, 160_000_000, "the target itself counts 7 ticks lost; its longest tick took 20000 cycles, 0.000125 s, of a "
-                          "period of 0.0001 s"),
+    (0, 0, "the target reports 7 lost ticks"),
+    (20_000, 0, "the target reports 7 lost ticks; the longest tick took 20000 cycles"),
+    (20_000, 160_000_000, "the target reports 7 lost ticks; the longest tick took 20000 cycles (0.000125 s; "
+                          "the period is 0.0001 s)"),
 ])
 def test_ticks_lost_are_told_with_the_longest(cycles: int, cycles_per_s: int, told: str) -> None:
     decoder = decode(stream(samples(100), Info(counts=(0, 7, *[0] * 5, cycles, cycles_per_s))))
@@ -445,7 +445,7 @@ def test_codes_that_the_dac_did_not_take_are_told() -> None:
     decoder = decode(stream(samples(100), Info(counts=(*[0] * 6, 5, 0, 0))))
     found = stretches(decoder)
     (note,) = telemetry.notes(decoder, found, found)
-    assert note.startswith("the DAC did not take 5 codes; ") and note.endswith("match the board's DAC?")
+    assert note.startswith("the DAC did not take 5 codes; ") and note.endswith("matches the board's DAC")
 
 
 @pytest.mark.parametrize("first, told", [(50, True), (21, True), (20, False)])

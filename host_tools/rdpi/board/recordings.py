@@ -66,7 +66,7 @@ def usable_stretches(decoder: Decoder, scale: Scale = (None, None)) -> list[Stre
         if decoder.info is not None and decoder.info.state >= REFUSED:
             raise BadInput(f"{decoder.where}: {how_it_ended(decoder)}")
         raise BadInput(f"{decoder.where}: {telemetry.summary(decoder.counts)}: no {MIN_SAMPLES} samples "
-                       "without a gap after the start-up sweep; record for longer, or see to the line")
+                       "without a gap after the start-up sweep; record for longer, or check the line")
     return found
 
 
@@ -84,11 +84,11 @@ def how_it_goes(decoder: Decoder) -> str:
     latest, info, counts = decoder.latest, decoder.info, decoder.counts
     if not counts.samples:
         over = info is not None and info.state == FINISHED
-        return f"waiting for {'a reset: the target had finished before' if over else 'the first frame'}; Ctrl-C ends"
+        return f"waiting for {'a reset: the target had finished before' if over else 'the first frame'}; Ctrl-C stops"
     at = ""
     if info is not None and latest is not None and latest["adc_counts"] != NO_READING:
         at = f", {displacement_um(info, latest['adc_counts']):.4g} um"
-    return f"{counts.samples} samples, {counts.missing} lost{at}; Ctrl-C ends"
+    return f"{counts.samples} samples, {counts.missing} lost{at}; Ctrl-C stops"
 
 
 def write_stream(stream: Stream, target: Path, source: str, every: bool = False,
@@ -128,12 +128,12 @@ def check_recording_outputs(port: str, output: str, others: Sequence[str] = (), 
     """
     for name in (output, *others):
         if same_file(name, port):
-            raise BadInput(f"{name}: is the port; give a file to write to")
+            raise BadInput(f"{name}: is the port; give a file name")
     check_targets([Path(output)], (), others, every)
     target = Path(os.path.realpath(output))
     for name in others:
         if is_part(Path(os.path.realpath(name)), target):
-            raise BadInput(f"{name}: is where samples go while the recording goes on; give another name")
+            raise BadInput(f"{name}: is used for samples during the recording; give another name")
 
 
 def record_file(port: str, output: str, *, baud: int = 3_000_000, duration_s: float | None = None,
@@ -163,7 +163,7 @@ def record_file(port: str, output: str, *, baud: int = 3_000_000, duration_s: fl
                 raise
             raise BadInput(f"{error.filename}: {error.strerror or error}; the samples are in {safe.where}") from None
         safe.remove()
-    return Recorded(written, end.why, ([f"{why}; what came before has been written"] if why else []) + copied)
+    return Recorded(written, end.why, ([f"{why}; the samples before that have been written"] if why else []) + copied)
 
 
 def _ended(decoder: Decoder, end: End, scale: Scale, copied: list[str]) -> tuple[Stream, str]:

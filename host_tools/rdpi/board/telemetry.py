@@ -41,7 +41,7 @@ LARGEST = 1e9  # of volts and scales, either sign: far beyond any, and all sums 
 SCALES = {"um_per_reference": "the parameters", "reference_0_um": "the parameters",
           "um_per_s_per_rate": "the parameters", "um_per_count": "RDPI_UM_PER_COUNT",
           "count_0_um": "RDPI_COUNT_0_UM"}  # of an info, and what in the firmware's build sets them
-UNKNOWN = ", which this version of rdpi does not know; use the one that the firmware was built with"
+UNKNOWN = ": unknown to this version of rdpi; use the version that the firmware was built with"
 CHANCE = 10_000  # of this many good frames, one of an unknown kind may be a damaged one
 
 _CRC_TABLE = np.array([binascii.crc_hqx(bytes([byte]), 0) for byte in range(256)], np.uint16)
@@ -81,15 +81,15 @@ class Info(NamedTuple):
     def fault(self) -> str:
         """What makes it unusable, or nothing."""
         if self.numbers > INT32 or self.state > RESET:
-            return f"an info of numbers {self.numbers} and state {self.state}{UNKNOWN}"
+            return f"an info frame with numbers {self.numbers} and state {self.state}{UNKNOWN}"
         if not 1 <= self.rate_hz <= 10**8:
-            return f"the firmware says {self.rate_hz} samples per second; check rate_hz, with which it was built"
+            return f"the firmware reports {self.rate_hz} samples per second; check rate_hz in its build"
         if not 1 <= self.dac_bits <= 32 or not -LARGEST < self.min_V < self.max_V < LARGEST:
-            return (f"the firmware says {self.dac_bits} DAC bits from {self.min_V:g} to {self.max_V:g} V; check min_V, "
-                    "max_V and dac_bits, with which it was built")
+            return (f"the firmware reports {self.dac_bits} DAC bits from {self.min_V:g} to {self.max_V:g} V; check "
+                    "min_V, max_V and dac_bits in its build")
         for name, setting in SCALES.items():
             if not -LARGEST < getattr(self, name) < LARGEST:
-                return f"the firmware says that {name} is {getattr(self, name):g}; check {setting}"
+                return f"the firmware reports {name} = {getattr(self, name):g}; check {setting}"
         return ""
 
 
@@ -235,7 +235,7 @@ class Decoder:
         self.check()
         if not self.counts.infos + self.counts.samples + self.counts.unconfirmed:
             raise BadInput(f"{self.where}: no telemetry frame in {self.bytes} bytes; "
-                           + ("is the baud rate right?" if self.bytes else "nothing was sent"))
+                           + ("check the baud rate" if self.bytes else "nothing was sent"))
 
     def check(self) -> None:
         """Raise BadInput for what `complaint` finds."""
@@ -256,8 +256,8 @@ class Decoder:
         """A run's, or if none of its infos arrived another run's: most likely the same firmware."""
         infos = [info for info in (run.info, *(other.info for other in reversed(self.runs))) if info is not None]
         if not infos:
-            raise BadInput(f"{self.where}: samples, but no info frame, which says their rate and scale; one comes at "
-                           "the start and then every 1000 samples: record for longer")
+            raise BadInput(f"{self.where}: there are samples, but no info frame with their rate and scale. The "
+                           "firmware sends one at the start and one every 1000 samples: record for longer")
         return infos[0]
 
     @property
@@ -437,21 +437,21 @@ def _stretches(samples: np.ndarray, info: Info, um_per_count: float | None, coun
     swept = int(np.argmin(sweeping))  # samples of the sweep, if all of them are there
     if samples["tick"][0] != 1 or sweeping[swept] or not _whole(samples)[:swept].all():
         swept = 0
-    no_sweep = "the start-up sweep was not received whole to its end" if sweeping.any() else ""
+    no_sweep = "the start-up sweep was not received completely" if sweeping.any() else ""
     wanted = ~sweeping[starts] & usable[starts]
     found = []
     for start, end in zip(starts[wanted].tolist(), ends[wanted].tolist()):
-        why = "" if 0 < start == swept else "it does not begin at the sweep's end" if swept else no_sweep
+        why = "" if 0 < start == swept else "it does not start at the end of the sweep" if swept else no_sweep
         reset = 0 < start == swept
         if reset and info.numbers == NO_REFERENCE and usable[start - 1]:
             start -= 1
         if held[start]:  # which code it was is not known
             start += int(np.argmin(np.r_[held[start:end], False]))
-            reset, why = False, "the DAC did not take the code at the sweep's end" if reset else why
+            reset, why = False, "the DAC did not take the code at the end of the sweep" if reset else why
         if end - start < (1 if goes_on and start == 0 else MIN_SAMPLES):
             continue
         if reset and abs(int(output[start]) - int(output[swept - 1])) > STILL * last_code:
-            reset, why = False, "the drive jumps at the sweep's end"
+            reset, why = False, "the drive jumps at the end of the sweep"
         if reset and not amid(int(output[swept - 1]), int(output[:swept].min()), int(output[:swept].max())):
             reset, why = False, OFF_THE_MIDDLE
         metadata = {"sample_rate_hz": info.rate_hz, "memory": "reset" if reset else "unknown",
@@ -509,42 +509,43 @@ def notes(decoder: Decoder, found: list[Stretch], written: list[Stretch]) -> lis
     """What the user should know about the recordings written of those found in a stream."""
     counts, info, said = decoder.counts, decoder.info_of(decoder.runs[-1]), []
     if counts.resets:
-        said.append(f"the target started anew {counts.resets} times; no recording spans that")
+        said.append(f"the target was reset {counts.resets} times; a recording never spans a reset")
     for run in decoder.runs:
         if run.pieces and not run.started and (first := int(run.pieces[0]["tick"][0])) > 1:
-            said.append(f"the target was running already: samples before tick {first} were not received")
+            said.append(f"the target was already running: samples before tick {first} were not received")
         constants = Counter(told.constants for told in run.infos)
         if len(constants) > 1:
-            said.append(f"{len(run.infos)} infos of one run tell {len(constants)} different rates or scales; those of "
-                        "most are used")
+            said.append(f"the {len(run.infos)} info frames of one run contain {len(constants)} different rates or "
+                        "scales; the most frequent are used")
     if info.refused_count:
-        said.append(f"{info.refused_count} samples never left the target: its line is too slow")
+        said.append(f"the target could not send {info.refused_count} samples: its line is too slow")
     if info.overruns or counts.ticks_lost:
-        said.append(f"the target itself counts {info.overruns} ticks lost{_longest_tick(info)}")
+        said.append(f"the target reports {info.overruns} lost ticks{_longest_tick(info)}")
     if info.held_count:
-        said.append(f"the DAC did not take {info.held_count} codes; command_V is the one that it held; does --dac-bits "
-                    "of the fit match the board's DAC?")
+        said.append(f"the DAC did not take {info.held_count} codes; command_V is the drive that it held instead. Check "
+                    "that --dac-bits of the fit matches the board's DAC")
     if counts.unconfirmed:
         said.append(f"{counts.unconfirmed} samples are not used: both neighbours are lost, so nothing confirms them")
     if counts.corrupt_at_end and not decoder.runs[-1].finished:
-        said.append(f"{counts.corrupt_at_end} corrupt frames came after the last sample: as many more may be lost")
+        said.append(f"{counts.corrupt_at_end} corrupt frames came after the last sample: that many more samples may be "
+                    "lost")
     received = sum(int(np.count_nonzero(run.samples["flags"] & SWEEP == 0)) for run in decoder.runs)
     if len(written) < len(found) and written[0].samples < MOST * received:
         said.append(f"the longest stretch without a gap has {written[0].samples} of the {received} samples received; "
                     f"--stretches writes all {len(found)}")
     if any("displacement_um" not in stretch.columns for stretch in written):
-        said.append("no displacement_um: the target has no reading of the sensor")
+        said.append("there is no displacement_um: the target does not read a sensor")
     if without := sum(int(stretch.metadata.get("without_reference", 0)) for stretch in written):
-        said.append(f"no reference_um: {without} samples had no reference")
+        said.append(f"there is no reference_um: {without} samples had no reference")
     return said
 
 
 def _longest_tick(info: Info) -> str:
     if info.longest_tick_cycles == 0:  # a board without cycle counter
         return ""
-    took = f"; its longest tick took {info.longest_tick_cycles} cycles"
+    took = f"; the longest tick took {info.longest_tick_cycles} cycles"
     if info.cycles_per_s > 0:
-        took += f", {info.longest_tick_cycles / info.cycles_per_s:.3g} s, of a period of {1 / info.rate_hz:.3g} s"
+        took += f" ({info.longest_tick_cycles / info.cycles_per_s:.3g} s; the period is {1 / info.rate_hz:.3g} s)"
     return took
 
 

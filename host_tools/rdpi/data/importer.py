@@ -145,7 +145,7 @@ def import_recording(path: str, request: Request) -> tuple[Recording, list[str]]
     check_metadata(metadata, key_place)
     if "time_s" not in columns:
         if rate is None:
-            raise BadInput(f"{path}: no column looks like time; say which with --time COLUMN, or give --rate HZ; "
+            raise BadInput(f"{path}: no column looks like time; name it with --time COLUMN, or give --rate HZ; "
                            f"{source.listing()}")
         columns = {"time_s": sample_times(len(cut.columns[0]), rate), **columns}
     where = f"{path}, rows {rows} of {cut.total}"
@@ -172,13 +172,13 @@ def open_source(path: str) -> Source:
         return _arrays(path, data, "NumPy archive" if packed else "NumPy array", "NumPy data",
                        "save plain numeric arrays with numpy.save or numpy.savez")
     if packed or data.startswith(b"\xd0\xcf\x11\xe0"):
-        raise BadInput(f"{path}: an Excel workbook; save the sheet as CSV and import that")
+        raise BadInput(f"{path}: is an Excel workbook; save the sheet as CSV and import that")
     if data.startswith(b"MATLAB 7.3") or data.startswith(b"\x89HDF"):
-        raise BadInput(f"{path}: a MATLAB 7.3 (HDF5) file; in MATLAB load it and save it again with "
+        raise BadInput(f"{path}: is a MATLAB 7.3 (HDF5) file; in MATLAB, load it and save it again with "
                        "save('run.mat', ..., '-v7')")
     if data.startswith(b"MATLAB 5.0") or Path(path).suffix.lower() == ".mat":
         return _arrays(path, data, "MATLAB file", "a MATLAB file",
-                       "in MATLAB save it again with save('run.mat', ..., '-v7')")
+                       "in MATLAB, save it again with save('run.mat', ..., '-v7')")
     return _table(path, data)
 
 
@@ -197,12 +197,12 @@ def _choose(source: Source, request: Request) -> list[Choice]:
             if found is not None:
                 chosen.append(found)
             elif key in needed:
-                raise BadInput(f"{source.path}: no column looks like the {key}; say which with --{key} COLUMN; "
+                raise BadInput(f"{source.path}: no column looks like the {key}; name it with --{key} COLUMN; "
                                f"{source.listing()}")
     for name, spec in request.also.items():
         if not is_column_name(name):
-            raise BadInput(f"--also {name!r}: no name for a column; leave out commas, quotation marks, line ends, # in "
-                           "front and what is not UTF-8")
+            raise BadInput(f"--also {name!r}: is not valid as a name of a column; use UTF-8 without commas, quotation "
+                           "marks, line ends or a leading #")
         chosen.append(_asked(source, f"--also {name}", name, None, spec))
     return chosen
 
@@ -218,11 +218,11 @@ def _asked(source: Source, option: str, column: str, unit: str | None, spec: str
     if scale is None:
         _, named = split_unit(source.names[number])
         if unit is None or named is None:
-            return Choice(column, number, unit or "", why="taken as it is" if unit is None else "assumed")
+            return Choice(column, number, unit or "", why="not converted" if unit is None else "assumed")
         dimension, exponent = UNITS.get(named, (None, 0))
         if dimension != unit:
-            raise BadInput(f"{source.path}: {option} {spec}: the name {source.names[number]!r} says {named}, not "
-                           f"{unit}; give the factor to {unit}, e.g. {option} {spec}:0.5")
+            raise BadInput(f"{source.path}: {option} {spec}: the unit in the name {source.names[number]!r} is {named}, "
+                           f"not {unit}; give the factor to {unit}, e.g. {option} {spec}:0.5")
         return Choice(column, number, named, exponent, why="by its name")
     known = known_unit(scale)
     if known is not None:
@@ -236,7 +236,7 @@ def _asked(source: Source, option: str, column: str, unit: str | None, spec: str
     except ValueError:
         factor = np.nan
     if not np.isfinite(factor) or factor == 0:
-        raise BadInput(f"{source.path}: {option} {spec}: {scale!r} is no unit and no factor; give one of "
+        raise BadInput(f"{source.path}: {option} {spec}: {scale!r} is neither a unit nor a factor; give one of "
                        f"{units_of(unit)}, or a number that multiplies the column")
     return Choice(column, number, f"x {factor:g}", factor=factor)
 
@@ -246,7 +246,7 @@ def _scaled(source: Source, request: Request, choice: Choice, raw: np.ndarray) -
         values = choice.scale(raw) * (request.command_gain if choice.column == "command_V" else 1.0)
     if not np.isfinite(values).all():
         raise BadInput(f"{source.path}: {choice.column} becomes infinite when {_name(source, choice.number)} is "
-                       "scaled; give a smaller factor or gain, or leave such rows out with --rows")
+                       "scaled; give a smaller factor or gain, or exclude such rows with --rows")
     return values
 
 
@@ -278,7 +278,7 @@ def _recognised(source: Source, key: str, role: Role, taken: set[int]) -> Choice
         hits.append(choice)
     if len(hits) > 1:
         names = ", ".join(_name(source, choice.number) for choice in hits)
-        raise BadInput(f"{source.path}: {names} all look like the {key}; say which with --{key} COLUMN")
+        raise BadInput(f"{source.path}: {names} all look like the {key}; name one with --{key} COLUMN")
     return hits[0] if hits else _only_time(source, taken) if key == "time" else None
 
 
@@ -321,7 +321,7 @@ def _metadata(source: Source, request: Request, chosen: Sequence[Choice], start:
         metadata.pop("memory", None)  # it was about a sample that is now left out
     for key, text in request.metadata.items():
         if re.search("[\ud800-\udfff]", text):
-            raise BadInput(f"--{key} {text!r}: not UTF-8; set a UTF-8 locale, or use letters without accents")
+            raise BadInput(f"--{key} {text!r}: is not UTF-8; set a UTF-8 locale, or use letters without accents")
     metadata |= request.metadata
     metadata["source"] = Path(source.path).name.encode(errors="replace").decode()
     metadata["source_digest"] = source.digest
@@ -347,7 +347,7 @@ def _describe(source: Source, request: Request, recording: Recording, chosen: Se
     left = [name for number, name in enumerate(source.names) if number not in taken and name]
     if left:
         more = " …" if len(left) > 12 else ""
-        lines.append(f"  left out: {', '.join(left[:12])}{more} (--also NAME=COLUMN keeps one)")
+        lines.append(f"  not used: {', '.join(left[:12])}{more} (keep one with --also NAME=COLUMN)")
     duration = len(recording) * recording.sample_time_s
     lines.append(f"  rows {recording.metadata['rows']}: {len(recording)} samples, {recording.sample_rate_hz:g} per "
                  f"second, {duration:.6g} s")
@@ -378,14 +378,14 @@ def _arrays(path: str, data: bytes, kind: str, what: str, remedy: str) -> Source
             names += [f"{name}.{index}" if name else "" for index in range(len(rows))]
             columns += list(rows)
     if not columns:
-        raise BadInput(f"{path}: no numeric vectors in it; save time, command and displacement as plain vectors of "
+        raise BadInput(f"{path}: contains no numeric vectors; save time, command and displacement as plain vectors of "
                        "numbers (of a MATLAB timeseries: its Time and Data)")
 
     def read(numbers: list[int], rows: slice) -> Cut:
         told = [f"{number} {names[number]!r}" if names[number] else str(number) for number in numbers]
         lengths = [len(columns[number]) for number in numbers]
         if len(set(lengths)) > 1:
-            raise BadInput(f"{path}: columns of unequal length: "
+            raise BadInput(f"{path}: the columns differ in length: "
                            + ", ".join(f"{name} has {length}" for name, length in zip(told, lengths))
                            + "; choose columns that were recorded together")
         start = rows.indices(lengths[0])[0]
@@ -396,7 +396,7 @@ def _arrays(path: str, data: bytes, kind: str, what: str, remedy: str) -> Source
             if bad.any():
                 row = int(np.argmax(bad))
                 raise BadInput(f"{path}, row {start + row}: column {name} is {values[row]}; every sample needs a "
-                               "finite number: leave such rows out with --rows, or interpolate")
+                               "finite number: exclude such rows with --rows, or interpolate")
         return Cut(taken, start, lengths[0], lambda row: f"{path}, row {start + row}")
 
     return Source(path, kind, names, read, _digest(data), scalars=scalars)
@@ -407,7 +407,7 @@ def _arrays(path: str, data: bytes, kind: str, what: str, remedy: str) -> Source
 def _table(path: str, data: bytes) -> Source:
     text = tables.decode(data)
     if not text.strip():
-        raise BadInput(f"{path}: empty file; give a table of numbers, a MATLAB .mat or a NumPy .npy or .npz file")
+        raise BadInput(f"{path}: is empty; give a table of numbers, a MATLAB .mat or a NumPy .npy or .npz file")
     found = tables.layout(path, text)
     names, first, line, clock = found.preamble.names, found.first, found.preamble.line, found.preamble.clock
     body = text.split("\n", first)[first]
@@ -445,8 +445,8 @@ def _another_table(path: str, error: BadInput, lines: list[str], taken: list[int
     if place is None or not tables.begins_a_preamble(lines[(index := int(place[1]) - first_line):][:9], delimiter):
         return error
     row = start + taken.index(index)
-    return BadInput(f"{path}:{place[1]}: text amid the numbers, in row {row}; does another table begin? Take the rows "
-                    f"of one with --rows, e.g. --rows {start}:{row}")
+    return BadInput(f"{path}:{place[1]}: there is text between the numbers, in row {row}. If another table begins "
+                    f"there, choose the rows of one with --rows, e.g. --rows {start}:{row}")
 
 
 def _digest(data: bytes) -> str:

@@ -97,7 +97,7 @@ def taken(runs: Sequence[Recording], needs: Sequence[str], name: str = "runs", l
                    for key, values in arguments.of_kind(run.columns, dict, f"{run.path}: columns").items()}
         for key in ("time_s", *needs):
             if key not in columns:
-                raise BadInput(f"{run.path}: no column {key}")
+                raise BadInput(f"{run.path}: there is no column {key}")
         for key, values in columns.items():
             if len(values) != len(columns["time_s"]):
                 raise BadInput(f"{run.path}: {key} has {len(values)} values, time_s has {len(columns['time_s'])}")
@@ -105,7 +105,7 @@ def taken(runs: Sequence[Recording], needs: Sequence[str], name: str = "runs", l
         same = all(columns[key] is run.columns[key] for key in columns)
         found.append(run if same else replace(run, columns=columns))
     if len(found) < least:
-        raise BadInput(f"{name}: none given")
+        raise BadInput(f"{name}: give at least one recording")
     return found
 
 
@@ -260,7 +260,7 @@ def content(path: str) -> bytes:
         with open(handle, "rb") as pipe:
             data = pipe.read()
         if not data:
-            raise BadInput(f"{path}: nothing came through this pipe; start what writes to it first")
+            raise BadInput(f"{path}: this pipe is empty; start the program that writes to it first")
         return data
     except MemoryError:
         raise BadInput(f"{path}: there is not enough memory for this file; give a shorter one") from None
@@ -287,7 +287,7 @@ def parse_rows(path: str, body: str, first_line: int, names: Sequence[str], deli
     table = _load(body, len(names), delimiter, usecols)
     if table is None:
         _explain_rows(path, body, first_line, names, delimiter, usecols)
-        raise BadInput(f"{path}: not a table of numbers; save it as CSV again")
+        raise BadInput(f"{path}: is not a table of numbers; save it as CSV again")
     return table
 
 
@@ -326,14 +326,14 @@ def check_samples(path: str, columns: Mapping[str, np.ndarray], place: Place, fi
     sample_time_s, deviation = _grid(time_s)
     if not 1 - RATE_TOLERANCE < sample_time_s * RATES_HZ[1] or not sample_time_s * RATES_HZ[0] < 1 + RATE_TOLERANCE:
         raise BadInput(f"{place(1)}: time_s steps by {sample_time_s:.6g} s; a recording has {RATES_HZ[0]:g} to "
-                       f"{RATES_HZ[1]:g} samples per second: give times in seconds")
+                       f"{RATES_HZ[1]:g} samples per second. Give times in seconds")
     if deviation > GRID_TOLERANCE * sample_time_s:
         usual = float(np.median(steps))
         row = int(np.argmax(np.abs(steps - usual))) + 1
         raise BadInput(f"{place(row)}: sampling is not uniform: time_s steps by {steps[row - 1]:.6g} here and by "
-                       f"{usual:.6g} as a rule; for a clock that jitters `rdpi import --resample`, at a gap cut the "
-                       f"recording (`rdpi import --rows`; this is row {first_row + row}), and rebuild times that are "
-                       "merely inaccurate with `rdpi import --rate`")
+                       f"{usual:.6g} elsewhere. If the clock jitters, use `rdpi import --resample`. If samples are "
+                       f"missing, cut the recording with `rdpi import --rows` (this is row {first_row + row}). If only "
+                       "the times are inexact, rebuild them with `rdpi import --rate`")
 
 
 def check_sizes(columns: Mapping[str, np.ndarray], place: Place) -> None:
@@ -342,8 +342,8 @@ def check_sizes(columns: Mapping[str, np.ndarray], place: Place) -> None:
         limit = LARGEST if name.endswith(("_V", "_um")) else LARGEST_OTHER
         row = int(np.argmax(np.abs(values)))
         if np.abs(values[row]) > limit and name != "time_s":
-            raise BadInput(f"{place(row)}: {name} is {values[row]:g}, beyond ±{limit:g}; check its unit, or cut the "
-                           "recording there, or take the column out")
+            raise BadInput(f"{place(row)}: {name} is {values[row]:g}, beyond ±{limit:g}; check its unit, cut the "
+                           "recording there, or remove the column")
 
 
 def check_count(path: str, samples: Sequence[float] | np.ndarray) -> None:
@@ -359,7 +359,7 @@ def check_rising(time_s: np.ndarray, place: Place) -> None:
         row = int(np.argmax(steps <= 0)) + 1
         what = "repeats" if steps[row - 1] == 0 else "runs backwards"
         raise BadInput(f"{place(row)}: time_s {what} ({time_s[row - 1]:.12g} then {time_s[row]:.12g}); cut the "
-                       "recording there, or write times with more digits, or rebuild them with `rdpi import --rate`")
+                       "recording there, write times with more digits, or rebuild them with `rdpi import --rate`")
 
 
 def check_rate(time_s: np.ndarray, metadata: Mapping[str, str], key_place: Callable[[str], str]) -> None:
@@ -371,8 +371,8 @@ def check_rate(time_s: np.ndarray, metadata: Mapping[str, str], key_place: Calla
         return
     stated, measured = float(metadata["sample_rate_hz"]), 1 / _grid(time_s)[0]
     if abs(stated / measured - 1) > RATE_TOLERANCE + 2 * GRID_TOLERANCE / (len(time_s) - 1):
-        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {stated:.9g} but the times say "
-                       f"{measured:.9g}; correct whichever is wrong (times: `rdpi import --rate`)")
+        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {stated:.9g}, but the times give "
+                       f"{measured:.9g}; correct the wrong one (the times: `rdpi import --rate`)")
 
 
 def _grid(time_s: np.ndarray) -> tuple[float, float]:
@@ -388,8 +388,8 @@ def _decode(path: str, data: bytes) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise BadInput(f"{path}:{line}: not UTF-8 text; save the recording as CSV in UTF-8, "
-                       "or bring another format over with `rdpi import`") from None
+        raise BadInput(f"{path}:{line}: is not UTF-8 text; save the recording as CSV in UTF-8, "
+                       "or convert another format with `rdpi import`") from None
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
@@ -410,28 +410,28 @@ def _split_header(path: str, text: str) -> tuple[dict[str, str], dict[str, int],
         if colon and key:
             metadata[key] = f"{metadata[key]}\n{value}" if key in metadata else value
             key_lines[key] = line_number
-    raise BadInput(f"{path}: {'no column names and no samples' if text.strip() else 'empty file'}; "
-                   f"a recording has a line {','.join(RUN_COLUMNS)} and then one line per sample")
+    raise BadInput(f"{path}: {'contains no column names and no samples' if text.strip() else 'is empty'}; "
+                   f"a recording has a line {','.join(RUN_COLUMNS)}, then one line for each sample")
 
 
 def _column_names(path: str, line: int, header: str, required: Iterable[str]) -> list[str]:
     names = [name.strip().strip('"').strip() for name in header.split(",")]
     place = f"{path}:{line}"
     if all(_NUMBER.fullmatch(name) for name in names):
-        raise BadInput(f"{place}: numbers where the column names should be; "
-                       "say which column is what with `rdpi import --command … --displacement …`")
+        raise BadInput(f"{place}: there are numbers where the column names should be; "
+                       "assign the columns with `rdpi import --command … --displacement …`")
     for name in required:
         if name not in names:
-            raise BadInput(f"{place}: no column {name}; there are {_show_list(names)}; "
-                           "rename the column, or use `rdpi import` to say which column is what")
+            raise BadInput(f"{place}: there is no column {name}; the columns are {_show_list(names)}. "
+                           "Rename the column, or assign the columns with `rdpi import`")
     for index, name in enumerate(names):
         if not name:
-            raise BadInput(f"{place}: column {index + 1} has no name; name it or take it out")
+            raise BadInput(f"{place}: column {index + 1} has no name; name it or remove it")
         if name in names[:index]:
-            raise BadInput(f"{place}: column {name} is there twice; rename or take out one of them")
+            raise BadInput(f"{place}: column {name} exists twice; rename or remove one of them")
         if not is_column_name(name):
-            raise BadInput(f"{place}: column {index + 1} is called {_show(name)}; rename it, without quotation marks "
-                           "and without # in front")
+            raise BadInput(f"{place}: column {index + 1} is called {_show(name)}; use a name without quotation marks "
+                           "and without a leading #")
     return names
 
 
@@ -459,19 +459,19 @@ def _explain_rows(path: str, body: str, first_line: int, names: Sequence[str], d
         for line, text in _lines(block, first_line + start):
             fields = [value.strip().strip('"') for value in text.split(delimiter)]
             if len(fields) < needed or (usecols is None and len(fields) > needed):
-                raise BadInput(f"{path}:{line}: {len(fields)} value(s) where there should be {needed}; "
-                               "complete the line or take it out")
+                raise BadInput(f"{path}:{line}: {len(fields)} value(s) instead of {needed}; "
+                               "complete the line or remove it")
             for name, number in zip(names, numbers):
                 _explain_field(f"{path}:{line}: column {name}", fields[number])
 
 
 def _explain_field(place: str, value: str) -> None:
     if _NOT_FINITE.fullmatch(value) or _NUMBER.fullmatch(value) and not np.isfinite(float(value)):
-        raise BadInput(f"{place} is {value}; every sample needs a finite number: cut the recording there or "
-                       "interpolate, or take the column out")
+        raise BadInput(f"{place} is {value}; every sample needs a finite number: cut the recording there, "
+                       "interpolate, or remove the column")
     if not _NUMBER.fullmatch(value):
         what = f"is {_show(value)}, not a number" if value else "is empty"
-        raise BadInput(f"{place} {what}; correct the value, or take out the line or the column")
+        raise BadInput(f"{place} {what}; correct the value, or remove the line or the column")
 
 
 def _lines(body: str, first_line: int) -> Iterator[tuple[int, str]]:
