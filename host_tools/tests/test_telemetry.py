@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from streams import HELD, SWEEP, Info, Sample, frame, samples, stream
 
 from rdpi.board import telemetry
-from rdpi.board.telemetry import Counts, Decoder, stretches
+from rdpi.board.stretches import notes, stretches
+from rdpi.board.telemetry import Counts, Decoder
 from rdpi.errors import BadInput
 
 
@@ -362,7 +363,7 @@ def test_without_readings_no_displacement() -> None:
     decoder = decode(stream(samples(100, adc_counts=streams.NO_READING)))
     (stretch,) = stretches(decoder)
     assert "displacement_um" not in stretch.columns
-    assert any("there is no displacement_um" in note for note in telemetry.notes(decoder, [stretch], [stretch]))
+    assert any("there is no displacement_um" in note for note in notes(decoder, [stretch], [stretch]))
 
 
 def test_a_sample_without_reading_among_others_is_a_gap() -> None:
@@ -380,7 +381,7 @@ def test_a_reference_that_is_none_leaves_the_column_out() -> None:
     (stretch,) = stretches(decoder)
     assert "reference_um" not in stretch.columns and stretch.samples == 100
     assert stretch.metadata["without_reference"] == 2
-    assert telemetry.notes(decoder, [stretch], [stretch]) == ["there is no reference_um: 2 samples had no reference"]
+    assert notes(decoder, [stretch], [stretch]) == ["there is no reference_um: 2 samples had no reference"]
 
 
 def test_where_the_dac_held_its_code_the_command_is_that_one() -> None:
@@ -406,7 +407,7 @@ def test_notes() -> None:
     data = stream([*sent[:100], *sent[101:200], sent[210]], Info(counts=(5, *[0] * 8)), finished=0)
     decoder = decode(data + stream(sent, finished=0) + b"noise\0")
     found = stretches(decoder)
-    text = "\n".join(telemetry.notes(decoder, found, found))
+    text = "\n".join(notes(decoder, found, found))
     assert "the target was reset 1 times" in text
     assert "1 samples are not used" in text and "1 corrupt frames came after the last sample" in text
     assert struct.calcsize("<BBBbIBB7d10I") == telemetry.INFO_BODY.size == 106
@@ -418,13 +419,13 @@ def test_a_target_that_was_running_already_is_told(start_heard: bool, first: int
     decoder = decode(data if start_heard else data[len(Info().frame()):])
     found = stretches(decoder)
     told = [f"the target was already running: samples before tick {first} were not received"]
-    assert telemetry.notes(decoder, found, found) == (told if first > 1 and not start_heard else [])
+    assert notes(decoder, found, found) == (told if first > 1 and not start_heard else [])
 
 
 def test_infos_that_disagree_are_told() -> None:
     decoder = decode(stream(samples(2500)) + Info(streams.FINISHED, offered=2500, max_V=5.0).frame())
     found = stretches(decoder)
-    assert telemetry.notes(decoder, found, found) == [
+    assert notes(decoder, found, found) == [
         "the 5 info frames of one run contain 2 different rates or scales; the most frequent are used"]
     assert found[0].columns["command_V"].max() > 5
 
@@ -438,13 +439,13 @@ def test_infos_that_disagree_are_told() -> None:
 def test_ticks_lost_are_told_with_the_longest(cycles: int, cycles_per_s: int, told: str) -> None:
     decoder = decode(stream(samples(100), Info(counts=(0, 7, *[0] * 5, cycles, cycles_per_s))))
     found = stretches(decoder)
-    assert telemetry.notes(decoder, found, found) == [told]
+    assert notes(decoder, found, found) == [told]
 
 
 def test_codes_that_the_dac_did_not_take_are_told() -> None:
     decoder = decode(stream(samples(100), Info(counts=(*[0] * 6, 5, 0, 0))))
     found = stretches(decoder)
-    (note,) = telemetry.notes(decoder, found, found)
+    (note,) = notes(decoder, found, found)
     assert note.startswith("the DAC did not take 5 codes; ") and note.endswith("matches the board's DAC")
 
 
@@ -454,5 +455,5 @@ def test_a_longest_stretch_much_shorter_than_what_was_received_is_told(first: in
     decoder = decode(stream(sent))
     found = stretches(decoder)
     assert [stretch.samples for stretch in found] == [first, 100 - first]
-    assert bool(telemetry.notes(decoder, found, [found[first < 50]])) == told
-    assert telemetry.notes(decoder, found, found) == []
+    assert bool(notes(decoder, found, [found[first < 50]])) == told
+    assert notes(decoder, found, found) == []

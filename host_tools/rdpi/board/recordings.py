@@ -9,11 +9,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from ..data import check_targets, is_device, make_folder, read_bytes, same_file, write_recording
+from ..data import MIN_SAMPLES, check_targets, is_device, make_folder, read_bytes, same_file, write_recording
 from ..errors import BadInput, printable
-from . import telemetry
 from .serial import End, Raw, Safe, is_part, record, refusal, reserved, stop_signals
-from .telemetry import FINISHED, MIN_SAMPLES, NO_READING, REFUSED, Decoder, Following, Stretch, displacement_um
+from .stretches import Following, Stretch, notes, stretches
+from .telemetry import FINISHED, NO_READING, REFUSED, Decoder, displacement_um, summary
 
 STREAM_CHUNK = 1 << 20  # bytes
 Scale = tuple[float | None, float | None]  # um per count of the sensor and um at count 0; None: as the firmware says
@@ -61,11 +61,11 @@ def read_stream(path: str, scale: Scale = (None, None),
 
 def usable_stretches(decoder: Decoder, scale: Scale = (None, None)) -> list[Stretch]:
     """The stretches of what has been decoded. Raises BadInput, which says why, if there is none."""
-    found = telemetry.stretches(decoder, *scale)
+    found = stretches(decoder, *scale)
     if not found:
         if decoder.info is not None and decoder.info.state >= REFUSED:
             raise BadInput(f"{decoder.where}: {how_it_ended(decoder)}")
-        raise BadInput(f"{decoder.where}: {telemetry.summary(decoder.counts)}: no {MIN_SAMPLES} samples "
+        raise BadInput(f"{decoder.where}: {summary(decoder.counts)}: no {MIN_SAMPLES} samples "
                        "without a gap after the start-up sweep; record for longer, or check the line")
     return found
 
@@ -102,8 +102,8 @@ def write_stream(stream: Stream, target: Path, source: str, every: bool = False,
     files = [(target.with_stem(f"{target.stem}-{number}"), stretch) for number, stretch in enumerate(found, 1)]
     if not every:
         files = [(target, max(found, key=lambda stretch: stretch.samples))]
-    lines = [f"{decoder.where}: {telemetry.summary(decoder.counts)}",
-             *(f"note: {note}" for note in telemetry.notes(decoder, found, [stretch for _, stretch in files]))]
+    lines = [f"{decoder.where}: {summary(decoder.counts)}",
+             *(f"note: {note}" for note in notes(decoder, found, [stretch for _, stretch in files]))]
     recordings = []
     make_folder(target.parent)
     for file, stretch in files:

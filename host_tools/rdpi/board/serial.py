@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 from .. import firmware
 from ..data import GrowingRecording, sync_folder, write_all
 from ..errors import BadInput
-from .telemetry import FINISHED, REFUSED, RESET, SAFE, Decoder, Following, Info, Stretch
+from .stretches import Following, Stretch
+from .telemetry import FINISHED, REFUSED, RESET, SAFE, Decoder, Info
 
 try:
     import fcntl
