@@ -223,15 +223,15 @@ def without_column(name: str) -> Callable[[Recording], Recording]:
 
 BAD_RUNS: dict[str, tuple[Callable[[Recording], Recording], str]] = {
     "all constant": (lambda run: changed(run, command_V=0 * run.command_V + 5, displacement_um=0 * run.time_s + 1),
-                     r"fresh0\.csv: command_V is constant at 5 V; .*leave this run out"),
+                     r"fresh0\.csv: command_V is constant at 5 V; .*remove this run"),
     "a sensor that is dead": (lambda run: changed(run, displacement_um=0 * run.time_s + 1),
                               r"fresh0\.csv: displacement_um is constant at 1 um; check the sensor"),
     "displacement in nm": (lambda run: changed(run, displacement_um=1000 * run.displacement_um),
-                           r"fresh0\.csv: moves \S+ um/V, the model \S+: these are other units; .*rdpi import"),
+                           r"fresh0\.csv: moves \S+ um/V, the model \S+: the units differ; .*rdpi import"),
     "displacement in mm": (lambda run: changed(run, displacement_um=run.displacement_um / 1000),
-                           r"fresh0\.csv: moves \S+ um/V, the model \S+: these are other units"),
+                           r"fresh0\.csv: moves \S+ um/V, the model \S+: the units differ"),
     "command in mV": (lambda run: changed(run, command_V=1000 * run.command_V),
-                      r"fresh0\.csv: moves \S+ um/V, the model \S+: these are other units"),
+                      r"fresh0\.csv: moves \S+ um/V, the model \S+: the units differ"),
     "opposite sign": (lambda run: changed(run, displacement_um=-run.displacement_um),
                       r"fresh0\.csv: moves opposite to the model; check the sign"),
     "unrelated": (lambda run: changed(run, displacement_um=np.random.default_rng(0).standard_normal(len(run))),
@@ -251,7 +251,7 @@ def test_bad_recordings(case: str, folder: Path, refused: Callable) -> None:
 
 def test_one_recording_in_other_units_among_others(folder: Path, refused: Callable) -> None:
     altered(lambda run: changed(run, displacement_um=1000 * run.displacement_um), FRESH[2:3])
-    assert re.match(r"fresh2\.csv: moves \S+ um/V, the model \S+: these are other units",
+    assert re.match(r"fresh2\.csv: moves \S+ um/V, the model \S+: the units differ",
                     refused("gap", "model.json", *FRESH, "-o", refused.output))
 
 
