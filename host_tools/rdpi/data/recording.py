@@ -5,13 +5,9 @@ Column names carry their units. Sampling is uniform, and that is checked, not as
 
 from __future__ import annotations
 
-import errno
 import hashlib
-import io
 import os
 import re
-import stat
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -21,6 +17,8 @@ import numpy as np
 
 from .. import arguments
 from ..errors import BadInput
+from .files import atomic_write, read_bytes, write_all
+from .rows import NUMBER, Place, line_of_row, parse_rows, shown
 
 MIN_SAMPLES = 16
 UNFINISHED = "unfinished"  # first key of a recording that still grows; what it is set to is for people
@@ -32,14 +30,8 @@ LARGEST = 1e12  # V or um; no actuator has as much, and squares stay far from ov
 LARGEST_OTHER = 1e100  # of covariates, whose units are unknown
 RATES_HZ = (1e-6, 1e8)  # samples per second; times are written in whole nanoseconds
 
-_NUMBER = re.compile(r"[+-]?(\d+(?:\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-_NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 _NAME = re.compile(r'(?!#)[^,"\r\n\ud800-\udfff]+')  # surrogates stand for bytes that are no UTF-8
 _ROWS_PER_WRITE = 1 << 16
-_LINES_PER_BLOCK = 1 << 14
-_CANNOT_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF, errno.EACCES, errno.EPERM)
-
-Place = Callable[[int], str]  # data row, counted from 0 -> "file:line"
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,49 +186,6 @@ def whole_lines(data: bytes) -> bytes:
     return data[:data.rfind(b"\n") + 1]
 
 
-def atomic_write(path: str | os.PathLike[str], data: str | bytes) -> None:
-    """Replace a file's content in one step: readers see the old file or the new one, never a part of either.
-
-    So do those who read after a power failure; of what this has returned from, the new one, as far as the file system
-    keeps its word. Text is written as UTF-8 with "\\n". A link is followed; a device or pipe is simply written to.
-    Raises OSError, which names `path`.
-    """
-    try:
-        _replace(Path(path), data.encode() if isinstance(data, str) else data)
-    except OSError as error:
-        error.filename = os.fspath(path)  # the user knows the target, not the temporary file
-        raise
-
-
-def write_all(file: io.RawIOBase, data: bytes) -> None:
-    """Write, and return when it is on disk; to a device or pipe, when it is written."""
-    rest = memoryview(data)
-    while rest:
-        rest = rest[file.write(rest):]
-    _sync(file.fileno())
-
-
-def sync_folder(folder: Path) -> None:
-    """Bring a folder's names to disk, those of its files too: a file that is on disk without its name is lost."""
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:  # may be written to, but not read; on Windows no folder can be opened
-        return
-    try:
-        _sync(handle)
-    finally:
-        os.close(handle)
-
-
-def make_folder(path: str | os.PathLike[str]) -> None:
-    """Make a folder and those above it, where they are not there. A power failure does not undo it."""
-    folder = Path(path)
-    if not folder.is_dir():
-        make_folder(folder.parent)
-        folder.mkdir(exist_ok=True)
-        sync_folder(folder.parent)
-
-
 def is_column_name(name: str) -> bool:
     """Whether a column of a recording can have this name."""
     return name == name.strip() and _NAME.fullmatch(name) is not None
@@ -247,67 +196,14 @@ def sample_times(count: int, rate_hz: float, first: int = 0) -> np.ndarray:
     return np.round(np.arange(first, first + count) / rate_hz, 9)
 
 
-def content(path: str) -> bytes:
-    """Of a file, or of a pipe that is being written to. Raises BadInput for what may have no end, and OSError."""
-    try:
-        mode = os.stat(path).st_mode
-        if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
-            raise BadInput(f"{path}: is a device; give a file")
-        if not stat.S_ISFIFO(mode):
-            return Path(path).read_bytes()
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # else opening waits for a writer, for ever if none comes
-        os.set_blocking(handle, True)
-        with open(handle, "rb") as pipe:
-            data = pipe.read()
-        if not data:
-            raise BadInput(f"{path}: this pipe is empty; start the program that writes to it first")
-        return data
-    except MemoryError:
-        raise BadInput(f"{path}: there is not enough memory for this file; give a shorter one") from None
-
-
-def read_bytes(path: str) -> bytes:
-    """Content of a file. Raises BadInput when it cannot be read."""
-    try:
-        return content(path)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be read ({error.strerror}); check the file name and permissions") from None
-
-
-def parse_rows(path: str, body: str, first_line: int, names: Sequence[str], delimiter: str | None = ",",
-               usecols: Sequence[int] | None = None) -> np.ndarray:
-    """Numbers of a table's body, shape (rows, len(names)).
-
-    `body` starts at line `first_line` of the file; `delimiter` None means white space. `usecols` are the numbers of the
-    columns called `names`; without it the rows must hold exactly these columns.
-    Raises BadInput with the line of the first thing that is not a finite number.
-    """
-    if not body.strip():
-        return np.empty((0, len(names)))
-    table = _load(body, len(names), delimiter, usecols)
-    if table is None:
-        _explain_rows(path, body, first_line, names, delimiter, usecols)
-        raise BadInput(f"{path}: is not a table of numbers; save it as CSV again")
-    return table
-
-
-def line_of_row(path: str, body: str, first_line: int) -> Place:
-    """A function that gives the place "file:line" of a data row."""
-
-    def place(row: int) -> str:
-        return next(f"{path}:{line}" for index, (line, _) in enumerate(_lines(body, first_line)) if index == row)
-
-    return place
-
-
 def check_metadata(metadata: Mapping[str, str], key_place: Callable[[str], str]) -> None:
     """Raise BadInput unless `memory` and `sample_rate_hz`, where given, can be used."""
     memory = metadata.get("memory")
     if memory is not None and memory not in MEMORY:
-        raise BadInput(f"{key_place('memory')}: memory is {_show(memory)}; use one of {', '.join(MEMORY)}")
+        raise BadInput(f"{key_place('memory')}: memory is {shown(memory)}; use one of {', '.join(MEMORY)}")
     rate = metadata.get("sample_rate_hz")
-    if rate is not None and not (_NUMBER.fullmatch(rate) and RATES_HZ[0] <= float(rate) <= RATES_HZ[1]):
-        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {_show(rate)}; give a positive number of "
+    if rate is not None and not (NUMBER.fullmatch(rate) and RATES_HZ[0] <= float(rate) <= RATES_HZ[1]):
+        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {shown(rate)}; give a positive number of "
                        f"samples per second, {RATES_HZ[0]:g} to {RATES_HZ[1]:g}, or leave it out")
 
 
@@ -417,7 +313,7 @@ def _split_header(path: str, text: str) -> tuple[dict[str, str], dict[str, int],
 def _column_names(path: str, line: int, header: str, required: Iterable[str]) -> list[str]:
     names = [name.strip().strip('"').strip() for name in header.split(",")]
     place = f"{path}:{line}"
-    if all(_NUMBER.fullmatch(name) for name in names):
+    if all(NUMBER.fullmatch(name) for name in names):
         raise BadInput(f"{place}: there are numbers where the column names should be; "
                        "assign the columns with `rdpi import --command … --displacement …`")
     for name in required:
@@ -430,55 +326,9 @@ def _column_names(path: str, line: int, header: str, required: Iterable[str]) ->
         if name in names[:index]:
             raise BadInput(f"{place}: column {name} exists twice; rename or remove one of them")
         if not is_column_name(name):
-            raise BadInput(f"{place}: column {index + 1} is called {_show(name)}; use a name without quotation marks "
+            raise BadInput(f"{place}: column {index + 1} is called {shown(name)}; use a name without quotation marks "
                            "and without a leading #")
     return names
-
-
-def _load(body: str, width: int, delimiter: str | None, usecols: Sequence[int] | None) -> np.ndarray | None:
-    """Rows of `width` finite numbers, or None when it is anything else."""
-    # Bytes behind a text layer: a StringIO would hold four bytes per character.
-    stream = io.TextIOWrapper(io.BytesIO(body.encode()), "utf-8")
-    try:
-        table = np.loadtxt(stream, delimiter=delimiter, usecols=usecols, comments=None, quotechar='"', ndmin=2)
-    except ValueError:
-        return None
-    return table if table.shape[1] == width and np.isfinite(table).all() else None
-
-
-def _explain_rows(path: str, body: str, first_line: int, names: Sequence[str], delimiter: str | None,
-                  usecols: Sequence[int] | None) -> None:
-    """Raise BadInput for the first field that is no finite number, or row of the wrong length."""
-    numbers = range(len(names)) if usecols is None else usecols
-    needed = max(numbers) + 1
-    lines = body.split("\n")
-    for start in range(0, len(lines), _LINES_PER_BLOCK):  # reading a good block again is faster than looking at it
-        block = "\n".join(lines[start:start + _LINES_PER_BLOCK])
-        if not block.strip() or _load(block, len(names), delimiter, usecols) is not None:
-            continue
-        for line, text in _lines(block, first_line + start):
-            fields = [value.strip().strip('"') for value in text.split(delimiter)]
-            if len(fields) < needed or (usecols is None and len(fields) > needed):
-                raise BadInput(f"{path}:{line}: {len(fields)} value(s) instead of {needed}; "
-                               "complete the line or remove it")
-            for name, number in zip(names, numbers):
-                _explain_field(f"{path}:{line}: column {name}", fields[number])
-
-
-def _explain_field(place: str, value: str) -> None:
-    if _NOT_FINITE.fullmatch(value) or _NUMBER.fullmatch(value) and not np.isfinite(float(value)):
-        raise BadInput(f"{place} is {value}; every sample needs a finite number: cut the recording there, "
-                       "interpolate, or remove the column")
-    if not _NUMBER.fullmatch(value):
-        what = f"is {_show(value)}, not a number" if value else "is empty"
-        raise BadInput(f"{place} {what}; correct the value, or remove the line or the column")
-
-
-def _lines(body: str, first_line: int) -> Iterator[tuple[int, str]]:
-    """Line numbers and texts of the lines that are not blank."""
-    for line, text in enumerate(body.split("\n"), first_line):
-        if text.strip():
-            yield line, text
 
 
 def _checked(columns: Mapping[str, np.ndarray]) -> list[np.ndarray]:
@@ -513,47 +363,6 @@ def _format_rows(arrays: Sequence[np.ndarray]) -> Iterator[str]:
         yield "\n".join(map(",".join, zip(*texts))) + "\n"
 
 
-def _replace(path: Path, data: bytes) -> None:
-    try:
-        mode = path.stat().st_mode
-    except FileNotFoundError:
-        mode = None
-    if mode is not None and not stat.S_ISREG(mode):
-        path.write_bytes(data)  # replacing /dev/null by a file would be a disaster; a directory raises here
-        return
-    target = Path(os.path.realpath(path))
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=".rdpi.", suffix=".part")
-    try:
-        with open(handle, "wb", buffering=0) as stream:
-            os.chmod(temporary, _default_mode() if mode is None else stat.S_IMODE(mode))
-            write_all(stream, data)  # before the rename, which may reach the disk first and leave an empty file
-        os.replace(temporary, target)
-    except BaseException:
-        with suppress(FileNotFoundError):  # stopped when it was renamed already
-            os.unlink(temporary)
-        raise
-    sync_folder(target.parent)
-
-
-def _sync(handle: int) -> None:
-    """To disk, if that is a thing that the file system, or the device or pipe, can do."""
-    try:
-        os.fsync(handle)
-    except OSError as error:
-        if error.errno not in _CANNOT_SYNC:
-            raise
-
-
-def _default_mode() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask
-
-
-def _show(text: str) -> str:
-    return repr(text if len(text) <= 40 else text[:40] + "…")
-
-
 def _show_list(names: Sequence[str]) -> str:
-    shown = ", ".join(name if name.isprintable() and len(name) <= 40 else _show(name) for name in names[:12])
+    shown = ", ".join(name if name.isprintable() and len(name) <= 40 else shown(name) for name in names[:12])
     return shown + (f" and {len(names) - 12} more" if len(names) > 12 else "")

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import BadInput
-from .recording import RATES_HZ, Place, check_count, check_rising, check_sizes
+from .recording import RATES_HZ, check_count, check_rising, check_sizes
+from .rows import Place
 
 GAP = 1.5  # steps of the usual size from which samples are missing
 MOST = 10  # times the recorded rate: more says nothing new
