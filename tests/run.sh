@@ -64,13 +64,13 @@ if [ "$level" != --quick ]; then
     run same-bits '^same-bits: ' tests/emulator/same_bits.sh
     run lint '^lint: ' tests/lint/lint.py
     run proof '^proof: ' tests/proof/run.py ${level:+"$level"}
-    run size '^size: ' tests/size/size.py --check README.md
+    run size '^size: ' tests/size/size.py --check lib/README.md
     fuzz_seconds=10
     [ "$level" = --long ] && fuzz_seconds=60
     run fuzz '^fuzz: ' tests/fuzz/run.sh $fuzz_seconds
 fi
 if [ "$level" = --long ]; then
-    run instructions '^instructions: ' .venv/bin/python tests/benchmark/instructions.py --check README.md
+    run instructions '^instructions: ' .venv/bin/python tests/benchmark/instructions.py --check lib/README.md
     run mutation '^mutation: ' tests/mutation/mutate.py
 fi
 declare -A tests=([--quick]='not slow and not long' [normal]='not long' [--long]='')

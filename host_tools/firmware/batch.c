@@ -1,7 +1,7 @@
 #include "batch.h"
 
-#include "play.h"
-#include "rate.h"
+#include "f32_play.h"
+#include "f32_rate.h"
 
 void rdpi_batch_plays(const rdpi_real_t *x_um, size_t samples, const rdpi_real_t *r_um, size_t count,
                       rdpi_real_t *y_um, rdpi_real_t *outputs_um)

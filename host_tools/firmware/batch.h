@@ -70,7 +70,7 @@ typedef struct {
     rdpi_real_t last_code, codes_per_um, code_of_x_0, um_per_code, x_of_code_0_um, V_per_code;
     const rdpi_f32_play_t *play;
     const rdpi_f32_deadzone_t *saturation;
-    const rdpi_f32_piece_t *inverse;
+    const rdpi_f32_piece_t *inverse_saturation;
     const rdpi_real_t *memory_um;
 } rdpi_f32_params_t;
 typedef struct {
@@ -110,7 +110,7 @@ typedef struct {
     int16_t guard_exponent;
     uint16_t min_slope_ratio;
     uint32_t guard_mantissa, rate_window_ns, rate_filter_ns;
-    int32_t min_drive, max_drive, code_0_drive, codes_per_drive, drive_per_code, sweep_end;
+    int32_t min_drive, max_drive, drive_of_code_0, codes_per_drive, drive_per_code, sweep_end;
     const rdpi_q31_play_t *play;
     const rdpi_q31_deadzone_t *saturation, *inverse_saturation;
     const int32_t *memory;

@@ -189,13 +189,13 @@ def fake(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
 @pytest.mark.slow
 def test_an_emulator_that_fails(folder: Path, rdpi: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
     fake(folder, monkeypatch, "echo unsupported machine >&2; exit 1")
-    assert refusal(folder, rdpi, "--engine", "qemu-m4f") == "qemu-m4f: qemu-system-arm stopped: unsupported machine"
+    assert refusal(folder, rdpi, "--engine", "qemu-m4f") == "qemu-m4f: qemu-system-arm ended early: unsupported machine"
 
 
 def test_an_emulator_that_is_silent_is_ended(folder: Path, rdpi: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
     fake(folder, monkeypatch, f"echo $$ >{folder}/pid; exec sleep 60")
     monkeypatch.setattr(emulator, "SILENT_S", 0.5)
-    assert refusal(folder, rdpi, "--engine", "qemu-m4f") == "qemu-m4f: silent for 0.5 s after 0 of 2000 samples"
+    assert refusal(folder, rdpi, "--engine", "qemu-m4f") == "qemu-m4f: no data for 0.5 s after 0 of 2000 samples"
     assert subprocess.run(["kill", "-0", (folder / "pid").read_text().strip()], capture_output=True).returncode != 0
 
 
@@ -204,4 +204,4 @@ def test_a_board_that_is_too_slow(folder: Path, rdpi: Callable, monkeypatch: pyt
     # a microsecond an instruction
     fake(folder, monkeypatch, f"""exec {real} $(echo "$@" | sed s/shift=[0-9]*/shift=10/)""")
     message = refusal(folder, rdpi, "--engine", "qemu-m4f")
-    assert re.match(r"qemu-m4f: the run is not whole: \d+ of 2000 samples, [1-9]\d* ticks lost at 8000 ", message)
+    assert re.match(r"qemu-m4f: the run is not complete: \d+ of 2000 samples, [1-9]\d* ticks lost at 8000 ", message)

@@ -36,7 +36,7 @@ def dequantised(q: Q31) -> Model:
     guard = math.ldexp(q.guard_mantissa, q.guard_exponent) * 1e9 / ONE
     per_s = 1e6 / 2**32 / MAX_DRIVE
     memory = q.memory / MAX_DRIVE
-    rising = q.code_0_drive == q.min_drive  # drives are x, whose sign is the gain's
+    rising = q.drive_of_code_0 == q.min_drive  # drives are x, whose sign is the gain's
     ends = sorted(np.array([q.min_drive, q.max_drive]) / MAX_DRIVE * (1 if rising else -1))
     return Model(
         gain_um_per_V=1.0 if rising else -1.0, offset_V=0.0, offset_um=0.0, stroke_um=1.0,
@@ -80,7 +80,7 @@ def test_the_fields_by_hand() -> None:
         drive=Drive(0.0, 100.0, 1e4, 16, 7, 2e3), memory=Memory(1.0, np.array([1.0, 0.5])))
     q = parameters.q31(model)
     per_um = (MAX_DRIVE - 256) / 5
-    assert (q.min_drive, q.code_0_drive, q.max_drive) == (256 - MAX_DRIVE, 256 - MAX_DRIVE, MAX_DRIVE - 256)
+    assert (q.min_drive, q.drive_of_code_0, q.max_drive) == (256 - MAX_DRIVE, 256 - MAX_DRIVE, MAX_DRIVE - 256)
     assert q.sweep_end == round(per_um)
     assert q.play.tolist() == [[0, ONE // 2, round(0.2 * ONE) - ONE // 2], [round(2 * per_um), ONE, 0]]
     assert q.memory.tolist() == [round(per_um), round(0.5 * per_um)]

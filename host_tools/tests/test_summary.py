@@ -50,10 +50,11 @@ def test_lines() -> None:
 
 def test_the_report(tmp_path: Path) -> None:
     result = fitted(1.0)
-    summary.write_report(tmp_path / "new" / "report", result, [run_after(0.5)[1]], {"model": "m.json"})
+    document = result.document("m.json", gate_failed=False)
+    summary.write_report(tmp_path / "new" / "report", result, [run_after(0.5)[1]], document)
     written = {path.name: path for path in (tmp_path / "new" / "report").iterdir()}
     assert set(written) == {"fit.png", "fit.json"}
-    assert json.loads(written["fit.json"].read_text()) == {"model": "m.json"}
+    assert json.loads(written["fit.json"].read_text()) == document.to_json()
     assert written["fit.png"].read_bytes().startswith(b"\x89PNG")
 
 

@@ -1,5 +1,5 @@
-/* The rate estimator of rate.h in fixed point. It works on distances per window, so that a jump of any size passes
- * through the low-pass undistorted; only what comes out is divided by the guard's distance. */
+/* The rate estimator of f32_rate.h in fixed point. It works on distances per window, so that a jump of any size passes
+ * through the low-pass undistorted. Only the result is divided by the distance at the guard. */
 #ifndef RDPI_Q31_RATE_H
 #define RDPI_Q31_RATE_H
 
@@ -13,9 +13,9 @@ static inline void rdpi_q31_rate_reset(rdpi_q31_rate_t *rate)
     rate->direct = false;
 }
 
-/* The low-pass's blend E = 1 - exp(-u), u = time / filter > 0: a series where u is small, then E(2 u) = E (2 - E). E is
- * mantissa 2^-exponent, so that the mantissa of 2 E is that of E and a doubling is one subtraction. Within
- * 2^-27 of itself. */
+/* The blend of the low-pass, E = 1 - exp(-u), u = time / filter > 0, within 2^-27 of itself: a series where u is small,
+ * then E(2 u) = E (2 - E). E is mantissa 2^-exponent. The mantissa of 2 E is that of E, so a doubling of u is one
+ * subtraction. */
 static inline void rdpi_q31_rate_blend(rdpi_q31_rate_t *rate, uint32_t time_ns, uint32_t filter_ns)
 {
     unsigned zeros = rdpi_q31_clz(time_ns);
@@ -40,7 +40,8 @@ static inline void rdpi_q31_rate_blend(rdpi_q31_rate_t *rate, uint32_t time_ns, 
     rate->blend_shift = (uint8_t)(exponent - 32u);
 }
 
-/* Sets up `rate` for samples `sample_time_ns` apart, no sample seen yet; see rdpi_q31_init for what it refuses. */
+/* Sets up `rate` for samples that are `sample_time_ns` apart, with no sample seen yet. rdpi_q31_init says what it
+ * refuses. */
 static inline rdpi_status_t rdpi_q31_rate_init(rdpi_q31_rate_t *rate, const rdpi_q31_params_t *params,
                                                uint32_t sample_time_ns)
 {
@@ -53,7 +54,7 @@ static inline rdpi_status_t rdpi_q31_rate_init(rdpi_q31_rate_t *rate, const rdpi
     if (window > RDPI_MAX_WINDOW || window_ns > UINT32_MAX) {
         return RDPI_ERR_WINDOW;
     }
-    /* guard distance times 2^31 = guard 2^guard_shift */
+    /* distance per window at the guard, times 2^31: guard 2^guard_shift */
     uint64_t distance = params->guard_mantissa * window_ns;
     unsigned zeros = rdpi_q31_clz64(distance);
     int shift = 63 - (int)zeros + params->guard_exponent;
@@ -64,7 +65,7 @@ static inline rdpi_status_t rdpi_q31_rate_init(rdpi_q31_rate_t *rate, const rdpi
     rate->guard = (uint32_t)((distance << zeros) >> 32);
     rate->guard_shift = (uint8_t)shift;
     rate->per_guard = (uint32_t)(((uint64_t)1 << 62) / rate->guard);
-    rate->shift = (uint8_t)(31u - rate->guard_shift);
+    rate->direct_shift = (uint8_t)(31u - rate->guard_shift);
     rate->blend = 0;
     rate->blend_shift = 0;
     if (params->rate_filter_ns > sample_time_ns / 64u) { /* or exp(-64) is left */
@@ -74,34 +75,35 @@ static inline rdpi_status_t rdpi_q31_rate_init(rdpi_q31_rate_t *rate, const rdpi
     return RDPI_OK;
 }
 
+/* The distance between two references. */
 static inline uint32_t rdpi_q31_distance(int32_t a, int32_t b)
 {
     return a > b ? (uint32_t)a - (uint32_t)b : (uint32_t)b - (uint32_t)a;
 }
 
-/* The largest distance between neighbours within the guard, where the rate is nothing else. */
-static inline uint32_t rdpi_q31_rate_reach(const rdpi_q31_rate_t *rate)
+/* The direct case: the largest distance to the sample before that is within the guard. */
+static inline uint32_t rdpi_q31_rate_direct_limit(const rdpi_q31_rate_t *rate)
 {
-    return rate->guard >> rate->shift;
+    return rate->guard >> rate->direct_shift;
 }
 
-/* Of a distance between neighbours, not beyond the guard, where the rate is nothing else. */
-static inline int32_t rdpi_q31_rate_of(const rdpi_q31_rate_t *rate, uint32_t distance)
+/* The direct case: the rate for a distance to the sample before, at most rdpi_q31_rate_direct_limit. */
+static inline int32_t rdpi_q31_rate_direct(const rdpi_q31_rate_t *rate, uint32_t distance)
 {
-    return (int32_t)rdpi_q31_mulh(distance << rate->shift, rate->per_guard);
+    return (int32_t)rdpi_q31_mulh(distance << rate->direct_shift, rate->per_guard);
 }
 
-/* Takes a sample after one that has left rate->direct, none missed: the distance to it. */
-static inline uint32_t rdpi_q31_rate_distance(rdpi_q31_rate_t *rate, int32_t z)
+/* The direct case: takes a sample, and returns its distance to the sample before. */
+static inline uint32_t rdpi_q31_rate_direct_distance(rdpi_q31_rate_t *rate, int32_t z)
 {
     uint32_t distance = rdpi_q31_distance(z, rate->z[0]);
     rate->z[0] = z;
     return distance;
 }
 
-/* As rdpi_f32_rate_step; returns the rate, RDPI_Q31_ONE at the guard, and beyond it more than that.
- * Scaling and overflow: distances are < 2^32; in 63 bits they carry 31 bits of fraction. */
-RDPI_Q31_SELDOM int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, unsigned missed)
+/* As rdpi_f32_rate_step. Returns the rate: RDPI_Q31_ONE at the guard, and more beyond it. Sets `direct` for the next
+ * sample. Scaling and overflow: distances are < 2^32. In 63 bits they carry 31 bits of fraction. */
+static RDPI_Q31_SELDOM int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, unsigned missed)
 {
     if (rate->oldest == rate->window || missed > RDPI_MAX_MISSED) {
         rdpi_q31_rate_reset(rate);
@@ -114,9 +116,9 @@ RDPI_Q31_SELDOM int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, uns
     unsigned left = missed + 1u;
     rate->direct = rate->window == 1u && rate->blend == 0u && rate->guard_shift <= 31u;
     if (rate->direct) {
-        uint32_t distance = rdpi_q31_rate_distance(rate, z), way = rdpi_q31_part(distance, left);
+        uint32_t distance = rdpi_q31_rate_direct_distance(rate, z), way = rdpi_q31_part(distance, left);
         way = way * left < distance ? way + 1u : way;
-        return way > rdpi_q31_rate_reach(rate) ? INT32_MAX : rdpi_q31_rate_of(rate, way);
+        return way > rdpi_q31_rate_direct_limit(rate) ? INT32_MAX : rdpi_q31_rate_direct(rate, way);
     }
     int32_t last = rate->z[(rate->oldest > 0u ? rate->oldest : rate->window) - 1u];
     for (; left > 0u; left--) {

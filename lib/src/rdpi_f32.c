@@ -1,236 +1,34 @@
 #include "rdpi/f32.h"
 
-#include <string.h>
 #include <tgmath.h> /* fabs and isfinite for whichever type rdpi_real_t is; compilers inline both */
 
 #if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
 #error "rdpi tells NaN from numbers: compile it without -ffast-math and -ffinite-math-only"
 #endif
 
-#include "crc.h"
-#include "deadzone.h"
-#include "inverse.h"
-#include "play.h"
-#include "rate.h"
+#include "f32_check.h"
+#include "f32_bank.h"
+#include "f32_drive.h"
+#include "f32_rate.h"
+#include "f32_saturation.h"
 
-/* Relative: states and parameters that were printed, parsed or read back must pass although rounded. */
-#define ROUNDING ((rdpi_real_t)1e-5)
-
-/* A number beyond this is refused: then no sum or product of the step can overflow. */
-#define MAX_NUMBER ((rdpi_real_t)1e7)
-
-/* Slopes below this are refused: the step divides by them. */
-#define MIN_SLOPE ((rdpi_real_t)1e-7)
-
-/* A drive further outside the range than this many times its width is no drive: rdpi_f32_forward refuses it. */
+/* rdpi_f32_forward refuses a drive that is further outside the range than this many times its width. */
 #define MAX_SPANS 16
 
-/* The narrowest output range, V. */
-#define MIN_SPAN_V ((rdpi_real_t)1e-9)
-
-#define MAX_SWEEP_CYCLES 10000u
-
-/* With x = 0 further than this from code 0, single precision can be more than a code wrong. */
+/* How many codes x = 0 may be away from code 0 for the quick way. Beyond, single precision can be a code wrong. */
 #define MAX_CODE_0 (2 << RDPI_MAX_DAC_BITS)
-
-static RDPI_SHARED rdpi_real_t clamp(rdpi_real_t value, rdpi_real_t low, rdpi_real_t high)
-{
-    return value > low ? (value < high ? value : high) : low;
-}
-
-static rdpi_real_t x_of_drive(const rdpi_f32_params_t *params, rdpi_real_t drive_V)
-{
-    return params->gain_um_per_V * (drive_V - params->offset_V);
-}
-
-static rdpi_real_t drive_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
-{
-    return rdpi_f32_fma(x_um, params->V_per_um, params->offset_V);
-}
-
-/* ---- what init checks ---- */
-
-/* Of the struct, the part that holds nothing but numbers, and the part that the digest covers. */
-#define NUMBERS_BEGIN offsetof(rdpi_f32_params_t, gain_um_per_V)
-#define NUMBERS_END (offsetof(rdpi_f32_params_t, sweep_end_V) + sizeof(rdpi_real_t))
-#define CODES_END (offsetof(rdpi_f32_params_t, V_per_code) + sizeof(rdpi_real_t))
-#define DIGEST_BEGIN offsetof(rdpi_f32_params_t, plays)
-
-/* The same of what makes codes, which may be many and short. */
-#define MAX_CODE_NUMBER ((rdpi_real_t)1e15)
-
-/* Whether a block of memory that holds nothing but numbers holds no NaN and none larger than `limit`. */
-static bool all_within(rdpi_real_t limit, const void *block, size_t bytes)
-{
-    for (size_t offset = 0; offset < bytes; offset += sizeof(rdpi_real_t)) {
-        rdpi_real_t value;
-        memcpy(&value, (const unsigned char *)block + offset, sizeof value);
-        if (!(fabs(value) <= limit)) {
-            return false;
-        }
-    }
-    return true;
-}
-
-static rdpi_status_t check_pointers(uint64_t layout, const rdpi_f32_t *self, const rdpi_f32_params_t *params)
-{
-    if (layout != RDPI_F32_LAYOUT) {
-        return RDPI_ERR_SIZE;
-    }
-    if (self == NULL || params == NULL) {
-        return RDPI_ERR_NULL;
-    }
-    if (params->schema != RDPI_PARAMS_SCHEMA) {
-        return RDPI_ERR_SCHEMA;
-    }
-    if (params->plays < 1 || params->plays > RDPI_MAX_PLAYS || params->deadzones < 1 ||
-        params->deadzones > RDPI_MAX_DEADZONES) {
-        return RDPI_ERR_COUNT;
-    }
-    if (params->play == NULL || params->saturation == NULL || params->inverse == NULL ||
-        params->memory_um == NULL) {
-        return RDPI_ERR_NULL;
-    }
-    return RDPI_OK;
-}
-
-static bool check_numbers(const rdpi_f32_params_t *params)
-{
-    const unsigned char *bytes = (const unsigned char *)params;
-    return all_within(MAX_NUMBER, bytes + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN) &&
-           all_within(MAX_CODE_NUMBER, bytes + NUMBERS_END, CODES_END - NUMBERS_END) &&
-           all_within(MAX_NUMBER, params->play, params->plays * sizeof *params->play) &&
-           all_within(MAX_NUMBER, params->saturation, params->deadzones * sizeof *params->saturation) &&
-           all_within(MAX_NUMBER, params->inverse, params->deadzones * sizeof *params->inverse);
-}
-
-static rdpi_status_t check_plays(const rdpi_f32_params_t *params)
-{
-    rdpi_real_t below_um = -1; /* the threshold before; r_0 is 0 */
-    if (params->play[0].r_um != 0) {
-        return RDPI_ERR_THRESHOLDS;
-    }
-    for (size_t i = 0; i < params->plays; i++) {
-        const rdpi_f32_play_t *play = &params->play[i];
-        if (play->r_um <= below_um) {
-            return RDPI_ERR_THRESHOLDS;
-        }
-        if (play->slope < MIN_SLOPE) {
-            return RDPI_ERR_SLOPES;
-        }
-        /* W_i is linear in the rate: both ends of the range decide. The ratio is compared to rounding. */
-        rdpi_real_t fastest = rdpi_f32_slope(play, params->max_um_per_s);
-        if (fastest < MIN_SLOPE || fastest < params->min_slope_ratio * (1 - ROUNDING) * play->slope) {
-            return RDPI_ERR_GUARD;
-        }
-        below_um = play->r_um;
-    }
-    return RDPI_OK;
-}
-
-static rdpi_status_t check_saturation(const rdpi_f32_params_t *params)
-{
-    rdpi_real_t slope = 0, below_um = -1;
-    if (params->saturation[0].d_um != 0) {
-        return RDPI_ERR_DEADZONES;
-    }
-    for (size_t j = 0; j < params->deadzones; j++) {
-        const rdpi_f32_deadzone_t *term = &params->saturation[j];
-        if (term->d_um <= below_um) {
-            return RDPI_ERR_DEADZONES;
-        }
-        slope += term->weight;
-        if (slope <= 0) {
-            return RDPI_ERR_SATURATION;
-        }
-        below_um = term->d_um;
-    }
-    return RDPI_OK;
-}
-
-static rdpi_status_t check_drive(const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
-{
-    if (params->max_V - params->min_V < MIN_SPAN_V || params->slew_V_per_s < 0 ||
-        params->dac_bits > RDPI_MAX_DAC_BITS) {
-        return RDPI_ERR_DRIVE;
-    }
-    /* What the drive moves per sample must survive rounding anywhere in its range, or it would never arrive. */
-    rdpi_real_t largest_V = fabs(params->min_V) + fabs(params->max_V);
-    rdpi_real_t moved_V = largest_V + params->sweep_V_per_s * sample_time_s / 16;
-    if (params->sweep_cycles - 1u >= MAX_SWEEP_CYCLES || params->sweep_end_V < params->min_V ||
-        params->sweep_end_V > params->max_V || moved_V <= largest_V ||
-        (params->slew_V_per_s > 0 && params->slew_V_per_s < params->sweep_V_per_s)) {
-        return RDPI_ERR_SWEEP;
-    }
-    return RDPI_OK;
-}
-
-/* Whether one history can have left these states, with a drive inside the range. Comparisons are such that NaN
- * fails, and infinity beside a finite state. */
-static rdpi_status_t check_memory(const rdpi_f32_params_t *params, const rdpi_real_t *y_um)
-{
-    rdpi_real_t drive_V = drive_of_x(params, y_um[0]);
-    rdpi_real_t slack_V = ROUNDING * (params->max_V - params->min_V);
-    bool possible = drive_V >= params->min_V - slack_V && drive_V <= params->max_V + slack_V;
-    for (size_t i = 1; i < params->plays; i++) {
-        rdpi_real_t gap_um = params->play[i].r_um - params->play[i - 1u].r_um;
-        rdpi_real_t slack_um = ROUNDING * (params->play[params->plays - 1u].r_um + fabs(y_um[i - 1u]));
-        possible = possible && fabs(y_um[i] - y_um[i - 1u]) <= gap_um + slack_um;
-    }
-    return possible ? RDPI_OK : RDPI_ERR_MEMORY;
-}
-
-static uint32_t digest(const rdpi_f32_params_t *params)
-{
-    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, CODES_END - DIGEST_BEGIN);
-    crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
-    crc = rdpi_crc32(crc, params->saturation, params->deadzones * sizeof *params->saturation);
-    crc = rdpi_crc32(crc, params->inverse, params->deadzones * sizeof *params->inverse);
-    return rdpi_crc32(crc, params->memory_um, params->plays * sizeof *params->memory_um);
-}
 
 uint32_t rdpi_f32_digest_layout(uint64_t layout, const rdpi_f32_params_t *params)
 {
-    return layout == RDPI_F32_LAYOUT ? digest(params) : 0u;
-}
-
-/* And sets up the rate estimator: check_drive relies on the sample time that it accepts. */
-static rdpi_status_t check_params(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
-{
-    if (params->digest != digest(params)) {
-        return RDPI_ERR_DIGEST;
-    }
-    if (!check_numbers(params)) {
-        return RDPI_ERR_NOT_FINITE;
-    }
-    if (params->gain_um_per_V == 0) {
-        return RDPI_ERR_GAIN;
-    }
-    if (params->max_um_per_s <= 0) {
-        return RDPI_ERR_RATE;
-    }
-    if (params->min_slope_ratio <= 0 || params->min_slope_ratio >= 1) {
-        return RDPI_ERR_GUARD;
-    }
-    rdpi_status_t status = check_plays(params);
-    if (status == RDPI_OK) {
-        status = check_saturation(params);
-    }
-    if (status == RDPI_OK) {
-        status = rdpi_f32_rate_init(&self->rate, params->rate_window_s, params->rate_filter_s, sample_time_s);
-    }
-    if (status == RDPI_OK) {
-        status = check_drive(params, sample_time_s);
-    }
-    return status == RDPI_OK ? check_memory(params, params->memory_um) : status;
+    return layout == RDPI_F32_LAYOUT ? rdpi_f32_checksum(params) : 0u;
 }
 
 rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi_f32_params_t *params,
                                    rdpi_real_t sample_time_s)
 {
-    rdpi_status_t status = check_pointers(layout, self, params);
+    rdpi_status_t status = rdpi_f32_check_pointers(layout, self, params);
     if (status == RDPI_OK) {
-        status = check_params(self, params, sample_time_s);
+        status = rdpi_f32_check_params(self, params, sample_time_s);
     }
     if (status == RDPI_OK) {
         self->params = params;
@@ -241,44 +39,38 @@ rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi
 
 /* ---- memory ---- */
 
-/* Once: the next step finds out what comes after. */
-static void take_the_long_way(rdpi_f32_t *self)
+/* What `quick` states may no longer hold. The next step takes the long way, and finds out. */
+static void end_quick(rdpi_f32_t *self)
 {
     if (RDPI_QUICK_STEP) {
-        self->plain = false;
+        self->quick = false;
     }
 }
 
-/* What has happened since the latest sample does not matter to the next. */
+/* The next sample is the first: the rate history is forgotten. */
 static void forget_samples(rdpi_f32_t *self)
 {
-    rdpi_f32_rate_reset(&self->rate);
+    rdpi_f32_rate_reset(&self->rate_estimator);
     self->missed = 0;
-    take_the_long_way(self);
+    end_quick(self);
 }
 
-/* The code nearest to an x inside the range, to rounding; 0 without codes. */
-static RDPI_SHARED uint32_t code_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
+/* Takes a drive that no step has output: that of the memory or of another source. Ends a sweep. */
+static void put_drive(rdpi_f32_t *self, rdpi_real_t drive_V)
 {
-    return (uint32_t)clamp(rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0), 0, params->last_code);
-}
-
-/* Takes note of what is output when it is no step that outputs it. */
-static void hold(rdpi_f32_t *self, rdpi_real_t drive_V)
-{
-    self->drive_V = clamp(drive_V, self->params->min_V, self->params->max_V);
+    self->drive_V = rdpi_f32_clamp(drive_V, self->params->min_V, self->params->max_V);
     self->ramp_V = self->drive_V;
-    self->dac_code = code_of_x(self->params, self->bank.y_um[0]);
+    self->dac_code = rdpi_f32_code_of_x(self->params, self->bank.y_um[0]);
     self->sweep_turns = 0;
-    take_the_long_way(self);
+    end_quick(self);
 }
 
-/* Takes checked states, as they are: what rdpi_f32_get_memory gave comes back bit for bit. */
+/* Takes checked states as they are, so that those of rdpi_f32_get_memory come back bit for bit. */
 static void put_memory(rdpi_f32_t *self, const rdpi_real_t *y_um)
 {
     const rdpi_f32_params_t *params = self->params;
     rdpi_f32_bank_set(&self->bank, params->play, params->plays, y_um);
-    hold(self, drive_of_x(params, self->bank.y_um[0]));
+    put_drive(self, rdpi_f32_drive_of_x(params, self->bank.y_um[0]));
 }
 
 void rdpi_f32_reset(rdpi_f32_t *self)
@@ -295,7 +87,7 @@ void rdpi_f32_reset(rdpi_f32_t *self)
 
 rdpi_status_t rdpi_f32_set_memory(rdpi_f32_t *self, const rdpi_real_t *y_um)
 {
-    rdpi_status_t status = self == NULL || y_um == NULL ? RDPI_ERR_NULL : check_memory(self->params, y_um);
+    rdpi_status_t status = self == NULL || y_um == NULL ? RDPI_ERR_NULL : rdpi_f32_check_memory(self->params, y_um);
     if (status == RDPI_OK) {
         put_memory(self, y_um);
     }
@@ -319,18 +111,18 @@ static void set_flag(rdpi_f32_t *self, uint32_t flag, uint32_t *count)
     }
 }
 
-/* The input is not usable: the sample passes with everything held. */
-static RDPI_APART rdpi_real_t refuse_input(rdpi_f32_t *self)
+/* The input is not usable. The drive is held, no state changes, and the sample counts as missed. */
+static RDPI_F32_SELDOM rdpi_real_t refuse_input(rdpi_f32_t *self)
 {
     set_flag(self, RDPI_FLAG_INPUT, &self->input_count);
     if (self->missed < UINT8_MAX) {
         self->missed++;
     }
-    take_the_long_way(self);
+    end_quick(self);
     return self->drive_V;
 }
 
-/* The singularity guard. */
+/* The singularity guard. Stores the rate. */
 static rdpi_real_t limit_rate(rdpi_f32_t *self, rdpi_real_t rate_um_per_s)
 {
     if (rate_um_per_s > self->params->max_um_per_s) {
@@ -341,21 +133,21 @@ static rdpi_real_t limit_rate(rdpi_f32_t *self, rdpi_real_t rate_um_per_s)
     return rate_um_per_s;
 }
 
-/* How much per sample is so much per second. */
-static RDPI_SHARED rdpi_real_t per_sample(const rdpi_f32_t *self, rdpi_real_t per_s)
+/* A slope per second as a change per sample. */
+static RDPI_F32_SHARED rdpi_real_t per_sample(const rdpi_f32_t *self, rdpi_real_t per_s)
 {
-    return per_s / ((rdpi_real_t)self->rate.window * self->rate.per_window_s);
+    return per_s / ((rdpi_real_t)self->rate_estimator.window * self->rate_estimator.per_window_s);
 }
 
-/* Range and slew: what may be output of the drive wished for. `plain` as `walk` has it. */
-static inline rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V, const bool plain)
+/* Range and slew limit: what may be output of the drive wished for. `quick` is that of finish_step. */
+static inline rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V, const bool quick)
 {
     const rdpi_f32_params_t *params = self->params;
-    rdpi_real_t drive_V = clamp(wish_V, params->min_V, params->max_V);
+    rdpi_real_t drive_V = rdpi_f32_clamp(wish_V, params->min_V, params->max_V);
     uint32_t clipped = drive_V != wish_V ? RDPI_FLAG_RANGE : 0u;
-    if (!plain && params->slew_V_per_s > 0) {
+    if (!quick && params->slew_V_per_s > 0) {
         rdpi_real_t slew_V = per_sample(self, params->slew_V_per_s);
-        rdpi_real_t reached_V = clamp(drive_V, self->ramp_V - slew_V, self->ramp_V + slew_V);
+        rdpi_real_t reached_V = rdpi_f32_clamp(drive_V, self->ramp_V - slew_V, self->ramp_V + slew_V);
         if (reached_V != drive_V) {
             clipped |= RDPI_FLAG_SLEW;
             drive_V = reached_V;
@@ -367,17 +159,17 @@ static inline rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V, cons
     return drive_V;
 }
 
-/* Outputs a drive inside the range, to a code if there are codes, and moves the plays there: to target.x_um, which
- * belongs to it, or where the code takes it. Returns the side where they are heading then. `plain` as `walk` has it. */
-static RDPI_SHARED rdpi_real_t output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_f32_target_t target,
-                                      const bool plain)
+/* Outputs a drive inside the range, rounded to a code if there are codes, and moves the plays there. target.x_um is the
+ * x of the drive; a code has an x of its own. Returns the side to which x goes then. `quick` is that of finish_step. */
+static RDPI_F32_SHARED rdpi_real_t output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_f32_target_t target,
+                                          const bool quick)
 {
     const rdpi_f32_params_t *params = self->params;
-    if (!plain) {
+    if (!quick) {
         self->ramp_V = drive_V;
     }
-    if (plain || params->dac_bits > 0u) {
-        self->dac_code = code_of_x(params, target.x_um);
+    if (quick || params->dac_bits > 0u) {
+        self->dac_code = rdpi_f32_code_of_x(params, target.x_um);
         rdpi_real_t code = (rdpi_real_t)self->dac_code;
         drive_V = rdpi_f32_fma(code, params->V_per_code, params->min_V);
         target.x_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
@@ -386,24 +178,25 @@ static RDPI_SHARED rdpi_real_t output(rdpi_f32_t *self, rdpi_real_t drive_V, rdp
     return rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
 }
 
-/* Whether samples that follow one another may take the short way. Without codes dac_code is 0. At an end of the range a
- * drive of someone else's can just have come back, and half a code the other way is beyond it. */
-static bool is_plain(const rdpi_f32_t *self)
+/* Whether the parameters and the code allow the next step the quick way; see `quick` in rdpi_f32_t. Without codes,
+ * dac_code is 0. The first and the last code do not open it: a drive of another source may just have come back from
+ * outside the range, and half a code to one side is outside. */
+static bool next_is_quick(const rdpi_f32_t *self)
 {
     const rdpi_f32_params_t *params = self->params;
-    return self->rate.window == 1u && self->rate.keep <= 0 && params->slew_V_per_s <= 0 && self->dac_code > 0u &&
-           (rdpi_real_t)self->dac_code < params->last_code && fabs(params->code_of_x_0) <= MAX_CODE_0;
+    return self->rate_estimator.window == 1u && self->rate_estimator.keep <= 0 && params->slew_V_per_s <= 0 &&
+           self->dac_code > 0u && (rdpi_real_t)self->dac_code < params->last_code &&
+           fabs(params->code_of_x_0) <= MAX_CODE_0;
 }
 
-/* How far x may go from a code without a play engaging or letting go and with the drive inside the range, whatever
- * they are rounded to: there the short way leads where the other does, to the last bit. It ends half a code before, at a
- * code, so that rounding does not lead beyond; three quarters before where x is free both ways. That is more than any
- * rounding. `side` is where x is heading. */
-static RDPI_WITHIN void mark(rdpi_f32_t *self, rdpi_real_t side)
+/* Sets bank.edge_um; see `quick` in rdpi_f32_t. x goes to `side`. The edge is at a code, half a code or more before the
+ * next corner and before the end of the range, so that rounding to a code does not lead beyond. Where no play is
+ * engaged and x is free both ways, it is three quarters of a code before. Both margins are larger than any rounding. */
+static RDPI_F32_HOT void set_edge(rdpi_f32_t *self, rdpi_real_t side)
 {
     const rdpi_f32_params_t *params = self->params;
     rdpi_f32_bank_t *bank = &self->bank;
-    const rdpi_f32_play_t *next = &bank->at[1];
+    const rdpi_f32_play_t *next = &bank->last_engaged[1];
     rdpi_real_t *next_um = &bank->y_um[bank->engaged + 1u];
     bool last = bank->engaged + 1u == params->plays;
     rdpi_real_t half = params->last_code / 2, code_um = fabs(params->um_per_code);
@@ -419,7 +212,7 @@ static RDPI_WITHIN void mark(rdpi_f32_t *self, rdpi_real_t side)
         rdpi_real_t code = (rdpi_real_t)self->dac_code + (rdpi_real_t)codes;
         bank->edge_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
     } else {
-        if (last) { /* one play alone is free in all of the range */
+        if (last) { /* a single play is free in all of the range */
             *next_um = middle_um;
         } else {
             reach_um -= fabs(*next_um - middle_um);
@@ -429,9 +222,10 @@ static RDPI_WITHIN void mark(rdpi_f32_t *self, rdpi_real_t side)
     }
 }
 
-/* Whether x, which turns back, is still rounded to the code that is output, not one at an end of the range, and before
- * the first corner on that way, 2 r_1 off. rdpi_f32_bank_reach and `output` come to the same. */
-static inline bool stays(const rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
+/* Whether x turns round, but is still rounded to the code that is output. That code must not be at an end of the range,
+ * and x must be before the first corner on the way back, which is 2 r_1 off. rdpi_f32_bank_walk and `output` would then
+ * give the same code. */
+static inline bool turns_within_code(const rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
     const rdpi_f32_params_t *params = self->params;
     const rdpi_f32_bank_t *bank = &self->bank;
@@ -448,41 +242,44 @@ static inline bool stays(const rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real
     return beyond >= 0 && beyond < 1 && code > 1 && code < params->last_code - 1;
 }
 
-/* The end of any step: x to where the bank's output has climbed by `climb_um`, put out. `plain` is what the compiler
- * knows of self->plain: true, or false if nothing. */
-static RDPI_WITHIN rdpi_real_t walk(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s, const bool plain)
+/* The end of any step: finds the x where the output of the bank has climbed by `climb_um`, and outputs it. `quick` is
+ * what the compiler knows of self->quick: true, or false if it knows nothing. */
+static RDPI_F32_HOT rdpi_real_t finish_step(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s,
+                                            const bool quick)
 {
     const rdpi_f32_params_t *params = self->params;
-    rdpi_f32_target_t target = rdpi_f32_bank_reach(&self->bank, params->play, params->plays, rate_um_per_s, climb_um);
-    rdpi_real_t wish_V = drive_of_x(params, target.x_um);
-    rdpi_real_t drive_V = limit_drive(self, wish_V, plain);
+    rdpi_f32_target_t target = rdpi_f32_bank_walk(&self->bank, params->play, params->plays, rate_um_per_s, climb_um);
+    rdpi_real_t wish_V = rdpi_f32_drive_of_x(params, target.x_um);
+    rdpi_real_t drive_V = limit_drive(self, wish_V, quick);
     if (drive_V != wish_V) {
-        target.x_um = x_of_drive(params, drive_V);
+        target.x_um = rdpi_f32_x_of_drive(params, drive_V);
     }
-    rdpi_real_t side = output(self, drive_V, target, plain);
-    if (RDPI_QUICK_STEP && !plain) {
-        self->plain = is_plain(self);
+    rdpi_real_t side = output(self, drive_V, target, quick);
+    if (RDPI_QUICK_STEP && !quick) {
+        self->quick = next_is_quick(self);
     }
-    if (RDPI_QUICK_STEP && (plain || self->plain)) {
-        mark(self, side);
+    if (RDPI_QUICK_STEP && (quick || self->quick)) {
+        set_edge(self, side);
     }
     return self->drive_V;
 }
 
-/* The end of a step that could have taken the short way. */
-static RDPI_APART rdpi_real_t walk_on(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
+/* The end of a step that began while `quick` was true. */
+static RDPI_F32_SELDOM rdpi_real_t finish_quick_step(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
-    return walk(self, climb_um, rate_um_per_s, true);
+    return finish_step(self, climb_um, rate_um_per_s, true);
 }
 
-/* The same for a reference from which x may hardly turn back. */
-static RDPI_APART rdpi_real_t stay_or_walk(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
+/* Taken while `quick` is true, if x would leave bank.edge_um: a play may engage, the range may end, or x turns
+ * round. */
+static RDPI_F32_SELDOM rdpi_real_t step_over_edge(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
-    return stays(self, climb_um, rate_um_per_s) ? self->drive_V : walk_on(self, climb_um, rate_um_per_s);
+    return turns_within_code(self, climb_um, rate_um_per_s) ? self->drive_V
+                                                            : finish_quick_step(self, climb_um, rate_um_per_s);
 }
 
-/* A step of any kind, and what opens the short way to the next. */
-static RDPI_APART rdpi_real_t full_step(rdpi_f32_t *self, rdpi_real_t reference_um)
+/* Taken while `quick` is false. Serves samples of any kind, and may make `quick` true for the next. */
+static RDPI_F32_SELDOM rdpi_real_t step_without_quick(rdpi_f32_t *self, rdpi_real_t reference_um)
 {
     const rdpi_f32_params_t *params = self->params;
     self->flags = 0;
@@ -492,19 +289,21 @@ static RDPI_APART rdpi_real_t full_step(rdpi_f32_t *self, rdpi_real_t reference_
     if (self->missed > 0u) {
         self->flags = RDPI_FLAG_MISSED;
     }
-    /* From the reference, which is exact, and not from z, which is rounded: the offset cancels. */
-    rdpi_real_t rate_um_per_s = limit_rate(self, rdpi_f32_rate_step(&self->rate, reference_um, self->missed));
+    /* The rate of the reference, which is exact, and not of z, which is rounded: the offset cancels. */
+    rdpi_real_t rate_um_per_s = limit_rate(self, rdpi_f32_rate_step(&self->rate_estimator, reference_um, self->missed));
     self->missed = 0;
-    const rdpi_f32_piece_t *piece = rdpi_f32_piece(params->inverse, params->deadzones, reference_um);
+    const rdpi_f32_piece_t *piece = rdpi_f32_piece_find(params->inverse_saturation, params->deadzones, reference_um);
     if (RDPI_QUICK_STEP) {
-        self->piece = piece;
+        self->latest_piece = piece;
     }
-    rdpi_real_t v_um = rdpi_f32_unsaturate(piece, reference_um - params->offset_um);
-    return walk(self, rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um), rate_um_per_s, false);
+    rdpi_real_t v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
+    return finish_step(self, rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um), rate_um_per_s, false);
 }
 
-/* The step of a sample that could take the short way, were the rate not above the guard or S^-1 on another piece. */
-static RDPI_APART rdpi_real_t bend(rdpi_f32_t *self, rdpi_real_t reference_um, rdpi_real_t rate_um_per_s)
+/* Taken while `quick` is true, if the rate is above the guard or the reference is not inside latest_piece. References
+ * that are not usable come here too. */
+static RDPI_F32_SELDOM rdpi_real_t step_over_guard_or_piece(rdpi_f32_t *self, rdpi_real_t reference_um,
+                                                            rdpi_real_t rate_um_per_s)
 {
     const rdpi_f32_params_t *params = self->params;
     self->flags = 0;
@@ -512,42 +311,48 @@ static RDPI_APART rdpi_real_t bend(rdpi_f32_t *self, rdpi_real_t reference_um, r
         return refuse_input(self);
     }
     rate_um_per_s = limit_rate(self, rate_um_per_s);
-    const rdpi_f32_piece_t *piece = rdpi_f32_piece(params->inverse, params->deadzones, reference_um);
-    self->rate.z_um[0] = reference_um;
-    self->piece = piece;
-    rdpi_real_t v_um = rdpi_f32_unsaturate(piece, reference_um - params->offset_um);
-    return walk_on(self, rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um), rate_um_per_s);
+    const rdpi_f32_piece_t *piece = rdpi_f32_piece_find(params->inverse_saturation, params->deadzones, reference_um);
+    self->rate_estimator.z_um[0] = reference_um;
+    self->latest_piece = piece;
+    rdpi_real_t v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
+    return finish_quick_step(self, rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um), rate_um_per_s);
 }
 
-/* Any step, in a fraction of the instructions while no play engages or lets go, S^-1 does not bend and no limit is met,
- * which is nearly always; to the last bit what full_step comes to. Comparisons are such that NaN fails; nothing is
- * stored before the reference is known to be usable. */
+/* There are four ways into the step, and this function chooses between them:
+ *
+ * - step_without_quick, while `quick` is false;
+ * - step_over_guard_or_piece, if the rate is above the guard or the reference is not inside latest_piece;
+ * - step_over_edge, if x would leave bank.edge_um;
+ * - the quick way otherwise, which is nearly always: the rest of this function.
+ *
+ * All four give the same bits as step_without_quick. Why the quick way may be so short stands at `quick` in rdpi_f32_t.
+ * NaN fails every comparison here. Nothing is stored before the reference is known to be usable. */
 rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
 {
     const rdpi_f32_params_t *params = self->params;
-    if (!RDPI_QUICK_STEP || !self->plain) {
-        return full_step(self, reference_um);
+    if (!RDPI_QUICK_STEP || !self->quick) {
+        return step_without_quick(self, reference_um);
     }
-    const rdpi_f32_piece_t *piece = self->piece;
+    const rdpi_f32_piece_t *piece = self->latest_piece;
     rdpi_f32_bank_t *bank = &self->bank;
-    rdpi_real_t rate_um_per_s = rdpi_f32_rate_plain(&self->rate, reference_um);
+    rdpi_real_t rate_um_per_s = rdpi_f32_rate_direct(&self->rate_estimator, reference_um);
     if (!(rate_um_per_s <= params->max_um_per_s)) {
-        return bend(self, reference_um, rate_um_per_s);
+        return step_over_guard_or_piece(self, reference_um, rate_um_per_s);
     }
-    if (!((reference_um - piece->from_um) * (piece->to_um - reference_um) > 0)) { /* ends belong to one piece only */
-        return bend(self, reference_um, rate_um_per_s);
+    if (!rdpi_f32_piece_holds(piece, reference_um)) {
+        return step_over_guard_or_piece(self, reference_um, rate_um_per_s);
     }
-    rdpi_real_t v_um = rdpi_f32_unsaturate(piece, reference_um - params->offset_um);
+    rdpi_real_t v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
     rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
     rdpi_real_t way_um = rdpi_f32_bank_way(bank, rate_um_per_s, climb_um);
     rdpi_real_t x_um = way_um + bank->y_um[0];
-    rdpi_real_t room = bank->engaged == 0u ? bank->edge_um - fabs(x_um - bank->y_um[1])
-                                           : way_um * (bank->edge_um - x_um);
+    rdpi_real_t before_edge = bank->engaged == 0u ? bank->edge_um - fabs(x_um - bank->y_um[1])
+                                                  : way_um * (bank->edge_um - x_um); /* > 0: x stays before it */
     self->flags = 0;
-    self->rate.z_um[0] = reference_um;
+    self->rate_estimator.z_um[0] = reference_um;
     self->rate_um_per_s = rate_um_per_s;
-    if (!(room > 0)) {
-        return stay_or_walk(self, climb_um, rate_um_per_s);
+    if (!(before_edge > 0)) {
+        return step_over_edge(self, climb_um, rate_um_per_s);
     }
     self->dac_code = (uint32_t)rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0);
     rdpi_real_t code = (rdpi_real_t)self->dac_code;
@@ -560,7 +365,7 @@ void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks)
 {
     uint32_t missed = self->missed + (ticks < UINT8_MAX ? ticks : UINT8_MAX);
     self->missed = (uint8_t)(missed < UINT8_MAX ? missed : UINT8_MAX);
-    take_the_long_way(self);
+    end_quick(self);
     self->missed_count += ticks < UINT32_MAX - self->missed_count ? ticks : UINT32_MAX - self->missed_count;
 }
 
@@ -570,17 +375,17 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     if (self->sweep_turns == 0u) {
         self->sweep_turns = (uint16_t)(2u * params->sweep_cycles + 1u);
     }
-    if (self->rate.oldest < self->rate.window && params->slew_V_per_s <= 0) {
+    if (self->rate_estimator.oldest < self->rate_estimator.window && params->slew_V_per_s <= 0) {
         self->ramp_V = self->drive_V; /* there have been steps: the sweep begins at what they have output */
     }
-    /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to the end */
+    /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to sweep_end_V */
     unsigned cycles_left = self->sweep_turns / 2u;
     rdpi_real_t left = (rdpi_real_t)cycles_left / (rdpi_real_t)params->sweep_cycles;
     rdpi_real_t limit_V = self->sweep_turns % 2u != 0u ? params->max_V : params->min_V;
-    rdpi_real_t turn_V = clamp(rdpi_f32_fma(left, limit_V - params->sweep_end_V, params->sweep_end_V), params->min_V,
-                               params->max_V);
-    rdpi_real_t step_V = per_sample(self, params->sweep_V_per_s);
-    rdpi_real_t drive_V = clamp(turn_V, self->ramp_V - step_V, self->ramp_V + step_V);
+    rdpi_real_t turn_V = rdpi_f32_fma(left, limit_V - params->sweep_end_V, params->sweep_end_V);
+    turn_V = rdpi_f32_clamp(turn_V, params->min_V, params->max_V);
+    rdpi_real_t sweep_step_V = per_sample(self, params->sweep_V_per_s);
+    rdpi_real_t drive_V = rdpi_f32_clamp(turn_V, self->ramp_V - sweep_step_V, self->ramp_V + sweep_step_V);
 
     self->flags = 0;
     self->rate_um_per_s = 0;
@@ -588,7 +393,7 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     if (drive_V == turn_V) {
         self->sweep_turns--;
     }
-    rdpi_f32_target_t target = rdpi_f32_bank_target(x_of_drive(params, drive_V));
+    rdpi_f32_target_t target = rdpi_f32_bank_target(rdpi_f32_x_of_drive(params, drive_V));
     (void)output(self, drive_V, target, false);
     return self->sweep_turns > 0u;
 }
@@ -600,7 +405,8 @@ rdpi_real_t rdpi_f32_predict(const rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_r
         return (rdpi_real_t)NAN;
     }
     rdpi_real_t rate = rate_um_per_s < params->max_um_per_s ? rate_um_per_s : params->max_um_per_s;
-    rdpi_real_t v_um = rdpi_f32_bank_at(&self->bank, params->play, params->plays, rate, x_of_drive(params, drive_V));
+    rdpi_real_t v_um = rdpi_f32_bank_at(&self->bank, params->play, params->plays, rate,
+                                        rdpi_f32_x_of_drive(params, drive_V));
     return rdpi_f32_saturation(params->saturation, params->deadzones, v_um) + params->offset_um;
 }
 
@@ -610,15 +416,15 @@ rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t 
     rdpi_real_t displacement_um = rdpi_f32_predict(self, drive_V, rate_um_per_s);
 
     self->flags = 0;
-    rdpi_real_t outside_V = drive_V - clamp(drive_V, params->min_V, params->max_V);
+    rdpi_real_t outside_V = drive_V - rdpi_f32_clamp(drive_V, params->min_V, params->max_V);
     if (!isfinite(displacement_um) || !isfinite(rate_um_per_s) ||
         fabs(outside_V) > MAX_SPANS * (params->max_V - params->min_V)) {
         return rdpi_f32_predict(self, refuse_input(self), self->rate_um_per_s);
     }
-    rdpi_f32_target_t target = rdpi_f32_bank_target(x_of_drive(params, drive_V));
+    rdpi_f32_target_t target = rdpi_f32_bank_target(rdpi_f32_x_of_drive(params, drive_V));
     (void)limit_rate(self, rate_um_per_s);
     forget_samples(self);
     (void)rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
-    hold(self, drive_V);
+    put_drive(self, drive_V);
     return displacement_um;
 }

@@ -1,226 +1,32 @@
 #include "rdpi/q31.h"
 
-#include "crc.h"
-#include "q31_deadzone.h"
-#include "q31_inverse.h"
-#include "q31_math.h"
-#include "q31_play.h"
+#include "q31_bank.h"
+#include "q31_check.h"
+#include "q31_drive.h"
 #include "q31_rate.h"
+#include "q31_saturation.h"
 
-#define MAX_SWEEP_CYCLES 10000u
-#define MAX_V RDPI_Q31_ONE /* where it saturates: twice what a drive in range reaches */
+/* Where S^-1 saturates: twice what a drive in range reaches. */
+#define MAX_BANK_OUTPUT RDPI_Q31_ONE
 
 typedef char right_shift_is_arithmetic[(-1 >> 1) == -1 ? 1 : -1];
 
-static bool in_format(int32_t drive)
-{
-    return drive >= -RDPI_Q31_MAX_DRIVE && drive <= RDPI_Q31_MAX_DRIVE;
-}
-
-static int32_t in_range(const rdpi_q31_params_t *params, int32_t drive)
-{
-    return drive < params->min_drive ? params->min_drive : (drive > params->max_drive ? params->max_drive : drive);
-}
-
-/* A drive in the fractions that slopes of time need: times 2^32. */
+/* A drive times 2^32: slopes need the fractions. */
 static int64_t widen(int32_t drive)
 {
     return drive * ((int64_t)1 << 32);
 }
 
-static int64_t drive_of_code(const rdpi_q31_params_t *params, int64_t code)
-{
-    int64_t half = (int64_t)1 << (params->drive_shift - 1u);
-    return params->code_0_drive + ((code * params->drive_per_code + half) >> params->drive_shift);
-}
-
-/* The code nearest to a drive inside the range. */
-static int64_t code_of_drive(const rdpi_q31_params_t *params, int32_t drive)
-{
-    int64_t half = (int64_t)1 << (params->code_shift - 1u);
-    return ((int64_t)(drive - params->code_0_drive) * params->codes_per_drive + half) >> params->code_shift;
-}
-
-/* The end of the range that is not code 0's: where max_V is. */
-static int32_t last_code_drive(const rdpi_q31_params_t *params)
-{
-    return params->min_drive + params->max_drive - params->code_0_drive;
-}
-
-/* The largest code. */
-static int32_t last_code(const rdpi_q31_params_t *params)
-{
-    return (int32_t)(((uint32_t)1 << params->dac_bits) - 1u);
-}
-
-/* Whether codes are 4 drive units or more apart, which makes drive_shift 30 at most, and the numbers of output_code fit
- * 32 bits. */
-static bool codes_are_coarse(const rdpi_q31_params_t *params)
-{
-    return params->dac_bits > 0u && params->code_shift >= 33u && last_code(params) >> params->drive_shift == 0;
-}
-
-/* ---- what init checks ---- */
-
-/* Of the struct, the part that holds nothing but numbers. */
-#define NUMBERS_BEGIN offsetof(rdpi_q31_params_t, slew_per_us)
-#define NUMBERS_END (offsetof(rdpi_q31_params_t, sweep_end) + sizeof(int32_t))
-
-static rdpi_status_t check_pointers(uint64_t layout, const rdpi_q31_t *self, const rdpi_q31_params_t *params)
-{
-    if (layout != RDPI_Q31_LAYOUT) {
-        return RDPI_ERR_SIZE;
-    }
-    if (self == NULL || params == NULL) {
-        return RDPI_ERR_NULL;
-    }
-    if (params->schema != RDPI_PARAMS_SCHEMA) {
-        return RDPI_ERR_SCHEMA;
-    }
-    if (params->plays < 1u || params->plays > RDPI_MAX_PLAYS || params->deadzones < 1u ||
-        params->deadzones > RDPI_MAX_DEADZONES) {
-        return RDPI_ERR_COUNT;
-    }
-    if (params->play == NULL || params->saturation == NULL || params->inverse_saturation == NULL ||
-        params->memory == NULL) {
-        return RDPI_ERR_NULL;
-    }
-    return RDPI_OK;
-}
-
-static rdpi_status_t check_plays(const rdpi_q31_params_t *params)
-{
-    int32_t below = -1; /* the threshold before; r_0 is 0 */
-    if (params->play[0].r != 0) {
-        return RDPI_ERR_THRESHOLDS;
-    }
-    for (size_t i = 0; i < params->plays; i++) {
-        const rdpi_q31_play_t *play = &params->play[i];
-        int64_t fastest = (int64_t)play->slope + play->slope_rate;
-        if (play->r <= below || play->r > RDPI_Q31_MAX_DRIVE) {
-            return RDPI_ERR_THRESHOLDS;
-        }
-        if (play->slope < RDPI_Q31_MIN_SLOPE || play->slope > RDPI_Q31_ONE) {
-            return RDPI_ERR_SLOPES;
-        }
-        if (fastest < RDPI_Q31_MIN_SLOPE || fastest > RDPI_Q31_ONE ||
-            fastest * 65536 < (int64_t)params->min_slope_ratio * play->slope) {
-            return RDPI_ERR_GUARD;
-        }
-        below = play->r;
-    }
-    return RDPI_OK;
-}
-
-/* One stage: S or its inverse. */
-static rdpi_status_t check_saturation(const rdpi_q31_deadzone_t *term, size_t count, unsigned shift)
-{
-    int64_t slope = 0, size = 0;
-    int32_t below = -1;
-    if (term[0].d != 0) {
-        return RDPI_ERR_DEADZONES;
-    }
-    for (size_t j = 0; j < count; j++) {
-        if (term[j].d <= below) {
-            return RDPI_ERR_DEADZONES;
-        }
-        slope += term[j].weight;
-        size += term[j].weight < 0 ? -(int64_t)term[j].weight : term[j].weight;
-        if (slope <= 0 || size > (int64_t)1 << 31 || shift > 62u) {
-            return RDPI_ERR_SATURATION;
-        }
-        below = term[j].d;
-    }
-    return RDPI_OK;
-}
-
-/* Whether codes go from one end of the range to the other; drive_per_code may be off by what its 31 bits resolve. */
-static bool codes_fit(const rdpi_q31_params_t *params)
-{
-    if (params->code_shift - 1u > 61u || params->drive_shift - 1u > 61u) {
-        return false;
-    }
-    bool rising = params->code_0_drive == params->min_drive;
-    int64_t beyond = drive_of_code(params, last_code(params)) - last_code_drive(params);
-    return rising == (params->codes_per_drive > 0) && beyond >= -2 && beyond <= 2 &&
-           code_of_drive(params, last_code_drive(params)) == last_code(params);
-}
-
-static rdpi_status_t check_drive(const rdpi_q31_params_t *params)
-{
-    if (params->min_drive >= params->max_drive || !in_format(params->min_drive) || !in_format(params->max_drive) ||
-        (params->code_0_drive != params->min_drive && params->code_0_drive != params->max_drive) ||
-        params->dac_bits > RDPI_MAX_DAC_BITS) {
-        return RDPI_ERR_DRIVE;
-    }
-    if (params->dac_bits > 0u && !codes_fit(params)) {
-        return RDPI_ERR_DRIVE;
-    }
-    if (params->sweep_cycles - 1u >= MAX_SWEEP_CYCLES || params->sweep_end < params->min_drive ||
-        params->sweep_end > params->max_drive ||
-        (params->slew_per_us > 0u && params->slew_per_us < params->sweep_per_us)) {
-        return RDPI_ERR_SWEEP;
-    }
-    return RDPI_OK;
-}
-
-/* Whether one history can have left these states, with a drive inside the range. */
-static rdpi_status_t check_memory(const rdpi_q31_params_t *params, const int32_t *y)
-{
-    for (size_t i = 0; i < params->plays; i++) {
-        int64_t lag = i > 0u ? (int64_t)y[i] - y[i - 1u] : 0;
-        int32_t gap = i > 0u ? params->play[i].r - params->play[i - 1u].r : 0;
-        if (lag > gap || lag < -gap || !in_format(y[i])) {
-            return RDPI_ERR_MEMORY;
-        }
-    }
-    return y[0] < params->min_drive || y[0] > params->max_drive ? RDPI_ERR_MEMORY : RDPI_OK;
-}
-
-static uint32_t digest(const rdpi_q31_params_t *params)
-{
-    size_t deadzones = params->deadzones * sizeof *params->saturation;
-    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN);
-    crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
-    crc = rdpi_crc32(crc, params->saturation, deadzones);
-    crc = rdpi_crc32(crc, params->inverse_saturation, deadzones);
-    return rdpi_crc32(crc, params->memory, params->plays * sizeof *params->memory);
-}
-
 uint32_t rdpi_q31_digest_layout(uint64_t layout, const rdpi_q31_params_t *params)
 {
-    return layout == RDPI_Q31_LAYOUT ? digest(params) : 0u;
+    return layout == RDPI_Q31_LAYOUT ? rdpi_q31_checksum(params) : 0u;
 }
 
-static rdpi_status_t check_params(const rdpi_q31_params_t *params)
-{
-    if (params->digest != digest(params)) {
-        return RDPI_ERR_DIGEST;
-    }
-    if (params->guard_mantissa < (uint32_t)1 << 31) {
-        return RDPI_ERR_RATE;
-    }
-    if (params->min_slope_ratio < 1u) {
-        return RDPI_ERR_GUARD;
-    }
-    rdpi_status_t status = check_plays(params);
-    if (status == RDPI_OK) {
-        status = check_saturation(params->saturation, params->deadzones, params->saturation_shift);
-    }
-    if (status == RDPI_OK) {
-        status = check_saturation(params->inverse_saturation, params->deadzones, params->inverse_shift);
-    }
-    if (status == RDPI_OK) {
-        status = check_drive(params);
-    }
-    return status == RDPI_OK ? check_memory(params, params->memory) : status;
-}
-
-/* What a speed per us is per sample, saturated: no drive is further than 2^30 from another. */
+/* A slope per us as a change per sample. It saturates: no drive is further than 2^30 from another. */
 static int64_t per_sample(uint64_t per_us, uint32_t sample_time_ns)
 {
     const uint64_t most = (uint64_t)1 << 62;
-    uint64_t whole = per_us / 1000u; /* per ns; the product of what is left does not overflow */
+    uint64_t whole = per_us / 1000u; /* per ns; the product of the rest does not overflow */
     return whole >= most / sample_time_ns
                ? (int64_t)most
                : (int64_t)(whole * sample_time_ns + per_us % 1000u * sample_time_ns / 1000u);
@@ -229,9 +35,9 @@ static int64_t per_sample(uint64_t per_us, uint32_t sample_time_ns)
 rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi_q31_params_t *params,
                                    uint32_t sample_time_ns)
 {
-    rdpi_status_t status = check_pointers(layout, self, params);
+    rdpi_status_t status = rdpi_q31_check_pointers(layout, self, params);
     if (status == RDPI_OK) {
-        status = check_params(params);
+        status = rdpi_q31_check_params(params);
     }
     if (status == RDPI_OK) {
         status = rdpi_q31_rate_init(&self->rate_estimator, params, sample_time_ns);
@@ -240,8 +46,8 @@ rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi
         self->params = params;
         self->slew = per_sample(params->slew_per_us, sample_time_ns);
         self->sweep_step = per_sample(params->sweep_per_us, sample_time_ns);
-        self->plain = self->slew == 0 && codes_are_coarse(params);
-        self->piece.length = 0;
+        self->direct_output = self->slew == 0 && rdpi_q31_codes_are_coarse(params);
+        self->latest_piece.length = 0;
         rdpi_q31_reset(self);
         if (self->sweep_step < 1) { /* it would never arrive */
             status = RDPI_ERR_SWEEP;
@@ -252,20 +58,20 @@ rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi
 
 /* ---- memory ---- */
 
-/* What has happened since the latest sample does not matter to the next. */
+/* The next sample is the first: the rate history is forgotten. */
 static void forget_samples(rdpi_q31_t *self)
 {
     rdpi_q31_rate_reset(&self->rate_estimator);
     self->missed = 0;
 }
 
-/* The drive is what someone else, or the memory, says it is. */
+/* Takes a drive that no step has output: that of the memory or of another source. Ends a sweep. */
 static void put_drive(rdpi_q31_t *self, int32_t drive)
 {
     const rdpi_q31_params_t *params = self->params;
-    self->drive = in_range(params, drive);
+    self->drive = rdpi_q31_in_range(params, drive);
     self->ramp = widen(self->drive);
-    self->dac_code = params->dac_bits > 0u ? (uint32_t)code_of_drive(params, self->drive) : 0u;
+    self->dac_code = params->dac_bits > 0u ? (uint32_t)rdpi_q31_code_of_drive(params, self->drive) : 0u;
     self->sweep_turns = 0;
 }
 
@@ -284,7 +90,7 @@ void rdpi_q31_reset(rdpi_q31_t *self)
 
 rdpi_status_t rdpi_q31_set_memory(rdpi_q31_t *self, const int32_t *y)
 {
-    rdpi_status_t status = self == NULL || y == NULL ? RDPI_ERR_NULL : check_memory(self->params, y);
+    rdpi_status_t status = self == NULL || y == NULL ? RDPI_ERR_NULL : rdpi_q31_check_memory(self->params, y);
     if (status == RDPI_OK) {
         rdpi_q31_bank_set(&self->bank, self->params, y);
         put_drive(self, y[0]);
@@ -316,7 +122,7 @@ static void add_missed(rdpi_q31_t *self, uint32_t ticks)
     self->rate_estimator.direct = false;
 }
 
-/* The input is not usable: the sample passes with everything held. */
+/* The input is not usable. The drive is held, no state changes, and the sample counts as missed. */
 static void refuse_input(rdpi_q31_t *self)
 {
     set_flag(self, RDPI_FLAG_INPUT, &self->input_count);
@@ -333,12 +139,12 @@ static int32_t limit_rate(rdpi_q31_t *self, int32_t rate)
     return rate;
 }
 
-/* The rate where it takes more than the latest two samples, or there are none, or the guard is passed. Takes a drive of
- * someone else's that is outside the range to its end, which every output passes. */
-RDPI_Q31_SELDOM int32_t other_rate(rdpi_q31_t *self, int32_t reference)
+/* The rate if the estimator is not `direct`. Also moves x to the end of the range if another source has left it
+ * outside: every output passes that end. */
+static RDPI_Q31_SELDOM int32_t rate_not_direct(rdpi_q31_t *self, int32_t reference)
 {
     const rdpi_q31_params_t *params = self->params;
-    int32_t x = self->bank.y[0], inside = in_range(params, x);
+    int32_t x = self->bank.y[0], inside = rdpi_q31_in_range(params, x);
     if (x != inside) {
         rdpi_q31_bank_move(&self->bank, params, x, inside);
     }
@@ -350,46 +156,48 @@ RDPI_Q31_SELDOM int32_t other_rate(rdpi_q31_t *self, int32_t reference)
     return limit_rate(self, rdpi_q31_rate_step(&self->rate_estimator, reference, missed));
 }
 
-static inline int32_t rate_of(rdpi_q31_t *self, int32_t reference)
+/* The rate of a sample, after the guard. */
+static inline int32_t rate_of_sample(rdpi_q31_t *self, int32_t reference)
 {
     if (!self->rate_estimator.direct) {
-        return other_rate(self, reference);
+        return rate_not_direct(self, reference);
     }
-    uint32_t distance = rdpi_q31_rate_distance(&self->rate_estimator, reference);
-    if (distance > rdpi_q31_rate_reach(&self->rate_estimator)) {
+    uint32_t distance = rdpi_q31_rate_direct_distance(&self->rate_estimator, reference);
+    if (distance > rdpi_q31_rate_direct_limit(&self->rate_estimator)) {
         return limit_rate(self, INT32_MAX);
     }
-    return rdpi_q31_rate_of(&self->rate_estimator, distance);
+    return rdpi_q31_rate_direct(&self->rate_estimator, distance);
 }
 
-/* S^-1, times 2^30, where the reference is not on the piece of the latest. */
-RDPI_Q31_SELDOM int64_t other_piece(rdpi_q31_t *self, int32_t reference)
+/* S^-1, times 2^30, if the reference does not lie on latest_piece. */
+static RDPI_Q31_SELDOM int64_t v_beyond_piece(rdpi_q31_t *self, int32_t reference)
 {
     const rdpi_q31_params_t *params = self->params;
     const rdpi_q31_deadzone_t *term = params->inverse_saturation;
-    if (rdpi_q31_piece_find(&self->piece, term, params->deadzones, params->inverse_shift, reference)) {
-        return rdpi_q31_piece_at(&self->piece, reference);
+    if (rdpi_q31_piece_find(&self->latest_piece, term, params->deadzones, params->inverse_shift, reference)) {
+        return rdpi_q31_piece_at(&self->latest_piece, reference);
     }
-    int32_t v = rdpi_q31_saturation(term, params->deadzones, params->inverse_shift, MAX_V, reference);
+    int32_t v = rdpi_q31_saturation(term, params->deadzones, params->inverse_shift, MAX_BANK_OUTPUT, reference);
     return (int64_t)v * RDPI_Q31_ONE;
 }
 
-/* Outputs the ramp, to a code if there are codes, and moves the plays there; `from` as rdpi_q31_bank_move has it. */
+/* Outputs the ramp, rounded to a code if there are codes, and moves the plays there. `from` is that of
+ * rdpi_q31_bank_move. */
 static void output(rdpi_q31_t *self, int32_t from)
 {
     const rdpi_q31_params_t *params = self->params;
     self->drive = (int32_t)(self->ramp >> 32);
     if (params->dac_bits > 0u) {
-        int64_t code = code_of_drive(params, self->drive);
+        int64_t code = rdpi_q31_code_of_drive(params, self->drive);
         self->dac_code = (uint32_t)code;
-        /* clamped because the last code may round past the end of the range */
-        self->drive = rdpi_q31_clamp(drive_of_code(params, code), params->min_drive, params->max_drive);
+        /* clamped, because the last code may round past the end of the range */
+        self->drive = rdpi_q31_clamp(rdpi_q31_drive_of_code(params, code), params->min_drive, params->max_drive);
     }
     rdpi_q31_bank_move(&self->bank, params, from, self->drive);
 }
 
-/* Outputs what the slew limit leaves of a drive in range. */
-RDPI_Q31_SELDOM void output_slowly(rdpi_q31_t *self, int32_t drive)
+/* Outputs a drive in range, as far as the slew limit allows. */
+static RDPI_Q31_SELDOM void output_limited(rdpi_q31_t *self, int32_t drive)
 {
     int64_t change = widen(drive) - self->ramp;
     int64_t limited = change;
@@ -406,20 +214,20 @@ RDPI_Q31_SELDOM void output_slowly(rdpi_q31_t *self, int32_t drive)
     output(self, self->drive);
 }
 
-/* Outputs the code nearest to a drive in range. What `output` does, for codes that `plain` holds of. */
-static inline void output_code(rdpi_q31_t *self, int32_t drive)
+/* Outputs the code nearest to a drive in range: what `output` does, if `direct_output` holds. */
+static inline void output_direct(rdpi_q31_t *self, int32_t drive)
 {
     const rdpi_q31_params_t *params = self->params;
-    int32_t high = (int32_t)(rdpi_q31_mul(drive - params->code_0_drive, params->codes_per_drive) >> 32);
+    int32_t high = (int32_t)(rdpi_q31_mul(drive - params->drive_of_code_0, params->codes_per_drive) >> 32);
     int32_t code = ((high >> (params->code_shift - 33u)) + 1) >> 1;
     int64_t way = rdpi_q31_mul(code << (31u - params->drive_shift), params->drive_per_code);
-    int32_t rounded = params->code_0_drive + (int32_t)((way + RDPI_Q31_ONE) >> 31);
+    int32_t rounded = params->drive_of_code_0 + (int32_t)((way + RDPI_Q31_ONE) >> 31);
 
     self->ramp = widen(drive);
     self->dac_code = (uint32_t)code;
-    if (!rdpi_q31_bank_goes_on(&self->bank, rounded)) {
-        /* clamped because the last code may round past the end of the range */
-        rounded = in_range(params, rounded);
+    if (!rdpi_q31_bank_try_slide(&self->bank, rounded)) {
+        /* clamped, because the last code may round past the end of the range */
+        rounded = rdpi_q31_in_range(params, rounded);
         rdpi_q31_bank_move(&self->bank, params, self->drive, rounded);
     }
     self->drive = rounded;
@@ -430,23 +238,23 @@ int32_t rdpi_q31_step(rdpi_q31_t *self, int32_t reference)
     int64_t v;
     bool beyond = false;
     self->flags = 0;
-    if (rdpi_q31_piece_holds(&self->piece, reference)) {
-        v = rdpi_q31_piece_at(&self->piece, reference);
-    } else if (reference != RDPI_Q31_NO_REFERENCE) { /* which no piece holds */
-        v = other_piece(self, reference);
+    if (rdpi_q31_piece_holds(&self->latest_piece, reference)) {
+        v = rdpi_q31_piece_at(&self->latest_piece, reference);
+    } else if (reference != RDPI_Q31_NO_REFERENCE) { /* no piece holds that one */
+        v = v_beyond_piece(self, reference);
     } else {
         refuse_input(self);
         return self->drive;
     }
-    self->rate = rate_of(self, reference);
+    self->rate = rate_of_sample(self, reference);
     int32_t drive = rdpi_q31_bank_solve(&self->bank, self->params, rdpi_q31_fresh(self->rate), v, &beyond);
     if (beyond) {
         set_flag(self, RDPI_FLAG_RANGE, &self->clip_count);
     }
-    if (self->plain) {
-        output_code(self, drive);
+    if (self->direct_output) {
+        output_direct(self, drive);
     } else {
-        output_slowly(self, drive);
+        output_limited(self, drive);
     }
     return self->drive;
 }
@@ -469,8 +277,8 @@ bool rdpi_q31_sweep(rdpi_q31_t *self)
     if (self->rate_estimator.oldest < self->rate_estimator.window && self->slew == 0) {
         self->ramp = widen(self->drive); /* there have been steps: the sweep begins at what they have output */
     }
-    /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to the end */
-    int32_t limit = self->sweep_turns % 2u != 0u ? last_code_drive(params) : params->code_0_drive;
+    /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to sweep_end */
+    int32_t limit = self->sweep_turns % 2u != 0u ? rdpi_q31_drive_of_last_code(params) : params->drive_of_code_0;
     int64_t swing = widen(limit) - widen(params->sweep_end);
     int64_t turn = widen(params->sweep_end) + swing / params->sweep_cycles * (self->sweep_turns / 2u);
     int64_t change = turn - self->ramp;
@@ -493,7 +301,7 @@ bool rdpi_q31_sweep(rdpi_q31_t *self)
 int32_t rdpi_q31_predict(const rdpi_q31_t *self, int32_t drive, int32_t rate)
 {
     const rdpi_q31_params_t *params = self->params;
-    if (rate < 0 || !in_format(drive)) {
+    if (rate < 0 || !rdpi_q31_in_format(drive)) {
         return RDPI_Q31_NO_REFERENCE;
     }
     int32_t guarded = rate < RDPI_Q31_ONE ? rate : RDPI_Q31_ONE;

@@ -1,4 +1,5 @@
-/* Analog Devices AD5683R: one channel of 16 bits, 0 V at power up, 2.5 V reference on board, on by default. Above
+/** @file
+ * Analog Devices AD5683R: one channel of 16 bits, 0 V at power up, 2.5 V reference on board, on by default. Above
  * rdpi_spi.h, which says what the bus must be.
  *
  *     static rdpi_ad5683r_t dac;
@@ -54,48 +55,48 @@
 extern "C" {
 #endif
 
-/* The largest code. */
+/** The largest code. */
 #define RDPI_AD5683R_MAX_CODE 65535u
 
-/* How the board is wired. All false: internal reference, output 0 .. 2.5 V, LDAC tied to a level. */
+/** How the board is wired. All false: internal reference, output 0 .. 2.5 V, LDAC tied to a level. */
 typedef struct {
-    bool external_reference; /* VREF is driven from outside: the internal reference is switched off. It is on from power
+    bool external_reference; /**< VREF is driven from outside: the internal reference is switched off. It is on from power
                                 up until then, against the external one: see the README */
-    bool gain_2;             /* output 0 .. 2 Vref instead of 0 .. Vref; never above VDD */
-    bool ldac_driven;        /* LDAC comes from a timer's output, and without its edge the output does not change */
+    bool gain_2;             /**< output 0 .. 2 Vref instead of 0 .. Vref; never above VDD */
+    bool ldac_driven;        /**< LDAC comes from a timer's output, and without its edge the output does not change */
 } rdpi_ad5683r_config_t;
 
-/* One DAC at work. */
+/** One DAC at work. */
 typedef struct {
     /* result: counted since init, saturating */
-    uint32_t busy_count; /* writes refused because the one before was still being sent, or start was not done */
-    uint32_t code_count; /* writes refused because of a code above RDPI_AD5683R_MAX_CODE */
+    uint32_t busy_count; /**< writes refused because the one before was still being sent, or start was not done */
+    uint32_t code_count; /**< writes refused because of a code above RDPI_AD5683R_MAX_CODE */
     /* private */
     rdpi_ad5683r_config_t config;
-    uint8_t step;     /* frames of start that were sent */
-    bool ready;       /* start has returned true */
-    uint8_t bytes[3]; /* what rdpi_spi_write may still be sending */
+    uint8_t step;     /**< frames of start that were sent */
+    bool ready;       /**< start has returned true */
+    uint8_t bytes[3]; /**< what rdpi_spi_write may still be sending */
 } rdpi_ad5683r_t;
 
-/* Prepares `self`, sends nothing. `config` is copied. From main. */
+/** Prepares `self`, sends nothing. `config` is copied. From main. */
 void rdpi_ad5683r_init(rdpi_ad5683r_t *self, const rdpi_ad5683r_config_t *config);
 
-/* Sends the next of the two frames of the start, in the order of the table, unless the bus is busy. Returns true when
+/** Sends the next of the two frames of the start, in the order of the table, unless the bus is busy. Returns true when
  * both are out, and from then on. Leave about 1 ms between calls; no source names a time, and the drivers it was
  * compared with leave less. A bus that is always busy never returns true, so bound the loop. From main, before
  * rdpi_port_start. */
 bool rdpi_ad5683r_start(rdpi_ad5683r_t *self);
 
-/* Outputs a code, 0 .. RDPI_AD5683R_MAX_CODE over 0 .. Vref times gain. Starts the transfer of one frame and returns:
+/** Outputs a code, 0 .. RDPI_AD5683R_MAX_CODE over 0 .. Vref times gain. Starts the transfer of one frame and returns:
  * true, or false if nothing is sent and the output holds: because the transfer before is still running or start is not
  * done (busy_count), or because the code is above the limit (code_count): it is neither clipped nor wrapped, because
  * such a code is no drive that anybody computed. Both at once counts as busy. From the tick; time is bounded. */
 bool rdpi_ad5683r_write(rdpi_ad5683r_t *self, uint32_t code);
 
-/* Bytes that rdpi_ad5683r_safe_frames writes. */
+/** Bytes that rdpi_ad5683r_safe_frames writes. */
 #define RDPI_AD5683R_SAFE_BYTES 6
 
-/* Two frames that bring the output to a code whatever the DAC got before, LDAC or not: control register, then code. For
+/** Two frames that bring the output to a code whatever the DAC got before, LDAC or not: control register, then code. For
  * rdpi_port_safe, which sends them itself, because after a fault neither an rdpi_ad5683r_t nor an interrupt can be
  * trusted; nothing is sent here. Any context. */
 void rdpi_ad5683r_safe_frames(const rdpi_ad5683r_config_t *config, uint32_t code, uint8_t *bytes);

@@ -1,4 +1,5 @@
-/* TI DAC8562: two channels of 16 bits, 0 V at power up, 2.5 V reference on board. Above rdpi_spi.h, which says what the
+/** @file
+ * TI DAC8562: two channels of 16 bits, 0 V at power up, 2.5 V reference on board. Above rdpi_spi.h, which says what the
  * bus must be.
  *
  *     static rdpi_dac8562_t dac;
@@ -59,57 +60,57 @@
 extern "C" {
 #endif
 
-/* The largest code. */
+/** The largest code. */
 #define RDPI_DAC8562_MAX_CODE 65535u
 
-/* The outputs. */
+/** The outputs. */
 typedef enum {
-    RDPI_DAC8562_A, /* VOUTA */
+    RDPI_DAC8562_A, /**< VOUTA */
     RDPI_DAC8562_B  /* VOUTB */
 } rdpi_dac8562_channel_t;
 
-/* How the board is wired. All false: internal reference, outputs 0 .. 2.5 V, LDAC tied high. */
+/** How the board is wired. All false: internal reference, outputs 0 .. 2.5 V, LDAC tied high. */
 typedef struct {
-    bool external_reference; /* VREFIN is driven from outside: the internal reference must stay off */
-    bool gain_2;             /* outputs 0 .. 2 Vref instead of 0 .. Vref; never above AVDD */
-    bool ldac_driven;        /* LDAC comes from a timer's output, and without its edge no output changes */
+    bool external_reference; /**< VREFIN is driven from outside: the internal reference must stay off */
+    bool gain_2;             /**< outputs 0 .. 2 Vref instead of 0 .. Vref; never above AVDD */
+    bool ldac_driven;        /**< LDAC comes from a timer's output, and without its edge no output changes */
 } rdpi_dac8562_config_t;
 
-/* One DAC at work. */
+/** One DAC at work. */
 typedef struct {
     /* result: counted since init, saturating */
-    uint32_t busy_count; /* writes refused because the one before was still being sent, or start was not done */
-    uint32_t code_count; /* writes refused because of a code above RDPI_DAC8562_MAX_CODE */
+    uint32_t busy_count; /**< writes refused because the one before was still being sent, or start was not done */
+    uint32_t code_count; /**< writes refused because of a code above RDPI_DAC8562_MAX_CODE */
     /* private */
     rdpi_dac8562_config_t config;
-    uint8_t step;     /* frames of start that were sent */
-    bool ready;       /* start has returned true */
-    uint8_t bytes[6]; /* what rdpi_spi_write may still be sending */
+    uint8_t step;     /**< frames of start that were sent */
+    bool ready;       /**< start has returned true */
+    uint8_t bytes[6]; /**< what rdpi_spi_write may still be sending */
 } rdpi_dac8562_t;
 
-/* Prepares `self`, sends nothing. `config` is copied. From main. */
+/** Prepares `self`, sends nothing. `config` is copied. From main. */
 void rdpi_dac8562_init(rdpi_dac8562_t *self, const rdpi_dac8562_config_t *config);
 
-/* Sends the next of the five frames of the start, in the order of the table, unless the bus is busy. Returns true when
+/** Sends the next of the five frames of the start, in the order of the table, unless the bus is busy. Returns true when
  * all are out, and from then on. The data sheets give no time between the frames; about 1 ms between calls is what
  * drivers in the field leave after the reset, and it lets the reference settle. A bus that is always busy never returns
  * true, so bound the loop. From main, before rdpi_port_start. */
 bool rdpi_dac8562_start(rdpi_dac8562_t *self);
 
-/* Outputs a code on each channel, 0 .. RDPI_DAC8562_MAX_CODE over 0 .. Vref times gain, both at the same moment. Starts
+/** Outputs a code on each channel, 0 .. RDPI_DAC8562_MAX_CODE over 0 .. Vref times gain, both at the same moment. Starts
  * the transfer of two frames and returns: true, or false if nothing is sent and both outputs hold: because the transfer
  * before is still running or start is not done (busy_count), or because a code is above the limit (code_count): it is
  * neither clipped nor wrapped, because such a code is no drive that anybody computed. Both at once counts as busy. From
  * the tick; time is bounded. */
 bool rdpi_dac8562_write(rdpi_dac8562_t *self, uint32_t code_a, uint32_t code_b);
 
-/* The same for one channel: one frame, the other output holds. */
+/** The same for one channel: one frame, the other output holds. */
 bool rdpi_dac8562_write_channel(rdpi_dac8562_t *self, rdpi_dac8562_channel_t channel, uint32_t code);
 
-/* Bytes that rdpi_dac8562_safe_frames writes. */
+/** Bytes that rdpi_dac8562_safe_frames writes. */
 #define RDPI_DAC8562_SAFE_BYTES 6
 
-/* The two frames of rdpi_dac8562_write, LDAC driven or not, for rdpi_port_safe, which sends them itself, because
+/** The two frames of rdpi_dac8562_write, LDAC driven or not, for rdpi_port_safe, which sends them itself, because
  * after a fault neither an rdpi_dac8562_t nor an interrupt can be trusted; nothing is sent here. Before
  * rdpi_dac8562_start, after power up, the internal reference is off, and the outputs are 0 V whatever the code. Any
  * context. */

@@ -1,4 +1,5 @@
-/* Telemetry: one frame per sample to the host, which `rdpi record` and `rdpi import --telemetry` turn into a recording.
+/** @file
+ * Telemetry: one frame per sample to the host, which `rdpi record` and `rdpi import --telemetry` turn into a recording.
  * Above rdpi_port_send; what that does not take is counted, and the host sees the gap.
  *
  * On the line a frame is its body and a CRC-16, COBS encoded, and a zero byte:
@@ -40,70 +41,78 @@
 extern "C" {
 #endif
 
+/** Version of the layout above. */
 #define RDPI_TELEMETRY_VERSION 1u
 
-/* Among a sample's flags: the start-up sweep was running. */
+/** Among a sample's flags: the start-up sweep was running. */
 #define RDPI_TELEMETRY_SWEEP 0x100u
 
-/* Likewise: the DAC did not take the code; it held the one before. */
+/** Likewise: the DAC did not take the code; it held the one before. */
 #define RDPI_TELEMETRY_HELD 0x200u
 
-/* Longest frame on the line, bytes: an info. A sample takes 29. */
+/** Longest frame on the line, bytes: an info. A sample takes 29. */
 #define RDPI_TELEMETRY_MAX_BYTES 110
 
+/** What an info says of the run. */
 typedef enum {
-    RDPI_TELEMETRY_STARTING = 0, /* before the first tick */
+    RDPI_TELEMETRY_STARTING = 0, /**< before the first tick */
     RDPI_TELEMETRY_RUNNING = 1,
-    RDPI_TELEMETRY_FINISHED = 2, /* the reference is at its end; no sample follows */
-    RDPI_TELEMETRY_REFUSED = 3,  /* the parameters, see the status, or with RDPI_OK the rate; no sample follows */
-    RDPI_TELEMETRY_SAFE = 4,     /* too many ticks were lost in a row: the safe code is out; no sample follows */
+    RDPI_TELEMETRY_FINISHED = 2, /**< the reference is at its end; no sample follows */
+    RDPI_TELEMETRY_REFUSED = 3,  /**< the parameters, see the status, or with RDPI_OK the rate; no sample follows */
+    RDPI_TELEMETRY_SAFE = 4,     /**< too many ticks were lost in a row: the safe code is out; no sample follows */
     RDPI_TELEMETRY_RESET = 5     /* the watchdog has reset the board: the safe code is out; no sample follows */
 } rdpi_telemetry_state_t;
 
-/* What `reference` and `rate` of a sample are. */
+/** What `reference` and `rate` of a sample are. */
 typedef enum {
     RDPI_TELEMETRY_NO_REFERENCE = 0,
     RDPI_TELEMETRY_FLOAT = 1,
     RDPI_TELEMETRY_INT32 = 2
 } rdpi_telemetry_number_t;
 
-/* Constants of a run, in flash. */
+/** Constants of a run, in flash. */
 typedef struct {
-    double min_V, max_V;                     /* drive at code 0 and at the last code */
-    double um_per_reference, reference_0_um; /* 1 and 0 for references in um */
-    double um_per_s_per_rate;                /* 1 for rates in um/s */
-    double um_per_count, count_0_um;         /* of the displacement sensor */
+    double min_V;             /**< drive at code 0 */
+    double max_V;             /**< drive at the last code */
+    double um_per_reference;  /**< 1 for references in um */
+    double reference_0_um;    /**< 0 for references in um */
+    double um_per_s_per_rate; /**< 1 for rates in um/s */
+    double um_per_count;      /**< of the displacement sensor */
+    double count_0_um;        /**< displacement at count 0 */
     uint32_t rate_hz;
-    uint32_t cycles_per_s; /* of rdpi_port_cycles; 0: not known */
+    uint32_t cycles_per_s; /**< of rdpi_port_cycles; 0: not known */
     uint8_t dac_bits;
-    uint8_t numbers; /* rdpi_telemetry_number_t */
+    uint8_t numbers; /**< rdpi_telemetry_number_t */
 } rdpi_telemetry_run_t;
 
-/* What changes in the course of one. */
+/** What changes during a run. */
 typedef struct {
     uint32_t overruns, guard_count, clip_count, input_count, missed_count, held_count, longest_tick_cycles;
-    uint8_t state; /* rdpi_telemetry_state_t */
-    int8_t status; /* rdpi_status_t */
+    uint8_t state; /**< rdpi_telemetry_state_t */
+    int8_t status; /**< rdpi_status_t */
 } rdpi_telemetry_counts_t;
 
+/** One sample; the table above has the fields. */
 typedef struct {
     uint32_t tick;
-    uint32_t reference; /* bits of the float or int32 */
-    uint32_t rate;      /* likewise */
+    uint32_t reference; /**< bits of the float or int32 */
+    uint32_t rate;      /**< likewise */
     uint32_t dac_code;
     int32_t adc_counts;
     uint16_t flags;
 } rdpi_telemetry_sample_t;
 
-/* One line to the host. All 0 at start. */
+/** One line to the host. All 0 at start. */
 typedef struct {
-    uint32_t offered_count; /* samples; wraps */
-    uint32_t refused_count; /* of those, what rdpi_port_send did not take; saturates */
+    uint32_t offered_count; /**< samples; wraps */
+    uint32_t refused_count; /**< of those, what rdpi_port_send did not take; saturates */
 } rdpi_telemetry_t;
 
-/* Offer a frame to rdpi_port_send; return whether it was taken. From the context in which rdpi_port_send may be called.
- * Some 15 instructions per byte on a Cortex-M4. */
+/** Offers a sample to rdpi_port_send and returns whether it was taken. From the context in which rdpi_port_send may be
+ * called. Some 15 instructions per byte on a Cortex-M4. */
 bool rdpi_telemetry_sample(rdpi_telemetry_t *self, const rdpi_telemetry_sample_t *sample);
+
+/** Offers an info to rdpi_port_send and returns whether it was taken. Context and cost as of rdpi_telemetry_sample. */
 bool rdpi_telemetry_info(const rdpi_telemetry_t *self, const rdpi_telemetry_run_t *run,
                          const rdpi_telemetry_counts_t *counts);
 

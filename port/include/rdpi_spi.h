@@ -1,4 +1,5 @@
-/* What a DAC driver in port/drivers needs of a board: an SPI master that sends frames and a way to ask whether it still
+/** @file
+ * What a DAC driver in port/drivers needs of a board: an SPI master that sends frames and a way to ask whether it still
  * does. A board with a DAC of its own needs none of it. One DAC per board, so no handle: a second axis is the second
  * channel of a DAC8562. tests/unit mocks this header.
  *
@@ -25,10 +26,10 @@
 extern "C" {
 #endif
 
-/* Bytes of one frame. */
+/** Bytes of one frame. */
 #define RDPI_SPI_FRAME_BYTES 3
 
-/* Starts to send `frames` frames, one or two, of RDPI_SPI_FRAME_BYTES bytes each, in the order in which they are in
+/** Starts to send `frames` frames, one or two, of RDPI_SPI_FRAME_BYTES bytes each, in the order in which they are in
  * memory, and returns without waiting for them. Chip select goes low before each frame and high after it. The bytes
  * stay as they are until rdpi_spi_busy returns false, so they may be sent from where they are, by DMA too.
  *
@@ -36,7 +37,7 @@ extern "C" {
  * interrupt context. Two frames must be out before the next tick: at 20 MHz they take 3 us. */
 void rdpi_spi_write(const uint8_t *bytes, size_t frames);
 
-/* True from rdpi_spi_write until chip select has been high for 80 ns after the last frame. Returns at once; any
+/** True from rdpi_spi_write until chip select has been high for 80 ns after the last frame. Returns at once; any
  * context. A board that sends within rdpi_spi_write, because it has neither FIFO nor DMA, always returns false: its
  * tick is longer by the transfer. */
 bool rdpi_spi_busy(void);

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """How many instructions one sample costs, counted on emulated Cortex-M, as a Markdown table.
 
-    tests/benchmark/instructions.py                     prints it
-    tests/benchmark/instructions.py --write README.md   puts it between the markers in README.md
-    tests/benchmark/instructions.py --check README.md   fails if it is not the one there, or misses a target
-    tests/benchmark/instructions.py m4f f32 9           one case: core, engine, n, and the inputs that cost most
+    tests/benchmark/instructions.py                         prints it
+    tests/benchmark/instructions.py --write lib/README.md   puts it between the markers there
+    tests/benchmark/instructions.py --check lib/README.md   fails if it is not the one there, or misses a target
+    tests/benchmark/instructions.py m4f f32 9               one case: core, engine, n, and the inputs that cost most
 
 Mean: over `profile`. Worst: of everything that the search in instructions/main.c finds. Another version of the compiler
 than the one that the table names makes other code: then only the targets count.

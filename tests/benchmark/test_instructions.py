@@ -10,7 +10,7 @@ import pytest
 import instructions
 from instructions import RATIOS, ROOT, SIZES, TARGETS, Case, Result
 
-README = "README.md"
+README = "lib/README.md"
 OLD = "| mean / worst, gcc 12.2.1 |\n| 1 / 2 |"
 
 

@@ -18,7 +18,7 @@ int main(void)
     rdpi_f32_params_t params = {
         .schema = RDPI_PARAMS_SCHEMA, .plays = RDPI_MAX_PLAYS, .deadzones = 1, .sweep_cycles = 10, .gain_um_per_V = 2,
         .V_per_um = 0.5f, .max_um_per_s = 1000, .min_slope_ratio = 0.1f, .max_V = 10, .sweep_V_per_s = 100,
-        .play = play, .saturation = &straight, .inverse = &back, .memory_um = memory_um};
+        .play = play, .saturation = &straight, .inverse_saturation = &back, .memory_um = memory_um};
     params.digest = rdpi_f32_digest(&params);
     static rdpi_f32_t axis;
     if (rdpi_f32_init(&axis, &params, 1e-4f) != RDPI_OK) {

@@ -16,7 +16,8 @@ static rdpi_status_t init_f32(void *self)
     rdpi_f32_params_t params = {
         .schema = RDPI_PARAMS_SCHEMA, .plays = 1, .deadzones = 1, .sweep_cycles = 10, .gain_um_per_V = 2,
         .V_per_um = (rdpi_real_t)0.5, .max_um_per_s = 1000, .min_slope_ratio = (rdpi_real_t)0.1, .max_V = 10,
-        .sweep_V_per_s = 100, .play = &play, .saturation = &straight, .inverse = &back, .memory_um = &memory_um};
+        .sweep_V_per_s = 100, .play = &play, .saturation = &straight, .inverse_saturation = &back,
+        .memory_um = &memory_um};
     params.digest = rdpi_f32_digest(&params);
     return rdpi_f32_init(self, &params, (rdpi_real_t)1e-4);
 }

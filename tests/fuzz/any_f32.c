@@ -57,7 +57,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     actuator_derive_codes(&params);
     params.play = how & NO_PLAY ? NULL : play;
     params.saturation = saturation;
-    params.inverse = inverse;
+    params.inverse_saturation = inverse;
     params.memory_um = how & NO_MEMORY ? NULL : memory_um;
     bool complete = params.play && params.memory_um && counts_fit;
     params.digest = how & DIGEST || !complete ? take_u32() : rdpi_f32_digest(&params);

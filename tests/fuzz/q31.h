@@ -73,7 +73,7 @@ static int32_t mantissa_of(double value, uint8_t *shift)
 static void derive_codes(params_t *params, bool rising)
 {
     double last = ldexp(1, params->dac_bits) - 1, span = (double)params->max_drive - params->min_drive;
-    params->code_0_drive = rising ? params->min_drive : params->max_drive;
+    params->drive_of_code_0 = rising ? params->min_drive : params->max_drive;
     if (params->dac_bits > 0) {
         params->codes_per_drive = mantissa_of((rising ? last : -last) / span, &params->code_shift);
         params->drive_per_code = mantissa_of((rising ? span : -span) / last, &params->drive_shift);

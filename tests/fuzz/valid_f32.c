@@ -34,7 +34,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         .max_V = (rdpi_real_t)(min_V + span_V),
         .play = play,
         .saturation = saturation,
-        .inverse = inverse,
+        .inverse_saturation = inverse,
         .memory_um = memory_um,
     };
     double sweep_V_per_s = fmin(span_V / sample_time_s * pow(10, take_between(-2, 0.5)), 1e6);

@@ -37,7 +37,7 @@ NUMBERS = {
     "saturation_shift": ctypes.c_uint8, "inverse_shift": ctypes.c_uint8, "code_shift": ctypes.c_uint8,
     "drive_shift": ctypes.c_uint8, "guard_exponent": ctypes.c_int16, "min_slope_ratio": ctypes.c_uint16,
     "guard_mantissa": ctypes.c_uint32, "rate_window_ns": ctypes.c_uint32, "rate_filter_ns": ctypes.c_uint32,
-    "min_drive": ctypes.c_int32, "max_drive": ctypes.c_int32, "code_0_drive": ctypes.c_int32,
+    "min_drive": ctypes.c_int32, "max_drive": ctypes.c_int32, "drive_of_code_0": ctypes.c_int32,
     "codes_per_drive": ctypes.c_int32, "drive_per_code": ctypes.c_int32, "sweep_end": ctypes.c_int32}
 ARRAYS = ("play", "saturation", "inverse_saturation", "memory")
 
@@ -126,7 +126,7 @@ def saturation(pieces: list[tuple[int, Fraction]], shift: int) -> tuple[list[tup
 
 def codes(bits: int, low: int, high: int, falling: bool) -> dict[str, int]:
     if bits == 0:
-        return dict(dac_bits=0, code_0_drive=low, codes_per_drive=0, drive_per_code=0, code_shift=0, drive_shift=0)
+        return dict(dac_bits=0, drive_of_code_0=low, codes_per_drive=0, drive_per_code=0, code_shift=0, drive_shift=0)
 
     def quotient(value: Fraction) -> tuple[int, int]:
         shift = 1
@@ -137,7 +137,7 @@ def codes(bits: int, low: int, high: int, falling: bool) -> dict[str, int]:
     sign, last = -1 if falling else 1, 2**bits - 1
     (per_drive, code_shift), (per_code, drive_shift) = quotient(Fraction(last, high - low)), quotient(
         Fraction(high - low, last))
-    return dict(dac_bits=bits, code_0_drive=high if falling else low, codes_per_drive=sign * per_drive,
+    return dict(dac_bits=bits, drive_of_code_0=high if falling else low, codes_per_drive=sign * per_drive,
                 drive_per_code=sign * per_code, code_shift=code_shift, drive_shift=drive_shift)
 
 

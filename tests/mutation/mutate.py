@@ -3,7 +3,7 @@
 
     tests/mutation/mutate.py [WORD...]    all faults, or those whose first line contains every word
 
-A fault must be seen in both builds, with the short way of the float step and without (RDPI_QUICK_STEP), but for one
+A fault must be seen in both builds, with the quick way of the float step and without (RDPI_QUICK_STEP), but for one
 where its object code is the same as without the fault. Unit tests, then property tests, with sanitizers; a test that
 hangs has failed, one that does not compile has not. Needs what tests/support/setup.sh tests installs.
 """
@@ -199,7 +199,8 @@ def killers(fault: Fault) -> list[str]:
     path.write_text(text.replace(fault.before, fault.after), encoding="utf-8")
     nearest = "test_" + path.stem.removeprefix("rdpi_")
     tests = [test for test in ALL if any(tree.affects(source) for source in sources(test))]
-    tests.sort(key=lambda test: test.stem != nearest)
+    sibling = "_".join(nearest.split("_")[:2])
+    tests.sort(key=lambda test: (test.stem != nearest, not test.stem.startswith(sibling)))
     seen: list[str] = []
     for build in BUILDS:
         test = seen_by(tree, tests, build)

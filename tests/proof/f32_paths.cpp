@@ -166,7 +166,7 @@ struct Actuator {
         params.sweep_cycles = 2;
         params.play = play.get();
         params.saturation = saturation.get();
-        params.inverse = inverse.get();
+        params.inverse_saturation = inverse.get();
         params.memory_um = memory.get();
     }
 };
@@ -179,13 +179,16 @@ static void check_state(const rdpi_f32_t &self, const char *function, unsigned e
     const rdpi_f32_params_t *params = self.params;
     unsigned plays = params->plays;
     check(self.bank.engaged < plays, function, "engaged is beyond the plays", plays, engaged);
-    check(self.bank.at == params->play + self.bank.engaged, function, "at is not play[engaged]", plays, engaged);
-    check(self.rate.oldest <= self.rate.window, function, "oldest is beyond the window", plays, engaged);
-    if (RDPI_QUICK_STEP && self.plain) {
-        check(self.rate.window == 1 && self.rate.oldest == 0, function, "plain without a sample", plays, engaged);
-        check(params->dac_bits > 0, function, "plain without codes", plays, engaged);
-        check(self.piece >= params->inverse && self.piece < params->inverse + params->deadzones, function,
-              "plain without a piece", plays, engaged);
+    check(self.bank.last_engaged == params->play + self.bank.engaged, function,
+          "last_engaged is not play[engaged]", plays, engaged);
+    const rdpi_f32_rate_t &rate = self.rate_estimator;
+    check(rate.oldest <= rate.window, function, "oldest is beyond the window", plays, engaged);
+    if (RDPI_QUICK_STEP && self.quick) {
+        check(rate.window == 1 && rate.oldest == 0, function, "quick without a sample", plays, engaged);
+        check(params->dac_bits > 0, function, "quick without codes", plays, engaged);
+        const rdpi_f32_piece_t *first = params->inverse_saturation;
+        check(self.latest_piece >= first && self.latest_piece < first + params->deadzones, function,
+              "quick without a piece", plays, engaged);
     }
     for (unsigned i = 0; i < plays; i++) { // or the search for the last play engaged might not end
         const Number &y = self.bank.y_um[i];
@@ -200,28 +203,29 @@ static void check_ends(const rdpi_f32_t &self, const char *function, unsigned en
     for (unsigned i = states(plays); i < RDPI_MAX_PLAYS; i++) {
         check(self.bank.y_um[i].kind == Number::Beyond, function, "a state beyond the plays is written", plays, engaged);
     }
-    for (unsigned k = self.rate.window; k < RDPI_MAX_WINDOW; k++) {
-        check(self.rate.z_um[k].kind == Number::Beyond, function, "a sample beyond the window is written", plays, engaged);
+    for (unsigned k = self.rate_estimator.window; k < RDPI_MAX_WINDOW; k++) {
+        check(self.rate_estimator.z_um[k].kind == Number::Beyond, function, "a sample beyond the window is written",
+              plays, engaged);
     }
 }
 
 // Between two calls, whatever the numbers.
 struct State {
     unsigned engaged, window, oldest, missed, turns, piece;
-    bool falling, plain;
+    bool falling, quick;
 };
 
 static rdpi_f32_t instance(const Actuator &actuator, const State &state)
 {
     rdpi_f32_t self{};
     self.params = &actuator.params;
-    self.piece = actuator.params.inverse + state.piece;
+    self.latest_piece = actuator.params.inverse_saturation + state.piece;
     self.sweep_turns = static_cast<std::uint16_t>(state.turns);
     self.missed = static_cast<std::uint8_t>(state.missed);
-    self.plain = state.plain;
-    self.rate.window = static_cast<std::uint16_t>(state.window);
-    self.rate.oldest = static_cast<std::uint16_t>(state.oldest);
-    self.bank.at = actuator.params.play + state.engaged;
+    self.quick = state.quick;
+    self.rate_estimator.window = static_cast<std::uint16_t>(state.window);
+    self.rate_estimator.oldest = static_cast<std::uint16_t>(state.oldest);
+    self.bank.last_engaged = actuator.params.play + state.engaged;
     self.bank.engaged = static_cast<std::uint16_t>(state.engaged);
     self.bank.falling = state.falling;
     for (unsigned i = 1; i <= state.engaged; i++) {
@@ -231,7 +235,7 @@ static rdpi_f32_t instance(const Actuator &actuator, const State &state)
         self.bank.y_um[i] = Number(Number::Beyond, 0);
     }
     for (unsigned k = state.window; k < RDPI_MAX_WINDOW; k++) {
-        self.rate.z_um[k] = Number(Number::Beyond, 0);
+        self.rate_estimator.z_um[k] = Number(Number::Beyond, 0);
     }
     return self;
 }
@@ -254,11 +258,11 @@ static void from(const Actuator &actuator, State state)
     for (Number input : {some, nan_, infinity, minus_infinity}) {
         for (unsigned missed : {0u, 1u, RDPI_MAX_MISSED + 1u}) { // more only turn the estimator's loop more often
             state.missed = missed;
-            for (state.piece = 0; state.piece < (state.plain ? actuator.params.deadzones : 1u); state.piece++) {
+            for (state.piece = 0; state.piece < (state.quick ? actuator.params.deadzones : 1u); state.piece++) {
                 walk_all("step", actuator, state, [&](rdpi_f32_t &self) { rdpi_f32_step(&self, input); });
             }
             state.piece = 0;
-            if (state.plain || state.window > 1 || !(input.kind == Number::Finite)) {
+            if (state.quick || state.window > 1 || !(input.kind == Number::Finite)) {
                 break; // none are missed, or it makes no difference to what is beside the estimator
             }
         }
@@ -281,7 +285,7 @@ static void from_init(const Actuator &actuator)
     bool accepted = false;
     do {
         rdpi_f32_t self{};
-        self.plain = true;
+        self.quick = true;
         if (rdpi_f32_init(&self, &actuator.params, some) == RDPI_OK) {
             accepted = true;
             check_state(self, "init", 0);
@@ -304,14 +308,14 @@ static void from_all(unsigned plays, unsigned deadzones, unsigned bits)
             state.falling = falling != 0;
             for (state.window = 1; state.window <= WINDOW; state.window++) {
                 for (state.oldest = 0; state.oldest <= state.window; state.oldest++) {
-                    state.plain = false;
+                    state.quick = false;
                     from(actuator, state);
                 }
             }
             state.window = 1;
             state.oldest = 0;
-            state.plain = RDPI_QUICK_STEP && bits > 0;
-            if (state.plain) {
+            state.quick = RDPI_QUICK_STEP && bits > 0;
+            if (state.quick) {
                 from(actuator, state);
             }
         }

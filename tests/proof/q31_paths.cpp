@@ -1,4 +1,4 @@
-// A proof about the fixed-point bank and what calls it: lib/src/q31_inverse.h, q31_play.h and rdpi_q31.c as they are,
+// A proof about the fixed-point bank and what calls it: lib/src/q31_bank.h, q31_play.h and rdpi_q31.c as they are,
 // compiled with integers that are terms of a solver (Z3). Every path that any numbers can take is walked; on each, the
 // solver shows for all numbers that take it that no 32-bit sum or product overflows and, at its end, that the invariant
 // holds again. See README.md for what is assumed and what is left out.
@@ -232,8 +232,8 @@ struct U32 {
 
 // lib/src/q31_math.h by its contracts.
 #define RDPI_Q31_MATH_H
-#define RDPI_Q31_SELDOM static
-#define RDPI_Q31_HOT static inline
+#define RDPI_Q31_SELDOM
+#define RDPI_Q31_HOT inline
 static I32 rdpi_q31_clamp(I64 value, I32 low, I32 high)
 {
     return value < low ? low : (value > high ? high : I32(value));
@@ -244,7 +244,7 @@ static I64 rdpi_q31_mul(I32 a, I32 b)
 {
     z3::expr p = product(a.term(), b.term());
     if (coded != nullptr && b.id == coded->drive_per_code.id) {
-        z3::expr zero = coded->code_0_drive.term(), unit = number(1LL << 31), half = number(1LL << 30);
+        z3::expr zero = coded->drive_of_code_0.term(), unit = number(1LL << 31), half = number(1LL << 30);
         solver.add(unit * (coded->min_drive.term() - 2 - zero) <= p + half);
         solver.add(p + half < unit * (coded->max_drive.term() + 3 - zero));
     }
@@ -267,7 +267,7 @@ static I32 rdpi_q31_divide(I64 dividend, I32 divisor)
 }
 
 // The saturation stage and the rate estimator: any numbers of their ranges.
-#define RDPI_Q31_DEADZONE_H
+#define RDPI_Q31_SATURATION_H
 #define RDPI_Q31_RATE_H
 #define RDPI_CRC_H
 static uint32_t rdpi_crc32(uint32_t crc, const void *, std::size_t) { return crc; }
@@ -289,18 +289,18 @@ static bool rdpi_q31_piece_holds(const rdpi_q31_piece_t *, I32) { return either(
 static I64 rdpi_q31_piece_at(const rdpi_q31_piece_t *, I32) { return I64(unknown()); }
 static void rdpi_q31_rate_reset(rdpi_q31_rate_t *rate) { rate->direct = false; }
 static rdpi_status_t rdpi_q31_rate_init(rdpi_q31_rate_t *, const rdpi_q31_params_t *, uint32_t) { return RDPI_OK; }
-static uint32_t rdpi_q31_rate_reach(const rdpi_q31_rate_t *) { return 1; }
-static uint32_t rdpi_q31_rate_distance(rdpi_q31_rate_t *, I32) { return either() ? 2 : 0; }
-static I32 rdpi_q31_rate_of(const rdpi_q31_rate_t *, uint32_t) { return any32(0, 1LL << 30); }
+static uint32_t rdpi_q31_rate_direct_limit(const rdpi_q31_rate_t *) { return 1; }
+static uint32_t rdpi_q31_rate_direct_distance(rdpi_q31_rate_t *, I32) { return either() ? 2 : 0; }
+static I32 rdpi_q31_rate_direct(const rdpi_q31_rate_t *, uint32_t) { return any32(0, 1LL << 30); }
 static I32 rdpi_q31_rate_step(rdpi_q31_rate_t *rate, I32, unsigned)
 {
     rate->direct = either();
-    return any32(0, 1LL << 30); // beyond the guard: see rdpi_q31_rate_distance
+    return any32(0, 1LL << 30); // beyond the guard: see rdpi_q31_rate_direct_distance
 }
 
 #include "q31_play.h"
 #define uint32_t U32
-#include "q31_inverse.h"
+#include "q31_bank.h"
 #undef uint32_t
 #include "rdpi_q31.c"
 
@@ -337,7 +337,7 @@ struct Actuator {
                 *member = any32(INT32_MIN, INT32_MAX);
             }
         }
-        for (I32 *member : {&params.min_drive, &params.max_drive, &params.sweep_end, &params.code_0_drive,
+        for (I32 *member : {&params.min_drive, &params.max_drive, &params.sweep_end, &params.drive_of_code_0,
                             &params.codes_per_drive, &params.drive_per_code}) {
             *member = any32(INT32_MIN, INT32_MAX);
         }
@@ -355,7 +355,7 @@ struct Actuator {
             all = all && within(slope, 1 << 24, 1 << 30) && within(slope + play[i].slope_rate.term(), 1 << 24, 1 << 30);
         }
         z3::expr min = params.min_drive.term(), max = params.max_drive.term(), end = params.sweep_end.term();
-        z3::expr zero = params.code_0_drive.term();
+        z3::expr zero = params.drive_of_code_0.term();
         return all && number(-format) <= min && min < max && max <= number(format) && min <= end && end <= max &&
                (zero == min || zero == max);
     }
@@ -422,12 +422,12 @@ static void draw(rdpi_q31_t &self, const Actuator &actuator, const State &state)
     self.params = &params;
     self.bank.engaged = static_cast<std::uint16_t>(state.engaged);
     self.bank.falling = state.falling;
-    self.bank.last = params.play + state.engaged;
+    self.bank.last_engaged = params.play + state.engaged;
     for (unsigned i = 0; i < params.plays; i++) {
         drawn(self.bank.y[i]);
     }
     drawn(self.bank.room);
-    self.bank.f_rest = I64(unknown());
+    self.bank.f_at_rest = I64(unknown());
     self.bank.f_rate = I64(unknown());
     solver.add(invariant(params, self.bank));
     z3::expr drive = drawn(self.drive), x = self.bank.y[0].term(), ramp = unknown();
@@ -442,8 +442,8 @@ static void draw(rdpi_q31_t &self, const Actuator &actuator, const State &state)
     self.sweep_step = I64(unknown());
     solver.add(self.slew.term() >= 0 && self.sweep_step.term() >= 1);
     solver.add(within(drawn(self.rate), 0, 1 << 30));
-    self.plain = whole && params.dac_bits > 0 && either();
-    if (self.plain) {
+    self.direct_output = whole && params.dac_bits > 0 && either();
+    if (self.direct_output) {
         solver.add(self.slew.term() == 0);
     }
 }
@@ -452,7 +452,7 @@ static void prove_state(const rdpi_q31_t &self)
 {
     const rdpi_q31_params_t &params = *self.params;
     prove(context.bool_val(self.bank.engaged < params.plays), "engaged is one of the plays");
-    prove(context.bool_val(self.bank.last == params.play + self.bank.engaged), "last is play[engaged]");
+    prove(context.bool_val(self.bank.last_engaged == params.play + self.bank.engaged), "last_engaged is play[engaged]");
     z3::expr drive = self.drive.term(), x = self.bank.y[0].term(), ramp = self.ramp.term(), wide = number(1LL << 32);
     for (unsigned i = params.plays; i < RDPI_MAX_PLAYS; i++) {
         prove(context.bool_val(self.bank.y[i].id == beyond), "no state beyond the plays is written");
@@ -461,7 +461,7 @@ static void prove_state(const rdpi_q31_t &self)
     prove(params.min_drive.term() * wide <= ramp && ramp <= params.max_drive.term() * wide, "the ramp is inside");
     prove(invariant(params, self.bank), "the bank's invariant");
     if (self.rate_estimator.direct) {
-        prove(drive == x, "the drive is x where the short way is open");
+        prove(drive == x, "the drive is x where the quick way is open");
     }
 }
 
@@ -571,7 +571,7 @@ static void from(unsigned plays, unsigned bits, const State &state)
         }
         rdpi_q31_params_t params = *self.params;
         params.memory = y.get();
-        if (in_range(&params, y[0]) == y[0]) { // as init has checked
+        if (rdpi_q31_in_range(&params, y[0]) == y[0]) { // as init has checked
             self.params = &params;
             rdpi_q31_reset(&self);
             prove_state(self);
@@ -593,8 +593,8 @@ static void bank_from(unsigned plays, const State &state)
         I32 rounded;
         z3::expr code = drawn(rounded); // what is output instead: up to 2 units beyond the range, where it is a code
         solver.add(params.min_drive.term() - 2 <= code && code <= params.max_drive.term() + 2);
-        if (!rdpi_q31_bank_goes_on(bank, rounded)) {
-            rounded = in_range(&params, rounded);
+        if (!rdpi_q31_bank_try_slide(bank, rounded)) {
+            rounded = rdpi_q31_in_range(&params, rounded);
             rdpi_q31_bank_move(bank, &params, before, rounded);
         }
         self.drive = rounded;

@@ -69,7 +69,7 @@ static void require(bool holds, const char *what, int number, int step)
 
 typedef struct {
     rdpi_q31_play_t play[RDPI_MAX_PLAYS];
-    rdpi_q31_deadzone_t saturation[RDPI_MAX_DEADZONES], inverse[RDPI_MAX_DEADZONES];
+    rdpi_q31_deadzone_t saturation[RDPI_MAX_DEADZONES], inverse_saturation[RDPI_MAX_DEADZONES];
     int32_t memory[RDPI_MAX_PLAYS];
     rdpi_q31_params_t params;
     uint32_t sample_time_ns;
@@ -106,7 +106,7 @@ static void random_saturation(actuator_t *self, int32_t reach)
     int64_t z = 0;
     self->params.deadzones = (uint16_t)count;
     self->params.saturation = self->saturation;
-    self->params.inverse_saturation = self->inverse;
+    self->params.inverse_saturation = self->inverse_saturation;
     self->params.saturation_shift = (uint8_t)(27 - steeper);
     self->params.inverse_shift = (uint8_t)(27 + steeper);
     for (int j = 0; j < count; j++) {
@@ -115,10 +115,10 @@ static void random_saturation(actuator_t *self, int32_t reach)
             int32_t length = uniform(2, (reach >> steeper) / count);
             self->saturation[j].d = self->saturation[j - 1].d + length;
             z += (int64_t)length * before;
-            self->inverse[j].d = (int32_t)(z / one) << steeper;
+            self->inverse_saturation[j].d = (int32_t)(z / one) << steeper;
         }
         self->saturation[j].weight = slope - before;
-        self->inverse[j].weight = inverse - inverse_before;
+        self->inverse_saturation[j].weight = inverse - inverse_before;
         before = slope;
         inverse_before = inverse;
     }
@@ -139,7 +139,7 @@ static void random_codes(rdpi_q31_params_t *params)
     int32_t sign = one_in(2) ? -1 : 1;
     params->dac_bits = (uint16_t)(1 + choose(RDPI_MAX_DAC_BITS));
     int64_t last = ((int64_t)1 << params->dac_bits) - 1;
-    params->code_0_drive = sign > 0 ? params->min_drive : params->max_drive;
+    params->drive_of_code_0 = sign > 0 ? params->min_drive : params->max_drive;
     params->codes_per_drive = sign * mantissa(last, span, &params->code_shift);
     params->drive_per_code = sign * mantissa(span, last, &params->drive_shift);
 }
@@ -170,7 +170,7 @@ static void random_actuator(actuator_t *self)
     params->schema = RDPI_PARAMS_SCHEMA;
     params->min_drive = -half_range + uniform(0, half_range / 2);
     params->max_drive = half_range;
-    params->code_0_drive = params->min_drive;
+    params->drive_of_code_0 = params->min_drive;
     if (one_in(3)) {
         random_codes(params);
     }
@@ -311,7 +311,7 @@ static double exact_step(exact_t *self, double z)
     const actuator_t *actuator = self->actuator;
     const rdpi_q31_params_t *params = &actuator->params;
     self->rate = exact_rate(self, z);
-    double v = sum_terms(actuator->inverse, params->deadzones, params->inverse_shift, z);
+    double v = sum_terms(actuator->inverse_saturation, params->deadzones, params->inverse_shift, z);
     double drive = limited(exact_inverse(self, self->rate, v), params->min_drive, params->max_drive);
     if (params->slew_per_us > 0) {
         double slew = ldexp((double)params->slew_per_us, -32) * actuator->sample_time_ns / 1000;

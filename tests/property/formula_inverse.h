@@ -5,7 +5,7 @@
 #ifndef RDPI_FORMULA_INVERSE_H
 #define RDPI_FORMULA_INVERSE_H
 
-#include "play.h"
+#include "f32_play.h"
 
 typedef struct {
     rdpi_real_t y_um[RDPI_MAX_PLAYS]; /* the second bank's states; all 0 at rest */

@@ -1,4 +1,4 @@
-/* Property test: the library with the short way (RDPI_QUICK_STEP 1, linked) and without (0, compiled into this file)
+/* Property test: the library with the quick way (RDPI_QUICK_STEP 1, linked) and without (0, compiled into this file)
  * gives the same codes, drives, rates, flags, counters and play states, bit for bit, whatever is done with it.
  *
  *     one_code [MODELS [SEED]] */
@@ -6,11 +6,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Where the library that is linked has no short way either, as one build of tests/mutation, there is none to be seen. */
+/* Where the library that is linked has no quick way either, as in one build of tests/mutation, none is seen. */
 #if defined(RDPI_QUICK_STEP) && !RDPI_QUICK_STEP
-#define SHORT_WAY false
+#define QUICK_WAY false
 #else
-#define SHORT_WAY true
+#define QUICK_WAY true
 #endif
 
 /* The long way, under names of its own. */
@@ -67,7 +67,7 @@ typedef struct {
     rdpi_f32_t quick, slow;
 } twins_t;
 
-static unsigned long done[OPERATION_KINDS], plain_steps, rounded_steps, flagged;
+static unsigned long done[OPERATION_KINDS], quick_steps, rounded_steps, flagged;
 
 /* ---- what differs ---- */
 
@@ -100,7 +100,7 @@ static const char *difference(const twins_t *twins, rdpi_real_t quick_result, rd
                                                                                   : NULL;
 }
 
-/* ---- a random model: scenario.h's, but mostly with codes and what the short way takes ---- */
+/* ---- a random model: scenario.h's, but mostly with codes and what the quick way takes ---- */
 
 static void random_model(scenario_t *scenario, int number)
 {
@@ -123,7 +123,8 @@ static void random_model(scenario_t *scenario, int number)
         params->sweep_V_per_s = (rdpi_real_t)fmin(2e6, reach_V * log_uniform(1e-3, 0.3) / scenario->sample_time_s);
         params->slew_V_per_s = params->slew_V_per_s > 0 ? 4 * params->sweep_V_per_s : 0;
         params->sweep_cycles = (uint16_t)(1 + choose(4));
-        rdpi_real_t rest_um = x_of_drive(params, (rdpi_real_t)uniform((double)params->min_V, (double)params->max_V));
+        rdpi_real_t rest_V = (rdpi_real_t)uniform((double)params->min_V, (double)params->max_V);
+        rdpi_real_t rest_um = rdpi_f32_x_of_drive(params, rest_V);
         for (size_t i = 0; i < params->plays; i++) { /* one excursion from rest there */
             scenario->actuator.memory_um[i] = rest_um;
         }
@@ -155,7 +156,7 @@ static rdpi_real_t delicate_reference(const twins_t *twins)
         rdpi_real_t y_um[RDPI_MAX_PLAYS];
         long_get_memory(axis, y_um);
         double corner_um = (double)y_um[i] + (choose(3) - 1) * (double)params->play[i].r_um;
-        drive_V = (double)drive_of_x(params, (rdpi_real_t)corner_um) + (choose(3) - 1) * code_V / 2;
+        drive_V = (double)rdpi_f32_drive_of_x(params, (rdpi_real_t)corner_um) + (choose(3) - 1) * code_V / 2;
         break;
     }
     default:
@@ -211,10 +212,10 @@ static operation_t operate(twins_t *twins, user_t *user, rdpi_real_t *quick, rdp
             reference_um = choose(3) ? (double)delicate_reference(twins) : user->last_um;
         }
         user->last_um = reference_um;
-        bool plain = twins->quick.plain;
+        bool quick_way = twins->quick.quick;
         *quick = rdpi_f32_step(&twins->quick, (rdpi_real_t)reference_um);
         *slow = long_step(&twins->slow, (rdpi_real_t)reference_um);
-        plain_steps += plain;
+        quick_steps += quick_way;
         rounded_steps += params->dac_bits > 0;
         flagged += twins->slow.flags != 0;
         break;
@@ -283,13 +284,13 @@ static void run_model(int number)
         done[operation]++;
         const char *what = difference(&twins, quick, slow);
         if (what != NULL) {
-            printf("one_code: model %d, operation %d, %s: other %s with the short way than without\n"
+            printf("one_code: model %d, operation %d, %s: other %s with the quick way than without\n"
                    "codes %lu %lu, flags %lu %lu, drives %.9g %.9g, rates %.9g %.9g, %d bits, %d plays, window %d\n",
                    number, k, names[operation], what, (unsigned long)twins.quick.dac_code,
                    (unsigned long)twins.slow.dac_code, (unsigned long)twins.quick.flags,
                    (unsigned long)twins.slow.flags, (double)twins.quick.drive_V, (double)twins.slow.drive_V,
                    (double)twins.quick.rate_um_per_s, (double)twins.slow.rate_um_per_s, params->dac_bits,
-                   params->plays, twins.slow.rate.window);
+                   params->plays, twins.slow.rate_estimator.window);
             exit(1);
         }
     }
@@ -308,10 +309,10 @@ int main(int argc, char **argv)
         printf(", %s %lu", names[kind], done[kind]);
         total += done[kind];
     }
-    printf("\n%lu operations alike; of the steps %lu had codes, %lu could take the short way, %lu were flagged\n", total,
-           rounded_steps, plain_steps, flagged);
-    if ((SHORT_WAY && plain_steps < done[STEP] / 4) || rounded_steps < done[STEP] / 2 || flagged < done[STEP] / 20) {
-        printf("one_code: hardly a short way, a code or a flag\n");
+    printf("\n%lu operations alike; of the steps %lu had codes, %lu could take the quick way, %lu were flagged\n", total,
+           rounded_steps, quick_steps, flagged);
+    if ((QUICK_WAY && quick_steps < done[STEP] / 4) || rounded_steps < done[STEP] / 2 || flagged < done[STEP] / 20) {
+        printf("one_code: hardly a quick way, a code or a flag\n");
         return 1;
     }
     return 0;

@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "deadzone.h"
+#include "f32_saturation.h"
 #include "formula_inverse.h"
 #include "rdpi/f32.h"
 #include "scenario.h"
@@ -15,7 +15,7 @@
 #define STEPS 500
 #define TOLERANCE (sizeof(rdpi_real_t) == sizeof(float) ? 1e-5 : 1e-12) /* of the stroke */
 
-/* The rate by the definitions in rate.h and f32.h, from the whole history. */
+/* The rate by the definitions in f32_rate.h and f32.h, from the whole history. */
 typedef struct {
     double z_um[STEPS * (RDPI_MAX_MISSED + 2)], filtered, window_s, filter_s, sample_time_s;
     int seen;
@@ -97,7 +97,8 @@ static double formula_error(formula_inverse_t *inverse, plant_t *plant, rdpi_rea
 {
     const rdpi_f32_params_t *params = plant->params;
     rdpi_real_t reference_um = z_um + params->offset_um;
-    rdpi_real_t v_um = rdpi_f32_unsaturate(rdpi_f32_piece(params->inverse, params->deadzones, reference_um), z_um);
+    const rdpi_f32_piece_t *piece = rdpi_f32_piece_find(params->inverse_saturation, params->deadzones, reference_um);
+    rdpi_real_t v_um = rdpi_f32_piece_at(piece, z_um);
     plant_move(plant, formula_inverse_step(inverse, params->play, params->plays, rate_um_per_s, v_um));
     return (double)(plant_z(plant, rate_um_per_s) - z_um);
 }

@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "inverse.h"
+#include "f32_bank.h"
 #include "scenario.h"
 #include "walk.h"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -52,6 +53,41 @@ def test_actuators_that_are_no_play_operators(errors: dict, kind: str) -> None:
     for profile in errors[kind].values():
         none, independent, dependent = profile
         assert none[RMS] > independent[RMS] > dependent[RMS]
+
+
+def as_printed(value: float) -> str:
+    return f"{value:.1f}" if value >= 0.995 else f"{value:.2f}"
+
+
+def agree(printed: str, measured: str) -> bool:
+    """To the last digit; a library's other version may move it by one."""
+    unit = 10.0 ** -len(printed.partition(".")[2])
+    return abs(float(printed) - float(measured)) <= 1.01 * unit
+
+
+@pytest.mark.slow
+def test_the_readmes_table_is_what_the_demo_finds(errors: dict) -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()
+            if re.match(r"\|[^|]*\| (the paper's law|Preisach|Bouc-Wen)", line)]
+    assert len(rows) == 6
+    kinds = [(profile, kind) for profile in ("10hz", "5-20-35hz") for kind in ("paper", "preisach", "bouc-wen")]
+    for row, (profile, kind) in zip(rows, kinds):
+        for cell, pair in zip(row[2:], errors[kind][profile], strict=True):
+            for printed, found in zip(cell.split(" / "), pair, strict=True):
+                assert agree(printed, as_printed(found)), f"README.md: {profile}, {kind}: {cell}; found {pair}"
+
+
+@pytest.mark.slow
+def test_the_readmes_picture_is_what_the_demo_draws(errors: dict) -> None:
+    """To replace it: cp build/demo/tracking.svg examples/demo/"""
+    committed, drawn = ((ROOT / folder / "tracking.svg").read_text(encoding="utf-8") for folder in
+                        ("examples/demo", "build/demo"))
+    legend = r"<text[^>]*>(no model|with rdpi): ([\d.]+) % rms, ([\d.]+) % max<"
+    shown, found = re.findall(legend, committed), re.findall(legend, drawn)
+    assert [one[0] for one in shown] == [one[0] for one in found] == ["no model", "with rdpi"]
+    for one, other in zip(shown, found):
+        assert agree(one[1], other[1]) and agree(one[2], other[2])
 
 
 def run_of(memory: str, **columns: np.ndarray) -> Recording:

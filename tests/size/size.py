@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """What the library costs a Cortex-M: code, RAM and stack, as a Markdown table.
 
-    tests/size/size.py                     prints it
-    tests/size/size.py --write README.md   puts it between the markers in README.md
-    tests/size/size.py --check README.md   fails if it is not the one there, or beyond a limit
+    tests/size/size.py                         prints it
+    tests/size/size.py --write lib/README.md   puts it between the markers there
+    tests/size/size.py --check lib/README.md   fails if it is not the one there, or beyond a limit
 
 Another version of the compiler than the one that the table names makes other code: then only the limits count.
 """

@@ -12,7 +12,7 @@ typedef struct {
     rdpi_f32_params_t params;
     rdpi_f32_play_t play[RDPI_MAX_PLAYS];
     rdpi_f32_deadzone_t saturation[RDPI_MAX_DEADZONES];
-    rdpi_f32_piece_t inverse[RDPI_MAX_DEADZONES];
+    rdpi_f32_piece_t inverse_saturation[RDPI_MAX_DEADZONES];
     rdpi_real_t memory_um[RDPI_MAX_PLAYS];
 } actuator_t;
 
@@ -21,7 +21,7 @@ static inline void actuator_seal(actuator_t *self)
     self->params.schema = RDPI_PARAMS_SCHEMA;
     self->params.play = self->play;
     self->params.saturation = self->saturation;
-    self->params.inverse = self->inverse;
+    self->params.inverse_saturation = self->inverse_saturation;
     self->params.memory_um = self->memory_um;
     self->params.digest = rdpi_f32_digest(&self->params);
 }
@@ -84,7 +84,7 @@ static inline void actuator_derive(actuator_t *self)
     rdpi_real_t gain = self->params.gain_um_per_V;
     self->params.V_per_um = gain == 0 ? 0 : 1 / gain;
     actuator_derive_intercepts(self->play, self->params.plays);
-    actuator_derive_inverse(self->saturation, self->params.offset_um, self->inverse, self->params.deadzones);
+    actuator_derive_inverse(self->saturation, self->params.offset_um, self->inverse_saturation, self->params.deadzones);
     actuator_derive_codes(&self->params);
     actuator_seal(self);
 }

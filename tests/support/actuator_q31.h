@@ -29,7 +29,7 @@ static inline void actuator_q31_seal(actuator_q31_t *self)
 static inline void actuator_q31_derive(actuator_q31_t *self)
 {
     if (self->params.dac_bits == 0u) {
-        self->params.code_0_drive = self->params.min_drive;
+        self->params.drive_of_code_0 = self->params.min_drive;
     }
     actuator_q31_seal(self);
 }
@@ -48,7 +48,7 @@ static inline void actuator_q31_codes(actuator_q31_t *self, unsigned bits, bool 
     rdpi_q31_params_t *params = &self->params;
     int64_t span = (int64_t)params->max_drive - params->min_drive, last = ((int64_t)1 << bits) - 1;
     params->dac_bits = (uint16_t)bits;
-    params->code_0_drive = falling ? params->max_drive : params->min_drive;
+    params->drive_of_code_0 = falling ? params->max_drive : params->min_drive;
     int64_t codes = actuator_q31_quotient(last, span, &params->code_shift);
     int64_t drives = actuator_q31_quotient(span, last, &params->drive_shift);
     params->codes_per_drive = (int32_t)(falling ? -codes : (codes < INT32_MAX ? codes : INT32_MAX));

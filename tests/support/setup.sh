@@ -65,9 +65,14 @@ tests)
     picolibc-riscv64-unknown-elf  header  stdio.h riscv64-unknown-elf-gcc --specs=picolibc.specs
     qemu-system-misc    command  qemu-system-riscv32
     ruby                command  ruby
+    python3-sphinx      module   sphinx
+    python3-myst-parser  module   myst_parser
+    python3-breathe     module   breathe
+    furo                module   furo
     python3-pytest      module   pytest
     python3-pytest-xdist  module  xdist
-    python3-hypothesis  module   hypothesis'
+    python3-hypothesis  module   hypothesis
+    python3-jsonschema  module   jsonschema'
     ;;
 *)
     sed -n '2,7s/^# \{0,1\}//p' "$0" >&2

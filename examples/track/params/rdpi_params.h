@@ -52,13 +52,13 @@ typedef char rdpi_params_saturation_check[
     sizeof rdpi_params_saturation == RDPI_PARAMS_DEADZONES * sizeof(rdpi_f32_deadzone_t) ? 1 : -1];
 
 /* S^-1 (eq. 13): references from and to, um; slope; intercept, um */
-static const rdpi_f32_piece_t rdpi_params_inverse[] = {
+static const rdpi_f32_piece_t rdpi_params_inverse_saturation[] = {
     {-1000000.00f, 4.19999981f, 0.952381015f, 0.00000000f},
     {4.19999981f, 8.11999989f, 1.02040827f, -0.285714298f},
     {8.11999989f, 1000000.00f, 1.08695662f, -0.826086998f},
 };
-typedef char rdpi_params_inverse_check[
-    sizeof rdpi_params_inverse == RDPI_PARAMS_DEADZONES * sizeof(rdpi_f32_piece_t) ? 1 : -1];
+typedef char rdpi_params_inverse_saturation_check[
+    sizeof rdpi_params_inverse_saturation == RDPI_PARAMS_DEADZONES * sizeof(rdpi_f32_piece_t) ? 1 : -1];
 
 /* y_0 ... y_n, um: the plays at power up; y_0 is x */
 static const rdpi_real_t rdpi_params_memory_um[] = {
@@ -96,7 +96,7 @@ static const rdpi_f32_params_t rdpi_params = {
     0.00213626307f, /* V_per_code, V: drive = V_per_code code + min_V */
     rdpi_params_play,
     rdpi_params_saturation,
-    rdpi_params_inverse,
+    rdpi_params_inverse_saturation,
     rdpi_params_memory_um,
 };
 
@@ -183,7 +183,7 @@ static const rdpi_q31_params_t rdpi_params_q31 = {
     500000u, /* rate_filter_ns: ns: ... through a low-pass of this time constant */
     -89478443, /* min_drive: output range */
     536870656, /* max_drive */
-    -89478443, /* code_0_drive */
+    -89478443, /* drive_of_code_0 */
     1840673060, /* codes_per_drive: times 2^code_shift */
     1252717313, /* drive_per_code: times 2^drive_shift */
     0, /* sweep_end: drive at which the start-up sweep ends */

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import click
@@ -101,7 +102,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
         parameters = read_model(model)
         found = diagnose(parameters, [read_recording(path) for path in runs], without, report_progress,
                          [read_recording(path) for path in earlier])
-    document = {**found.document, "model": model, "model_digest": parameters.digest()}
+    document = replace(found.document, model=model, model_digest=parameters.digest())
     if output is not None:
         write_model(output, found.improved)
     if report is not None:
@@ -110,6 +111,6 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
     click.echo(gap_report.tables(document))
     if output is not None:
         added = [effect["name"] for effect in found.improved.effects[len(parameters.effects):]]
-        undecided = ", one of those that explain the gap" if document["verdict"] == "ambiguous" else ""
+        undecided = ", one of those that explain the gap" if document.verdict == "ambiguous" else ""
         click.echo(f"{output}: the model " + (f"with {', '.join(added)}{undecided}" if added else "unchanged"))
-    return document
+    return document.to_json()

@@ -65,13 +65,13 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
     write_model(output, result.model)
     worst = summary.worst_rms_percent(result)
     failed = max_rms_percent is not None and worst > max_rms_percent
-    document = {**result.model.fit, "model": output, "gate_failed": failed, "rate_slopes": result.rate_slopes.to_json()}
+    document = result.document(output, failed)
     if report is not None:
         summary.write_report(report, result, [*fitted, *held], document)
     click.echo(f"{output}: " + "\n".join(summary.lines(result)))
     if failed:
         click.echo(f"rdpi: the rms error is {worst:.3g} %; --max-rms allows {max_rms_percent:g} %", err=True)
-    return document
+    return document.to_json()
 
 
 @command("plot")

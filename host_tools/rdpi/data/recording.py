@@ -18,7 +18,7 @@ import numpy as np
 from .. import arguments
 from ..errors import BadInput
 from .files import atomic_write, read_bytes, write_all
-from .rows import NUMBER, Place, line_of_row, parse_rows, shown
+from .rows import NUMBER, Place, line_of_row, parse_rows, quoted
 
 MIN_SAMPLES = 16
 UNFINISHED = "unfinished"  # first key of a recording that still grows; what it is set to is for people
@@ -200,10 +200,10 @@ def check_metadata(metadata: Mapping[str, str], key_place: Callable[[str], str])
     """Raise BadInput unless `memory` and `sample_rate_hz`, where given, can be used."""
     memory = metadata.get("memory")
     if memory is not None and memory not in MEMORY:
-        raise BadInput(f"{key_place('memory')}: memory is {shown(memory)}; use one of {', '.join(MEMORY)}")
+        raise BadInput(f"{key_place('memory')}: memory is {quoted(memory)}; use one of {', '.join(MEMORY)}")
     rate = metadata.get("sample_rate_hz")
     if rate is not None and not (NUMBER.fullmatch(rate) and RATES_HZ[0] <= float(rate) <= RATES_HZ[1]):
-        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {shown(rate)}; give a positive number of "
+        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {quoted(rate)}; give a positive number of "
                        f"samples per second, {RATES_HZ[0]:g} to {RATES_HZ[1]:g}, or leave it out")
 
 
@@ -326,7 +326,7 @@ def _column_names(path: str, line: int, header: str, required: Iterable[str]) ->
         if name in names[:index]:
             raise BadInput(f"{place}: column {name} exists twice; rename or remove one of them")
         if not is_column_name(name):
-            raise BadInput(f"{place}: column {index + 1} is called {shown(name)}; use a name without quotation marks "
+            raise BadInput(f"{place}: column {index + 1} is called {quoted(name)}; use a name without quotation marks "
                            "and without a leading #")
     return names
 
@@ -364,5 +364,5 @@ def _format_rows(arrays: Sequence[np.ndarray]) -> Iterator[str]:
 
 
 def _show_list(names: Sequence[str]) -> str:
-    shown = ", ".join(name if name.isprintable() and len(name) <= 40 else shown(name) for name in names[:12])
+    shown = ", ".join(name if name.isprintable() and len(name) <= 40 else quoted(name) for name in names[:12])
     return shown + (f" and {len(names) - 12} more" if len(names) > 12 else "")

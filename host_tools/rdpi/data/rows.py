@@ -78,7 +78,7 @@ def _explain_field(place: str, value: str) -> None:
         raise BadInput(f"{place} is {value}; every sample needs a finite number: cut the recording there, "
                        "interpolate, or remove the column")
     if not NUMBER.fullmatch(value):
-        what = f"is {shown(value)}, not a number" if value else "is empty"
+        what = f"is {quoted(value)}, not a number" if value else "is empty"
         raise BadInput(f"{place} {what}; correct the value, or remove the line or the column")
 
 
@@ -89,5 +89,5 @@ def _lines(body: str, first_line: int) -> Iterator[tuple[int, str]]:
             yield line, text
 
 
-def shown(text: str) -> str:
+def quoted(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:40] + "…")

@@ -27,7 +27,8 @@ NAME = "rdpi_params"
 TABLES = {
     "play": ("rdpi_f32_play_t", "PLAYS", "r, um; W at rate 0; c, s/um; intercept at rate 0, um, and its change, s"),
     "saturation": ("rdpi_f32_deadzone_t", "DEADZONES", "S (eq. 8): d, um; weight"),
-    "inverse": ("rdpi_f32_piece_t", "DEADZONES", "S^-1 (eq. 13): references from and to, um; slope; intercept, um"),
+    "inverse_saturation": ("rdpi_f32_piece_t", "DEADZONES",
+                           "S^-1 (eq. 13): references from and to, um; slope; intercept, um"),
     "memory_um": ("rdpi_real_t", "PLAYS", "y_0 ... y_n, um: the plays at power up; y_0 is x"),
 }
 SCALARS = {
@@ -77,7 +78,7 @@ Q31_SCALARS = {
     "rate_filter_ns": ("u", "ns: ... through a low-pass of this time constant"),
     "min_drive": ("", "output range"),
     "max_drive": ("", ""),
-    "code_0_drive": ("", ""),
+    "drive_of_code_0": ("", ""),
     "codes_per_drive": ("", "times 2^code_shift"),
     "drive_per_code": ("", "times 2^drive_shift"),
     "sweep_end": ("", "drive at which the start-up sweep ends"),

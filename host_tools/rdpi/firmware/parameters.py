@@ -48,7 +48,7 @@ class F32:
     V_per_code: float
     play: np.ndarray  # (n + 1, 5): r, slope, slope_rate, intercept, intercept_rate
     saturation: np.ndarray  # (m + 1, 2): d, weight
-    inverse: np.ndarray  # (m + 1, 4): from, to, slope, intercept
+    inverse_saturation: np.ndarray  # (m + 1, 4): from, to, slope, intercept
     memory_um: np.ndarray  # (n + 1,)
 
 
@@ -81,7 +81,7 @@ def f32(model: Model, dtype: type = np.float32) -> F32:
             len(r), len(d), drive.dac_bits or 0, drive.sweep_cycles,
             **{key: float(rounded(value)) for key, value in numbers.items()},
             play=np.stack(play, axis=1).astype(dtype), saturation=np.stack([d, weights], axis=1).astype(dtype),
-            inverse=_pieces(d, corners, np.cumsum(inverse), float(rounded(model.offset_um))).astype(dtype),
+            inverse_saturation=_pieces(d, corners, np.cumsum(inverse), float(rounded(model.offset_um))).astype(dtype),
             memory_um=np.array(model.memory.plays_um, dtype))
 
 
@@ -139,7 +139,7 @@ class Q31:
     rate_filter_ns: int
     min_drive: int
     max_drive: int
-    code_0_drive: int
+    drive_of_code_0: int
     codes_per_drive: int
     drive_per_code: int
     sweep_end: int

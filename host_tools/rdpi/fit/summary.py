@@ -6,13 +6,13 @@ import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..data import Recording, atomic_write, make_folder
 from ..simulate import chain, scoring
 from . import report
+from .document import FitDocument
 from .identify import Fit
 
 PICTURE, DOCUMENT = "fit.png", "fit.json"  # of a report
@@ -25,15 +25,15 @@ def worst_rms_percent(result: Fit) -> float:
 
 
 def write_report(folder: str | os.PathLike[str], result: Fit, runs: Sequence[Recording],
-                 summary: dict[str, Any]) -> None:
-    """Write fit.png, the model beside `runs`, and fit.json, the `summary`, into a folder, which is made.
+                 document: FitDocument) -> None:
+    """Write fit.png, the model beside `runs`, and fit.json, the `document`, into a folder, which is made.
 
     Both are written atomically. Raises OSError when they cannot be, ValueError for numbers that are not finite.
     """
     make_folder(folder)
     figure = report.picture(result.model, runs, chain.simulate(result.model, runs), result.rate_slopes)
     report.write_picture(figure, Path(folder) / PICTURE)
-    atomic_write(Path(folder) / DOCUMENT, json.dumps(summary, indent=2, allow_nan=False) + "\n")
+    atomic_write(Path(folder) / DOCUMENT, json.dumps(document.to_json(), indent=2, allow_nan=False) + "\n")
 
 
 def lines(result: Fit) -> list[str]:

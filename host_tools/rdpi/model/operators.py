@@ -1,7 +1,7 @@
 """Every equation of the model in NumPy and double precision: the independent check of the compiled library.
 
 Written from Ang et al., IROS 2003, whose equation numbers are given, and from the rate estimator's formula in
-lib/src/rate.h; plain rather than fast (about 50 us per sample). `step` does what Firmware.step does.
+lib/src/f32_rate.h; plain rather than fast (about 50 us per sample). `step` does what Firmware.step does.
 Arrays of samples have shape (samples,), of plays (n + 1,), of dead zones (m + 1,).
 """
 

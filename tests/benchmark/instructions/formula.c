@@ -2,8 +2,8 @@
 
 #include "formula.h"
 
-#include "deadzone.h"
-#include "rate.h"
+#include "f32_rate.h"
+#include "f32_saturation.h"
 
 static float clamp(float value, float low, float high)
 {
@@ -78,8 +78,8 @@ float formula_step(state_t *self, float reference_um)
     }
     self->rate_um_per_s = rate_um_per_s;
 
-    float v_um = rdpi_f32_unsaturate(
-        rdpi_f32_piece(params->inverse, params->deadzones, reference_um), reference_um - params->offset_um);
+    const rdpi_f32_piece_t *piece = rdpi_f32_piece_find(params->inverse_saturation, params->deadzones, reference_um);
+    float v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
     float x_um = INVERSE(&self->bank, params->play, params->plays, rate_um_per_s, v_um);
 
     float wish_V = x_um * params->V_per_um + params->offset_V;

@@ -1,0 +1,204 @@
+/* What rdpi_f32_init and rdpi_f32_set_memory refuse, and the checksum of the parameters. The statuses are described at
+ * rdpi_status_t. */
+#ifndef RDPI_F32_CHECK_H
+#define RDPI_F32_CHECK_H
+
+#include <string.h>
+#include <tgmath.h> /* fabs of whichever type rdpi_real_t is */
+
+#include "crc.h"
+#include "f32_drive.h"
+#include "f32_play.h"
+#include "f32_rate.h"
+
+/* Relative. States and parameters that were printed, parsed or read back are rounded, and must pass. */
+#define ROUNDING ((rdpi_real_t)1e-5)
+
+/* The largest magnitude of a number. Below it, no sum or product of the step can overflow. */
+#define MAX_NUMBER ((rdpi_real_t)1e7)
+
+/* The smallest slope. The step divides by slopes. */
+#define MIN_SLOPE ((rdpi_real_t)1e-7)
+
+/* The narrowest output range, V. */
+#define MIN_SPAN_V ((rdpi_real_t)1e-9)
+
+#define MAX_SWEEP_CYCLES 10000u
+
+/* The part of the struct that holds nothing but numbers, without those that make codes. */
+#define NUMBERS_BEGIN offsetof(rdpi_f32_params_t, gain_um_per_V)
+#define NUMBERS_END (offsetof(rdpi_f32_params_t, sweep_end_V) + sizeof(rdpi_real_t))
+
+/* The part that the digest covers. It ends with the numbers that make codes. */
+#define DIGEST_BEGIN offsetof(rdpi_f32_params_t, plays)
+#define DIGEST_END (offsetof(rdpi_f32_params_t, V_per_code) + sizeof(rdpi_real_t))
+
+/* The largest magnitude of the numbers that make codes: codes may be many and close together. */
+#define MAX_CODE_NUMBER ((rdpi_real_t)1e15)
+
+/* Whether no number is NaN or larger than `limit`, in a block of memory that holds nothing but numbers. */
+static bool rdpi_f32_all_within(rdpi_real_t limit, const void *block, size_t bytes)
+{
+    for (size_t offset = 0; offset < bytes; offset += sizeof(rdpi_real_t)) {
+        rdpi_real_t value;
+        memcpy(&value, (const unsigned char *)block + offset, sizeof value);
+        if (!(fabs(value) <= limit)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* What must hold before any other check may read. */
+static rdpi_status_t rdpi_f32_check_pointers(uint64_t layout, const rdpi_f32_t *self, const rdpi_f32_params_t *params)
+{
+    if (layout != RDPI_F32_LAYOUT) {
+        return RDPI_ERR_SIZE;
+    }
+    if (self == NULL || params == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    if (params->schema != RDPI_PARAMS_SCHEMA) {
+        return RDPI_ERR_SCHEMA;
+    }
+    if (params->plays < 1 || params->plays > RDPI_MAX_PLAYS || params->deadzones < 1 ||
+        params->deadzones > RDPI_MAX_DEADZONES) {
+        return RDPI_ERR_COUNT;
+    }
+    if (params->play == NULL || params->saturation == NULL || params->inverse_saturation == NULL ||
+        params->memory_um == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    return RDPI_OK;
+}
+
+static bool rdpi_f32_check_numbers(const rdpi_f32_params_t *params)
+{
+    const unsigned char *bytes = (const unsigned char *)params;
+    return rdpi_f32_all_within(MAX_NUMBER, bytes + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN) &&
+           rdpi_f32_all_within(MAX_CODE_NUMBER, bytes + NUMBERS_END, DIGEST_END - NUMBERS_END) &&
+           rdpi_f32_all_within(MAX_NUMBER, params->play, params->plays * sizeof *params->play) &&
+           rdpi_f32_all_within(MAX_NUMBER, params->saturation, params->deadzones * sizeof *params->saturation) &&
+           rdpi_f32_all_within(MAX_NUMBER, params->inverse_saturation,
+                               params->deadzones * sizeof *params->inverse_saturation);
+}
+
+static rdpi_status_t rdpi_f32_check_plays(const rdpi_f32_params_t *params)
+{
+    rdpi_real_t below_um = -1; /* the threshold before, which is below r_0 = 0 here */
+    if (params->play[0].r_um != 0) {
+        return RDPI_ERR_THRESHOLDS;
+    }
+    for (size_t i = 0; i < params->plays; i++) {
+        const rdpi_f32_play_t *play = &params->play[i];
+        if (play->r_um <= below_um) {
+            return RDPI_ERR_THRESHOLDS;
+        }
+        if (play->slope < MIN_SLOPE) {
+            return RDPI_ERR_SLOPES;
+        }
+        /* W_i is linear in the rate, so that both ends of its range decide. */
+        rdpi_real_t fastest = rdpi_f32_slope(play, params->max_um_per_s);
+        if (fastest < MIN_SLOPE || fastest < params->min_slope_ratio * (1 - ROUNDING) * play->slope) {
+            return RDPI_ERR_GUARD;
+        }
+        below_um = play->r_um;
+    }
+    return RDPI_OK;
+}
+
+static rdpi_status_t rdpi_f32_check_saturation(const rdpi_f32_params_t *params)
+{
+    rdpi_real_t slope = 0, below_um = -1;
+    if (params->saturation[0].d_um != 0) {
+        return RDPI_ERR_DEADZONES;
+    }
+    for (size_t j = 0; j < params->deadzones; j++) {
+        const rdpi_f32_deadzone_t *term = &params->saturation[j];
+        if (term->d_um <= below_um) {
+            return RDPI_ERR_DEADZONES;
+        }
+        slope += term->weight;
+        if (slope <= 0) {
+            return RDPI_ERR_SATURATION;
+        }
+        below_um = term->d_um;
+    }
+    return RDPI_OK;
+}
+
+static rdpi_status_t rdpi_f32_check_drive(const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
+{
+    if (params->max_V - params->min_V < MIN_SPAN_V || params->slew_V_per_s < 0 ||
+        params->dac_bits > RDPI_MAX_DAC_BITS) {
+        return RDPI_ERR_DRIVE;
+    }
+    /* The change per sample must survive rounding anywhere in the range, or the sweep would never arrive. */
+    rdpi_real_t largest_V = fabs(params->min_V) + fabs(params->max_V);
+    rdpi_real_t moved_V = largest_V + params->sweep_V_per_s * sample_time_s / 16;
+    if (params->sweep_cycles - 1u >= MAX_SWEEP_CYCLES || params->sweep_end_V < params->min_V ||
+        params->sweep_end_V > params->max_V || moved_V <= largest_V ||
+        (params->slew_V_per_s > 0 && params->slew_V_per_s < params->sweep_V_per_s)) {
+        return RDPI_ERR_SWEEP;
+    }
+    return RDPI_OK;
+}
+
+/* Whether one history can lead to these states, with a drive inside the range. NaN fails the comparisons, and so does
+ * infinity beside a finite state. */
+static rdpi_status_t rdpi_f32_check_memory(const rdpi_f32_params_t *params, const rdpi_real_t *y_um)
+{
+    rdpi_real_t drive_V = rdpi_f32_drive_of_x(params, y_um[0]);
+    rdpi_real_t slack_V = ROUNDING * (params->max_V - params->min_V);
+    bool possible = drive_V >= params->min_V - slack_V && drive_V <= params->max_V + slack_V;
+    for (size_t i = 1; i < params->plays; i++) {
+        rdpi_real_t gap_um = params->play[i].r_um - params->play[i - 1u].r_um;
+        rdpi_real_t slack_um = ROUNDING * (params->play[params->plays - 1u].r_um + fabs(y_um[i - 1u]));
+        possible = possible && fabs(y_um[i] - y_um[i - 1u]) <= gap_um + slack_um;
+    }
+    return possible ? RDPI_OK : RDPI_ERR_MEMORY;
+}
+
+/* rdpi_f32_digest, whatever the layout of the caller. */
+static uint32_t rdpi_f32_checksum(const rdpi_f32_params_t *params)
+{
+    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, DIGEST_END - DIGEST_BEGIN);
+    crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
+    crc = rdpi_crc32(crc, params->saturation, params->deadzones * sizeof *params->saturation);
+    crc = rdpi_crc32(crc, params->inverse_saturation, params->deadzones * sizeof *params->inverse_saturation);
+    return rdpi_crc32(crc, params->memory_um, params->plays * sizeof *params->memory_um);
+}
+
+/* All that needs valid pointers and counts. Also sets up the rate estimator of `self`, which checks the sample time:
+ * rdpi_f32_check_drive relies on it. */
+static rdpi_status_t rdpi_f32_check_params(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
+{
+    if (params->digest != rdpi_f32_checksum(params)) {
+        return RDPI_ERR_DIGEST;
+    }
+    if (!rdpi_f32_check_numbers(params)) {
+        return RDPI_ERR_NOT_FINITE;
+    }
+    if (params->gain_um_per_V == 0) {
+        return RDPI_ERR_GAIN;
+    }
+    if (params->max_um_per_s <= 0) {
+        return RDPI_ERR_RATE;
+    }
+    if (params->min_slope_ratio <= 0 || params->min_slope_ratio >= 1) {
+        return RDPI_ERR_GUARD;
+    }
+    rdpi_status_t status = rdpi_f32_check_plays(params);
+    if (status == RDPI_OK) {
+        status = rdpi_f32_check_saturation(params);
+    }
+    if (status == RDPI_OK) {
+        status = rdpi_f32_rate_init(&self->rate_estimator, params->rate_window_s, params->rate_filter_s, sample_time_s);
+    }
+    if (status == RDPI_OK) {
+        status = rdpi_f32_check_drive(params, sample_time_s);
+    }
+    return status == RDPI_OK ? rdpi_f32_check_memory(params, params->memory_um) : status;
+}
+
+#endif

@@ -1,0 +1,53 @@
+/* Arithmetic of the library in single precision, and how its functions are compiled. Sibling: q31_math.h. */
+#ifndef RDPI_F32_MATH_H
+#define RDPI_F32_MATH_H
+
+#include <tgmath.h> /* fma of whichever type rdpi_real_t is */
+
+#include "rdpi/f32.h"
+
+/* Whether the quick way of the step is compiled: see rdpi/f32.h. It takes a third of the instructions, and adds 2 to 3
+ * kB of code. */
+#if !defined(RDPI_QUICK_STEP)
+#if defined(__OPTIMIZE_SIZE__)
+#define RDPI_QUICK_STEP 0
+#else
+#define RDPI_QUICK_STEP 1
+#endif
+#endif
+
+/* How a function is compiled:
+ *
+ * - SELDOM: apart from its callers, whose usual way must not pay for it;
+ * - HOT: within its callers;
+ * - SHARED: once in the program if size counts, within its callers if time does. */
+#if !defined(__GNUC__) || !defined(__OPTIMIZE__)
+#define RDPI_F32_SELDOM
+#define RDPI_F32_HOT inline
+#define RDPI_F32_SHARED inline
+#elif RDPI_QUICK_STEP
+#define RDPI_F32_SELDOM __attribute__((noinline))
+#define RDPI_F32_HOT inline __attribute__((always_inline))
+#define RDPI_F32_SHARED RDPI_F32_HOT
+#else
+#define RDPI_F32_SELDOM
+#define RDPI_F32_HOT inline
+#define RDPI_F32_SHARED __attribute__((noinline, unused))
+#endif
+
+/* a b + c, in one instruction if the core has one. Never a call of libm. */
+static inline rdpi_real_t rdpi_f32_fma(rdpi_real_t a, rdpi_real_t b, rdpi_real_t c)
+{
+#if defined(__FP_FAST_FMAF)
+    return fma(a, b, c);
+#else
+    return a * b + c;
+#endif
+}
+
+static RDPI_F32_SHARED rdpi_real_t rdpi_f32_clamp(rdpi_real_t value, rdpi_real_t low, rdpi_real_t high)
+{
+    return value > low ? (value < high ? value : high) : low;
+}
+
+#endif

@@ -1,0 +1,165 @@
+/* What rdpi_q31_init and rdpi_q31_set_memory refuse, and the checksum of the parameters. The statuses are described at
+ * rdpi_status_t. Sample time and window are checked by rdpi_q31_rate_init. */
+#ifndef RDPI_Q31_CHECK_H
+#define RDPI_Q31_CHECK_H
+
+#include "crc.h"
+#include "q31_drive.h"
+
+#define MAX_SWEEP_CYCLES 10000u
+
+/* The part of the struct that the digest covers. */
+#define DIGEST_BEGIN offsetof(rdpi_q31_params_t, slew_per_us)
+#define DIGEST_END (offsetof(rdpi_q31_params_t, sweep_end) + sizeof(int32_t))
+
+/* What must hold before any other check may read. */
+static rdpi_status_t rdpi_q31_check_pointers(uint64_t layout, const rdpi_q31_t *self, const rdpi_q31_params_t *params)
+{
+    if (layout != RDPI_Q31_LAYOUT) {
+        return RDPI_ERR_SIZE;
+    }
+    if (self == NULL || params == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    if (params->schema != RDPI_PARAMS_SCHEMA) {
+        return RDPI_ERR_SCHEMA;
+    }
+    if (params->plays < 1u || params->plays > RDPI_MAX_PLAYS || params->deadzones < 1u ||
+        params->deadzones > RDPI_MAX_DEADZONES) {
+        return RDPI_ERR_COUNT;
+    }
+    if (params->play == NULL || params->saturation == NULL || params->inverse_saturation == NULL ||
+        params->memory == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    return RDPI_OK;
+}
+
+static rdpi_status_t rdpi_q31_check_plays(const rdpi_q31_params_t *params)
+{
+    int32_t below = -1; /* the threshold before, which is below r_0 = 0 here */
+    if (params->play[0].r != 0) {
+        return RDPI_ERR_THRESHOLDS;
+    }
+    for (size_t i = 0; i < params->plays; i++) {
+        const rdpi_q31_play_t *play = &params->play[i];
+        int64_t fastest = (int64_t)play->slope + play->slope_rate;
+        if (play->r <= below || play->r > RDPI_Q31_MAX_DRIVE) {
+            return RDPI_ERR_THRESHOLDS;
+        }
+        if (play->slope < RDPI_Q31_MIN_SLOPE || play->slope > RDPI_Q31_ONE) {
+            return RDPI_ERR_SLOPES;
+        }
+        if (fastest < RDPI_Q31_MIN_SLOPE || fastest > RDPI_Q31_ONE ||
+            fastest * 65536 < (int64_t)params->min_slope_ratio * play->slope) {
+            return RDPI_ERR_GUARD;
+        }
+        below = play->r;
+    }
+    return RDPI_OK;
+}
+
+/* One stage: S or its inverse. */
+static rdpi_status_t rdpi_q31_check_saturation(const rdpi_q31_deadzone_t *term, size_t count, unsigned shift)
+{
+    int64_t slope = 0, size = 0;
+    int32_t below = -1;
+    if (term[0].d != 0) {
+        return RDPI_ERR_DEADZONES;
+    }
+    for (size_t j = 0; j < count; j++) {
+        if (term[j].d <= below) {
+            return RDPI_ERR_DEADZONES;
+        }
+        slope += term[j].weight;
+        size += term[j].weight < 0 ? -(int64_t)term[j].weight : term[j].weight;
+        if (slope <= 0 || size > (int64_t)1 << 31 || shift > 62u) {
+            return RDPI_ERR_SATURATION;
+        }
+        below = term[j].d;
+    }
+    return RDPI_OK;
+}
+
+/* Whether codes go from one end of the range to the other. The last drive may be 2 units off, because drive_per_code
+ * has 31 bits only. */
+static bool rdpi_q31_codes_fit(const rdpi_q31_params_t *params)
+{
+    if (params->code_shift - 1u > 61u || params->drive_shift - 1u > 61u) {
+        return false;
+    }
+    bool rising = params->drive_of_code_0 == params->min_drive;
+    int64_t beyond = rdpi_q31_drive_of_code(params, rdpi_q31_last_code(params)) - rdpi_q31_drive_of_last_code(params);
+    return rising == (params->codes_per_drive > 0) && beyond >= -2 && beyond <= 2 &&
+           rdpi_q31_code_of_drive(params, rdpi_q31_drive_of_last_code(params)) == rdpi_q31_last_code(params);
+}
+
+static rdpi_status_t rdpi_q31_check_drive(const rdpi_q31_params_t *params)
+{
+    if (params->min_drive >= params->max_drive || !rdpi_q31_in_format(params->min_drive) ||
+        !rdpi_q31_in_format(params->max_drive) ||
+        (params->drive_of_code_0 != params->min_drive && params->drive_of_code_0 != params->max_drive) ||
+        params->dac_bits > RDPI_MAX_DAC_BITS) {
+        return RDPI_ERR_DRIVE;
+    }
+    if (params->dac_bits > 0u && !rdpi_q31_codes_fit(params)) {
+        return RDPI_ERR_DRIVE;
+    }
+    if (params->sweep_cycles - 1u >= MAX_SWEEP_CYCLES || params->sweep_end < params->min_drive ||
+        params->sweep_end > params->max_drive ||
+        (params->slew_per_us > 0u && params->slew_per_us < params->sweep_per_us)) {
+        return RDPI_ERR_SWEEP;
+    }
+    return RDPI_OK;
+}
+
+/* Whether one history can lead to these states, with a drive inside the range. */
+static rdpi_status_t rdpi_q31_check_memory(const rdpi_q31_params_t *params, const int32_t *y)
+{
+    for (size_t i = 0; i < params->plays; i++) {
+        int64_t lag = i > 0u ? (int64_t)y[i] - y[i - 1u] : 0;
+        int32_t gap = i > 0u ? params->play[i].r - params->play[i - 1u].r : 0;
+        if (lag > gap || lag < -gap || !rdpi_q31_in_format(y[i])) {
+            return RDPI_ERR_MEMORY;
+        }
+    }
+    return y[0] < params->min_drive || y[0] > params->max_drive ? RDPI_ERR_MEMORY : RDPI_OK;
+}
+
+/* rdpi_q31_digest, whatever the layout of the caller. */
+static uint32_t rdpi_q31_checksum(const rdpi_q31_params_t *params)
+{
+    size_t deadzones = params->deadzones * sizeof *params->saturation;
+    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, DIGEST_END - DIGEST_BEGIN);
+    crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
+    crc = rdpi_crc32(crc, params->saturation, deadzones);
+    crc = rdpi_crc32(crc, params->inverse_saturation, deadzones);
+    return rdpi_crc32(crc, params->memory, params->plays * sizeof *params->memory);
+}
+
+/* All that needs valid pointers and counts. */
+static rdpi_status_t rdpi_q31_check_params(const rdpi_q31_params_t *params)
+{
+    if (params->digest != rdpi_q31_checksum(params)) {
+        return RDPI_ERR_DIGEST;
+    }
+    if (params->guard_mantissa < (uint32_t)1 << 31) {
+        return RDPI_ERR_RATE;
+    }
+    if (params->min_slope_ratio < 1u) {
+        return RDPI_ERR_GUARD;
+    }
+    rdpi_status_t status = rdpi_q31_check_plays(params);
+    if (status == RDPI_OK) {
+        status = rdpi_q31_check_saturation(params->saturation, params->deadzones, params->saturation_shift);
+    }
+    if (status == RDPI_OK) {
+        status = rdpi_q31_check_saturation(params->inverse_saturation, params->deadzones, params->inverse_shift);
+    }
+    if (status == RDPI_OK) {
+        status = rdpi_q31_check_drive(params);
+    }
+    return status == RDPI_OK ? rdpi_q31_check_memory(params, params->memory) : status;
+}
+
+#endif

@@ -1,0 +1,158 @@
+/* rdpi_f32: what each number of the parameters may be, and the digest over all of them. */
+#include "unity.h"
+
+#include "rdpi/f32.h"
+
+TEST_SOURCE_FILE("lib/src/rdpi_f32.c")
+
+#include "axis_f32.inc"
+void setUp(void); /* there, named here for the generator of the runner */
+void tearDown(void);
+
+/* What both siblings do. */
+void test_digest_for_another_layout_is_0(void);
+void test_digest_does_not_depend_on_addresses_schema_and_digest(void);
+#include "axis_digest.inc"
+
+/* Every number but the memory, the last of each array standing for all of it. */
+#define NUMBERS 30
+#define CODE_NUMBERS 6 /* the last of them: what makes codes */
+
+static rdpi_real_t *number(size_t k)
+{
+    rdpi_real_t *const numbers[NUMBERS] = {
+        &given.params.gain_um_per_V, &given.params.V_per_um, &given.params.offset_V, &given.params.offset_um,
+        &given.params.rate_window_s, &given.params.rate_filter_s, &given.params.max_um_per_s,
+        &given.params.min_slope_ratio, &given.params.min_V, &given.params.max_V, &given.params.slew_V_per_s,
+        &given.params.sweep_V_per_s, &given.params.sweep_end_V,
+        &given.play[PLAYS - 1].r_um, &given.play[PLAYS - 1].slope, &given.play[PLAYS - 1].slope_rate_s_per_um,
+        &given.play[PLAYS - 1].intercept_um, &given.play[PLAYS - 1].intercept_rate_s,
+        &given.saturation[DEADZONES - 1].d_um, &given.saturation[DEADZONES - 1].weight,
+        &given.inverse_saturation[DEADZONES - 1].from_um, &given.inverse_saturation[DEADZONES - 1].to_um,
+        &given.inverse_saturation[DEADZONES - 1].slope, &given.inverse_saturation[DEADZONES - 1].intercept_um,
+        &given.params.last_code,
+        &given.params.codes_per_um,
+        &given.params.code_of_x_0, &given.params.um_per_code, &given.params.x_of_code_0_um, &given.params.V_per_code};
+    return numbers[k];
+}
+
+void test_init_refuses_each_number_that_is_not_finite(void)
+{
+    const rdpi_real_t bad[] = {NAN, INFINITY, -INFINITY};
+    for (size_t i = 0; i < NUMBERS; i++) {
+        rdpi_real_t good = *number(i);
+        for (size_t k = 0; k < 3; k++) {
+            *number(i) = bad[k];
+            actuator_seal(&given);
+            refused_as_they_are(RDPI_ERR_NOT_FINITE);
+        }
+        *number(i) = good;
+    }
+    start();
+}
+
+void test_init_refuses_each_number_that_is_too_large(void)
+{
+    for (size_t i = 0; i < NUMBERS; i++) {
+        const rdpi_real_t good = *number(i);
+        const rdpi_real_t bad = i < NUMBERS - CODE_NUMBERS ? (rdpi_real_t)1.00001e7 : (rdpi_real_t)1.00001e15;
+        *number(i) = bad;
+        actuator_seal(&given);
+        refused_as_they_are(RDPI_ERR_NOT_FINITE);
+        *number(i) = -bad;
+        actuator_seal(&given);
+        refused_as_they_are(RDPI_ERR_NOT_FINITE);
+        *number(i) = good;
+    }
+}
+
+void test_init_accepts_ten_million(void)
+{
+    given.params.slew_V_per_s = (rdpi_real_t)1e7;
+    start();
+}
+
+static void each_bit_counts(void *block, size_t size)
+{
+    for (size_t bit = 0; bit < 8 * size; bit++) {
+        unsigned char *byte = (unsigned char *)block + bit / 8, mask = (unsigned char)(1u << bit % 8);
+        *byte ^= mask;
+        rdpi_status_t status = rdpi_f32_init(&axis, &given.params, T_S);
+        *byte ^= mask;
+        TEST_ASSERT_EQUAL_INT(RDPI_ERR_DIGEST, status);
+    }
+    TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_f32_init(&axis, &given.params, T_S));
+}
+
+void test_init_refuses_one_wrong_bit_in_any_number(void)
+{
+    for (size_t k = 0; k < NUMBERS; k++) {
+        each_bit_counts(number(k), sizeof(rdpi_real_t));
+    }
+}
+
+void test_init_refuses_one_wrong_bit_in_bits_cycles_or_the_digest_itself(void)
+{
+    each_bit_counts(&given.params.dac_bits, sizeof given.params.dac_bits);
+    each_bit_counts(&given.params.sweep_cycles, sizeof given.params.sweep_cycles);
+    each_bit_counts(&given.params.digest, sizeof given.params.digest);
+}
+
+void test_init_refuses_one_wrong_bit_in_any_array(void)
+{
+    each_bit_counts(given.play, PLAYS * sizeof given.play[0]);
+    each_bit_counts(given.saturation, DEADZONES * sizeof given.saturation[0]);
+    each_bit_counts(given.inverse_saturation, DEADZONES * sizeof given.inverse_saturation[0]);
+    each_bit_counts(given.memory_um, PLAYS * sizeof given.memory_um[0]);
+}
+
+void test_init_refuses_counts_that_were_not_generated(void)
+{
+    given.params.plays = PLAYS - 1;
+    refused_as_they_are(RDPI_ERR_DIGEST);
+    given.params.plays = PLAYS;
+    given.params.deadzones = DEADZONES - 1;
+    refused_as_they_are(RDPI_ERR_DIGEST);
+}
+
+void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
+{
+    const rdpi_f32_params_t *from = &given.params;
+    const uint16_t counts[] = {from->plays, from->deadzones, from->dac_bits, from->sweep_cycles};
+    const rdpi_real_t numbers[] = {
+        from->gain_um_per_V, from->V_per_um, from->offset_V, from->offset_um, from->rate_window_s, from->rate_filter_s,
+        from->max_um_per_s, from->min_slope_ratio, from->min_V, from->max_V, from->slew_V_per_s, from->sweep_V_per_s,
+        from->sweep_end_V, from->last_code, from->codes_per_um, from->code_of_x_0, from->um_per_code,
+        from->x_of_code_0_um, from->V_per_code};
+    uint32_t crc = rdpi_crc32(0, counts, sizeof counts);
+    crc = rdpi_crc32(crc, numbers, sizeof numbers);
+    for (size_t i = 0; i < PLAYS; i++) {
+        const rdpi_real_t play[] = {given.play[i].r_um, given.play[i].slope, given.play[i].slope_rate_s_per_um,
+                                    given.play[i].intercept_um, given.play[i].intercept_rate_s};
+        crc = rdpi_crc32(crc, play, sizeof play);
+    }
+    for (size_t j = 0; j < DEADZONES; j++) {
+        const rdpi_real_t term[] = {given.saturation[j].d_um, given.saturation[j].weight};
+        crc = rdpi_crc32(crc, term, sizeof term);
+    }
+    for (size_t j = 0; j < DEADZONES; j++) {
+        const rdpi_real_t piece[] = {given.inverse_saturation[j].from_um, given.inverse_saturation[j].to_um,
+                                     given.inverse_saturation[j].slope, given.inverse_saturation[j].intercept_um};
+        crc = rdpi_crc32(crc, piece, sizeof piece);
+    }
+    crc = rdpi_crc32(crc, given.memory_um, PLAYS * sizeof(rdpi_real_t));
+    TEST_ASSERT_EQUAL_HEX32(crc, rdpi_f32_digest(from));
+}
+
+void test_init_refuses_memory_that_is_not_finite(void)
+{
+    const rdpi_real_t bad[] = {NAN, INFINITY, -INFINITY};
+    for (size_t i = 0; i < PLAYS; i++) {
+        for (size_t k = 0; k < 3; k++) {
+            given.memory_um[i] = bad[k];
+            refused(RDPI_ERR_MEMORY);
+        }
+        given.memory_um[i] = 0;
+    }
+    start();
+}
