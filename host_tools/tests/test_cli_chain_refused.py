@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from chain_files import COMMANDS, change_model, refusal, write_files
+from written import sections_as_read
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +64,8 @@ def test_missing_model(command: str, folder: Path, rdpi: Callable) -> None:
 
 
 def test_effects_of_a_later_version(folder: Path, rdpi: Callable) -> None:
-    change_model(effects=[{"name": "poltergeist"}])
+    with sections_as_read():
+        change_model(effects=[{"name": "poltergeist"}])
     for command in ("simulate", "plot"):
         assert re.match(r"static\.json: effects\[0\].*poltergeist.*cannot simulate",
                         refusal(rdpi, command, "static.json"))
