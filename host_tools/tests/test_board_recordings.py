@@ -92,7 +92,7 @@ def test_how_a_stream_ended() -> None:
     assert how_it_ended(decoded(stream(samples(20)))) == "the target had finished"
     assert "before the target had finished" in how_it_ended(decoded(stream(samples(20), finished=0)))
     reset = decoded(stream(samples(20), finished=0) + Info(streams.RESET).frame())
-    assert how_it_ended(reset) == "the target refuses to run: its watchdog has reset it; its safe code is out"
+    assert how_it_ended(reset) == "the target refuses to run: its watchdog has reset it; it now outputs its safe code"
 
 
 def test_how_a_recording_goes_on() -> None:
@@ -107,7 +107,7 @@ def test_files_that_a_recording_must_leave_alone(here: Path) -> None:
     check_recording_outputs("/dev/null", "run.csv", ["log.json", "raw.bin"])
     check_recording_outputs("socket://localhost:1234", "run.csv")
     for others, every, message in ((["/dev/null"], False, "/dev/null: is the port"),
-                                   (["run.csv.part2"], False, "run.csv.part2: is where samples go"),
+                                   (["run.csv.part2"], False, "run.csv.part2: is used for samples"),
                                    (["run.csv"], False, "run.csv: would be written over another output"),
                                    (["run-4.csv"], True, "run-4.csv: would be written over another output")):
         with pytest.raises(BadInput, match=message):
@@ -133,7 +133,7 @@ def test_a_live_recording_that_breaks_off(board: Board, here: Path) -> None:
     """What came is written and what went wrong is told."""
     board.later(lambda: board.send(stream(samples(2500), finished=0)), lambda: time.sleep(1), board.unplug)
     recorded = record_file(board.port, "run.csv")
-    assert "the port is gone" in recorded.failures[0] and "what came before has been written" in recorded.failures[0]
+    assert "the connection to the port was lost" in recorded.failures[0] and "the samples before that have been written" in recorded.failures[0]
     assert len(read_recording("run.csv")) >= 1000 and recorded.written.stream["finished"] is False
 
 

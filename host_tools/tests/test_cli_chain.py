@@ -75,7 +75,7 @@ def test_simulate_a_drive_alone(folder: Path, rdpi: Callable) -> None:
     write_recording("drive.csv", {"time_s": run.time_s, "command_V": run.command_V}, {})
     result, text = result_of(rdpi, "simulate", "static.json", "drive.csv", "-o", "out.csv")
     assert result["runs"] == [] and result["rms_percent"] is result["max_percent"] is None
-    assert "no displacement_um to score" in text
+    assert "there is no displacement_um to compare with" in text
     out = read_recording("out.csv", required=("predicted_um",))
     assert list(out.columns) == ["time_s", "command_V", "predicted_um"]
     truth = stack(law=0).respond(run.command_V, 0 * run.command_V)
@@ -121,7 +121,7 @@ def test_simulate_a_displacement_that_stands_still(folder: Path, rdpi: Callable)
     write_recording("still.csv", {**run.columns, "displacement_um": 0 * run.time_s + 3}, run.metadata)
     for arguments in ([], ["--max-rms", 1]):
         text = refusal(rdpi, "simulate", "static.json", "still.csv", *arguments)
-        assert re.match(r"still\.csv: .*spans 0 .*check", text)
+        assert re.match(r"still\.csv: .*range is 0 .*check", text)
 
 
 def test_simulate_gate_without_anything_to_judge(folder: Path, rdpi: Callable) -> None:
@@ -165,16 +165,16 @@ def test_header_takes_the_start_up_sweep(folder: Path, rdpi: Callable) -> None:
 
 def test_header_notes_a_slow_sweep(folder: Path, rdpi: Callable) -> None:
     _, text = result_of(rdpi, "header", "static.json", "-o", "params.h", "--sweep-rate", 0.5)
-    assert re.search(r"note: at 0.5 V/s the start-up sweep is too slow for more than 3.74e\+03 samples per second",
-                     text)
+    assert re.search(r"note: the start-up sweep, 0.5 V/s, is too slow for more than 3.74e\+03 samples per second", text)
 
 
 def test_header_without_fixed_point(folder: Path, rdpi: Callable) -> None:
     result, text = result_of(rdpi, "header", "static.json", "-o", "params.h")
-    assert result["q31"] and "note: single" not in text
+    assert result["q31"] and "single precision" not in text
     change_model(rate=Rate(max_um_per_s=100.0, filter_s=5.0))
     result, text = result_of(rdpi, "header", "static.json", "-o", "params.h")
-    assert not result["q31"] and "note: single precision only, not fixed point: rate.filter_s: is 5 s" in text
+    assert not result["q31"]
+    assert "note: the header has no fixed-point parameters, only single precision: rate.filter_s: is 5 s" in text
     message = refusal(rdpi, "compensate", "static.json", None, "--engine", "q31")
     assert message.startswith("static.json: no fixed point: rate.filter_s: is 5 s; at most 4.29 s")
 

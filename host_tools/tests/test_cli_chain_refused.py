@@ -77,7 +77,8 @@ def columns_without(name: str) -> Callable[[list[str]], list[str]]:
 
 # Lines 1 and 2 are metadata, 3 the names of the columns, 4 the first sample of large.csv.
 BAD_RUN: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
-    "missing column": (columns_without("command_V"), r":3: no column command_V; there are .*sensor.*; rename"),
+    "missing column": (columns_without("command_V"), r":3: there is no column command_V; "
+                       r"the columns are .*sensor.*\. Rename"),
     "NaN": (lambda lines: [*lines[:20], "0.017,nan,1,1\n", *lines[21:]],
             r":21: column command_V is nan; .*(cut|interpolate)"),
     "text": (lambda lines: [*lines[:20], "0.017,off,1,1\n", *lines[21:]],
@@ -85,7 +86,7 @@ BAD_RUN: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
     "too short": (lambda lines: lines[:18], r": 15 samples; a recording needs at least 16"),
     "backwards time": (lambda lines: [*lines[:30], *lines[10:]], r":31: time_s runs backwards .*cut"),
     "wrong rate": (lambda lines: [lines[0].replace("1000", "900"), *lines[1:]],
-                   r":1: sample_rate_hz is 900 but the times say 1000"),
+                   r":1: sample_rate_hz is 900, but the times give 1000"),
 }
 
 
@@ -102,12 +103,13 @@ def test_bad_reference(folder: Path, rdpi: Callable) -> None:
     lines = Path("reference.csv").read_text().splitlines(keepends=True)
     for text, message in (
             ([*lines[:30], "0.028,nan\n", *lines[31:]], r"bad\.csv:31: column reference_um is nan"),
-            (columns_without("reference_um")(lines), r"bad\.csv:2: no column reference_um; there are time_s, sensor"),
+            (columns_without("reference_um")(lines), r"bad\.csv:2: there is no column "
+             r"reference_um; the columns are time_s, sensor"),
             (lines[:10], r"bad\.csv: 8 samples")):
         Path("bad.csv").write_text("".join(text))
         assert re.match(message, refusal(rdpi, "compensate", "static.json", "bad.csv"))
     text = refusal(rdpi, "compensate", "static.json", None, "--reference-column", "wish")
-    assert re.match(r"reference\.csv:2: no column wish", text)
+    assert re.match(r"reference\.csv:2: there is no column wish", text)
     assert re.match(r"nowhere\.csv: cannot be read", refusal(rdpi, "compensate", "static.json", "nowhere.csv"))
 
 
@@ -116,7 +118,7 @@ def test_unwritable(command: str, folder: Path, rdpi: Callable) -> None:
     usual, output = COMMANDS[command]
     done = rdpi(command, "static.json", *([usual] if usual else []), "-o", f"missing/{output}")
     assert done.exit_code == 2 and "Traceback" not in done.output
-    assert done.output == f"rdpi: missing/{output}: there is no folder missing; make it first\n"
+    assert done.output == f"rdpi: missing/{output}: there is no directory missing; create it first\n"
 
 
 @pytest.mark.parametrize("command", COMMANDS)

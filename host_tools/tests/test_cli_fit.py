@@ -165,7 +165,8 @@ def test_quality_gate(fitted: Callable, runs: dict[str, Path]) -> None:
     limit = 0.5 * (seen + unseen)
     assert seen < limit < unseen
     document, result, text = fitted(*held, "--max-rms", limit, status=1)
-    assert result["gate_failed"] is True and f"{unseen:.3g} % rms, above the {limit:g} %" in text and document["slopes"]
+    assert result["gate_failed"] is True and document["slopes"]
+    assert f"the rms error is {unseen:.3g} %; --max-rms allows {limit:g} %" in text
     assert fitted(*held, "--max-rms", 1.1 * unseen)[1]["gate_failed"] is False
     assert fitted("--operators", 2, "--max-rms", 1.1 * seen)[1]["gate_failed"] is False
     fitted("--operators", 2, "--max-rms", 0.9 * seen, status=1)
@@ -213,17 +214,18 @@ def columns(**changes: Callable[[np.ndarray], np.ndarray]) -> Callable[[Path], N
 # Lines 1 to 3 are metadata, 4 the names of the columns, 5 the first sample.
 BAD_TEXT: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
     "missing column": (edit(4, "displacement_um", "sensor"),
-                       r":4: no column displacement_um; there are time_s, command_V, sensor; .*rdpi import"),
+                       r":4: there is no column displacement_um; the columns are "
+                       r"time_s, command_V, sensor\. .*rdpi import"),
     "NaN": (lambda lines: [*lines[:20], "0.032,1.5,nan\n", *lines[21:]],
             r":21: column displacement_um is nan; .*(cut|interpolate)"),
     "text": (lambda lines: [*lines[:20], "0.032,off,1.5\n", *lines[21:]],
              r":21: column command_V is 'off', not a number; correct"),
     "too short": (lambda lines: lines[:19], r": 15 samples; a recording needs at least 16"),
-    "empty": (lambda lines: [], r": empty file; a recording has"),
+    "empty": (lambda lines: [], r": is empty; a recording has"),
     "backwards time": (lambda lines: [*lines[:30], *lines[10:]],
                        r":31: time_s runs backwards \(0\.05 then 0\.012\); cut"),
     "a gap": (lambda lines: [*lines[:30], *lines[40:]], r":31: sampling is not uniform.*0\.022.*0\.002.*resample"),
-    "wrong rate": (edit(1, "500", "5000"), r":1: sample_rate_hz is 5000 but the times say 500; correct"),
+    "wrong rate": (edit(1, "500", "5000"), r":1: sample_rate_hz is 5000, but the times give 500; correct"),
     "unknown memory": (edit(2, "reset", "forgotten"), r":2: memory is 'forgotten'; use one of reset, carried, unknown"),
 }
 BAD_COLUMNS: dict[str, tuple[Callable[[Path], None], str]] = {
@@ -278,7 +280,7 @@ def test_bad_usage(arguments: list[str], rdpi: Callable, runs: dict[str, Path], 
 def test_unwritable(rdpi: Callable, runs: dict[str, Path], tmp_path: Path) -> None:
     result = rdpi("fit", runs["large"], "-o", tmp_path / "missing" / "model.json")
     assert result.exit_code == 2 and "Traceback" not in result.output
-    assert "missing/model.json: there is no folder" in result.output and "make it first" in result.output
+    assert "missing/model.json: there is no directory" in result.output and "create it first" in result.output
 
 
 @pytest.mark.slow

@@ -223,21 +223,21 @@ def without_column(name: str) -> Callable[[Recording], Recording]:
 
 BAD_RUNS: dict[str, tuple[Callable[[Recording], Recording], str]] = {
     "all constant": (lambda run: changed(run, command_V=0 * run.command_V + 5, displacement_um=0 * run.time_s + 1),
-                     r"fresh0\.csv: command_V is constant at 5 V; .*leave this run out"),
+                     r"fresh0\.csv: command_V is constant at 5 V; .*remove this run"),
     "a sensor that is dead": (lambda run: changed(run, displacement_um=0 * run.time_s + 1),
                               r"fresh0\.csv: displacement_um is constant at 1 um; check the sensor"),
     "displacement in nm": (lambda run: changed(run, displacement_um=1000 * run.displacement_um),
-                           r"fresh0\.csv: moves \S+ um/V, the model \S+: these are other units; .*rdpi import"),
+                           r"fresh0\.csv: moves \S+ um/V, the model \S+: the units differ; .*rdpi import"),
     "displacement in mm": (lambda run: changed(run, displacement_um=run.displacement_um / 1000),
-                           r"fresh0\.csv: moves \S+ um/V, the model \S+: these are other units"),
+                           r"fresh0\.csv: moves \S+ um/V, the model \S+: the units differ"),
     "command in mV": (lambda run: changed(run, command_V=1000 * run.command_V),
-                      r"fresh0\.csv: moves \S+ um/V, the model \S+: these are other units"),
+                      r"fresh0\.csv: moves \S+ um/V, the model \S+: the units differ"),
     "opposite sign": (lambda run: changed(run, displacement_um=-run.displacement_um),
                       r"fresh0\.csv: moves opposite to the model; check the sign"),
     "unrelated": (lambda run: changed(run, displacement_um=np.random.default_rng(0).standard_normal(len(run))),
                   r"fresh\d\.csv: command_V and displacement_um are unrelated"),
-    "no displacement": (without_column("displacement_um"), r"fresh0\.csv:\d+: no column displacement_um"),
-    "no command": (without_column("command_V"), r"fresh0\.csv:\d+: no column command_V"),
+    "no displacement": (without_column("displacement_um"), r"fresh0\.csv:\d+: there is no column displacement_um"),
+    "no command": (without_column("command_V"), r"fresh0\.csv:\d+: there is no column command_V"),
 }
 
 
@@ -251,7 +251,7 @@ def test_bad_recordings(case: str, folder: Path, refused: Callable) -> None:
 
 def test_one_recording_in_other_units_among_others(folder: Path, refused: Callable) -> None:
     altered(lambda run: changed(run, displacement_um=1000 * run.displacement_um), FRESH[2:3])
-    assert re.match(r"fresh2\.csv: moves \S+ um/V, the model \S+: these are other units",
+    assert re.match(r"fresh2\.csv: moves \S+ um/V, the model \S+: the units differ",
                     refused("gap", "model.json", *FRESH, "-o", refused.output))
 
 
@@ -281,7 +281,7 @@ def test_outputs_that_cannot_be(folder: Path, rdpi: Callable) -> None:
                                (("--report", "file"), "file"),
                                (("--report", "model.json"), "model.json"),
                                (("-o", "nowhere/a.json"), "nowhere"),
-                               (("--without", "magic"), "--without magic: no effect; there are "),
+                               (("--without", "magic"), "--without magic: is not an effect; the effects are "),
                                (("-o", "out/gap.json", "--report", "out"), "would be written over another output")):
         before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
         done = rdpi("gap", "model.json", *FRESH, *arguments)

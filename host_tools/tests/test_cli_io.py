@@ -84,7 +84,8 @@ def test_unwritable_output(target: str, rdpi: Callable, tmp_path: Path, monkeypa
 def test_unwritable_json(rdpi: Callable, tmp_path: Path) -> None:
     result = rdpi("excite", "startup", "-o", tmp_path / "drive.csv", "--json", tmp_path / "missing" / "result.json")
     assert result.exit_code == 2
-    assert f"rdpi: {tmp_path / 'missing' / 'result.json'}: there is no folder {tmp_path / 'missing'}" in result.output
+    missing = tmp_path / "missing"
+    assert f"rdpi: {missing / 'result.json'}: there is no directory {missing}" in result.output
     assert not (tmp_path / "drive.csv").exists()  # found before the work
 
 
@@ -246,12 +247,13 @@ def test_other_outputs_are_files(name: str, rdpi: Callable, tmp_path: Path, monk
     needed = {"excite": ["startup"], "compensate": ["m", "r"], "gap": ["m", "r"], "simulate": ["m", "r"],
               "plot": ["m", "r"]}
     result = rdpi(name, *needed.get(name, ["m"]), "-o", "-")
-    assert result.exit_code == 2 and result.output == "rdpi: -o -: standard output is only for --json; name a file\n"
+    assert result.exit_code == 2
+    assert result.output == "rdpi: -o -: standard output is only for --json; give a file name\n"
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("where, message", [
-    (">&-", "--json -: standard output is closed; name a file"),
+    (">&-", "--json -: standard output is closed; give a file name"),
     (">/dev/full", "standard output: No space left on device; check the path and permissions")])
 def test_json_that_standard_output_does_not_take(where: str, message: str, tmp_path: Path) -> None:
     line = f'"{sys.executable}" -m rdpi excite startup -o drive.csv --json - {where}'
@@ -263,7 +265,7 @@ def test_json_that_standard_output_does_not_take(where: str, message: str, tmp_p
 def test_what_has_no_end_is_not_read(words: list[str], tmp_path: Path, refused: Callable) -> None:
     os.mkfifo(tmp_path / "pipe")
     assert "is a device" in refused(*words, "/dev/zero", "-o", refused.output)
-    assert "nothing came through this pipe" in refused(*words, tmp_path / "pipe", "-o", refused.output)
+    assert "this pipe is empty" in refused(*words, tmp_path / "pipe", "-o", refused.output)
 
 
 @pytest.mark.parametrize("size", [3 << 30, 500 << 20])

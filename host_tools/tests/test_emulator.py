@@ -126,7 +126,8 @@ def test_a_model_without_fixed_point(folder: Path, model: Model, rdpi: Callable)
 
 
 def test_fixed_point_is_a_choice_of_the_boards(folder: Path, rdpi: Callable) -> None:
-    assert refusal(folder, rdpi, "--engine", "f32", "--fixed-point").startswith("--fixed-point: is for the engines")
+    assert refusal(folder, rdpi, "--engine", "f32", "--fixed-point").startswith(
+        "--fixed-point: is only valid with the engines")
 
 
 @slow
@@ -135,7 +136,8 @@ def test_how_many_samples_fit(folder: Path, model: Model, rdpi: Callable) -> Non
     time_s = sample_times(samples, RATE_HZ)
     write_recording("reference.csv", {"time_s": time_s, "reference_um": np.sin(time_s)}, {})
     message = refusal(folder, rdpi, "--engine", "qemu-m0")
-    found = re.fullmatch(r"70000 samples do not fit the flash of qemu-m0, (\d+) do: cut the reference, or .*", message)
+    found = re.fullmatch(r"70000 samples do not fit into the flash of qemu-m0; (\d+) do\. Shorten the reference, or .*",
+                         message)
     run, fit = read_recording("reference.csv", ("reference_um",)), int(found[1])
     for count in (fit, fit + 4):  # flash is filled by eights of bytes
         (folder / str(count)).mkdir()
@@ -151,7 +153,7 @@ def test_how_many_samples_fit(folder: Path, model: Model, rdpi: Callable) -> Non
 def test_firmware_that_does_not_build(folder: Path, model: Model, rdpi: Callable) -> None:
     write_model("model.json", replace(model, rate=Rate("displacement", 0.5, 0.0, 400.0)))  # 4000 samples, 16 KiB
     message = refusal(folder, rdpi, "--engine", "qemu-m0")
-    assert message.startswith("the firmware for qemu-m0 does not build: ") and "ram" in message.lower()
+    assert message.startswith("the build of the firmware for qemu-m0 failed: ") and "ram" in message.lower()
 
 
 @pytest.mark.parametrize("missing", [["qemu-system-arm"], ["cmake", "arm-none-eabi-gcc"]])
@@ -162,15 +164,15 @@ def test_tools_that_are_missing(folder: Path, rdpi: Callable, monkeypatch: pytes
         (folder / "bin" / name).symlink_to(shutil.which(name))
     monkeypatch.setenv("PATH", str(folder / "bin"))
     message = refusal(folder, rdpi, "--engine", "qemu-m4f")
-    assert message.startswith(f"an emulator's engine needs {', '.join(missing)}: apt-get install ")
+    assert message.startswith(f"the engines qemu-... need {', '.join(missing)}: apt-get install ")
 
 
 def test_no_checkout(folder: Path, rdpi: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RDPI_HOME", str(folder))
-    assert refusal(folder, rdpi, "--engine", "qemu-m4f") == f"RDPI_HOME is {folder}: not rdpi's checkout"
+    assert refusal(folder, rdpi, "--engine", "qemu-m4f") == f"RDPI_HOME is {folder}: this is not a checkout of rdpi"
     monkeypatch.delenv("RDPI_HOME")
     monkeypatch.setattr(emulator, "__file__", str(folder / "site-packages/rdpi/board/emulator.py"))
-    assert "set RDPI_HOME to its folder" in refusal(folder, rdpi, "--engine", "qemu-m4f")
+    assert "set RDPI_HOME to the directory of the checkout" in refusal(folder, rdpi, "--engine", "qemu-m4f")
     monkeypatch.setenv("RDPI_HOME", str(ROOT))
     assert emulator.checkout() == ROOT
 
@@ -187,13 +189,13 @@ def fake(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
 @pytest.mark.slow
 def test_an_emulator_that_fails(folder: Path, rdpi: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
     fake(folder, monkeypatch, "echo unsupported machine >&2; exit 1")
-    assert refusal(folder, rdpi, "--engine", "qemu-m4f") == "qemu-m4f: qemu-system-arm stopped: unsupported machine"
+    assert refusal(folder, rdpi, "--engine", "qemu-m4f") == "qemu-m4f: qemu-system-arm ended early: unsupported machine"
 
 
 def test_an_emulator_that_is_silent_is_ended(folder: Path, rdpi: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
     fake(folder, monkeypatch, f"echo $$ >{folder}/pid; exec sleep 60")
     monkeypatch.setattr(emulator, "SILENT_S", 0.5)
-    assert refusal(folder, rdpi, "--engine", "qemu-m4f") == "qemu-m4f: silent for 0.5 s after 0 of 2000 samples"
+    assert refusal(folder, rdpi, "--engine", "qemu-m4f") == "qemu-m4f: no data for 0.5 s after 0 of 2000 samples"
     assert subprocess.run(["kill", "-0", (folder / "pid").read_text().strip()], capture_output=True).returncode != 0
 
 
@@ -202,4 +204,4 @@ def test_a_board_that_is_too_slow(folder: Path, rdpi: Callable, monkeypatch: pyt
     # a microsecond an instruction
     fake(folder, monkeypatch, f"""exec {real} $(echo "$@" | sed s/shift=[0-9]*/shift=10/)""")
     message = refusal(folder, rdpi, "--engine", "qemu-m4f")
-    assert re.match(r"qemu-m4f: the run is not whole: \d+ of 2000 samples, [1-9]\d* ticks lost at 8000 ", message)
+    assert re.match(r"qemu-m4f: the run is not complete: \d+ of 2000 samples, [1-9]\d* ticks lost at 8000 ", message)

@@ -22,7 +22,8 @@ from hypothesis.extra import numpy as arrays_of
 from models import random_model
 
 from rdpi.board import profile
-from rdpi.data import Recording, Request, import_recording, importer, read_recording, sample_times, write_recording
+from rdpi.data import (Recording, Request, import_recording, importer, read_recording, sample_times, sources,
+                       write_recording)
 from rdpi.errors import BadInput
 from rdpi.firmware import header
 from rdpi.model import read_model, write_model
@@ -212,7 +213,7 @@ def test_what_comes_out_of_files_of_arrays(fuzzed: Callable, tmp_path: Path, mon
     names = st.text(max_size=8) | st.sampled_from(["t", "u", "z", "fs", "dt", "run.x", "pos_nm", "pos [um]", ""])
 
     def check(arrays: list[tuple[str, np.ndarray]], request: Request) -> None:
-        monkeypatch.setattr(importer, "read_arrays", lambda data: arrays)
+        monkeypatch.setattr(sources, "read_arrays", lambda data: arrays)
         found = refuses(path, lambda: import_recording(str(path), request))
         if found is not None:
             sound(found[0])

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 from streams import Sample, frame, samples, stream
 
 from rdpi.board import Decoder, Following, telemetry
+from rdpi.board.stretches import Stretch, notes, stretches
 from rdpi.data import MIN_SAMPLES, read_recording, sample_times, write_recording
 from rdpi.errors import BadInput
 
@@ -107,7 +108,8 @@ def decode(data: bytes, cuts: list[int]) -> Decoder:
     try:
         decoder.finish()
     except BadInput as error:
-        assert with_nothing or decoder.complaint() or "does not know" in str(error) or "the firmware says" in str(error)
+        told = "unknown to this version" in str(error) or "the firmware reports" in str(error)
+        assert with_nothing or decoder.complaint() or told
     return decoder
 
 
@@ -145,7 +147,7 @@ def what_is_good_is_kept(between: list[bytes], before: int, after: int) -> None:
 def whatever_is_written_is_a_recording(path: Path, data: bytes, info: streams.Info) -> None:
     decoder = decode(info.frame() + data, [])
     try:
-        found = telemetry.stretches(decoder)
+        found = stretches(decoder)
     except BadInput:  # samples but no info
         return
     for stretch in found:
@@ -153,7 +155,7 @@ def whatever_is_written_is_a_recording(path: Path, data: bytes, info: streams.In
         if all(np.abs(column).max() < LARGEST for column in stretch.columns.values()):
             assert len(read_recording(path, ("command_V",))) == stretch.samples
     if decoder.info is not None and found:
-        telemetry.notes(decoder, found, found[:1])
+        notes(decoder, found, found[:1])
 
 
 def parts_of_a_run(*parts: tuple[int, int]) -> bytes:
@@ -189,12 +191,12 @@ def what_is_followed_is_what_is_found(info: streams.Info, runs: list[bytes], cut
         assert part.columns["time_s"].tolist() == sample_times(part.samples, info.rate_hz).tolist()
     late_reading = any(run.samples["adc_counts"][0] == streams.NO_READING and
                        (run.samples["adc_counts"] != streams.NO_READING).any() for run in decoder.runs if run.pieces)
-    found = telemetry.stretches(decoder)
+    found = stretches(decoder)
     if not late_reading and not any(part.metadata.get("without_reference") for part in found):
         assert [_contents(part) for part in got] == [_contents(part) for part in found]
 
 
-def _contents(part: telemetry.Stretch) -> tuple:
+def _contents(part: Stretch) -> tuple:
     return (part.metadata["first_tick"], part.metadata["memory"],
             {name: column.tolist() for name, column in part.columns.items()})
 

@@ -441,14 +441,14 @@ def test_several_recordings_give_an_interval() -> None:
 
 def test_recordings_that_the_model_was_fitted_to() -> None:
     note = next(note for note in diagnose(commissioned(), later()).document.notes if "was fitted to" in note)
-    assert "give recordings that it does not know" in note
+    assert "give other recordings" in note
 
 
 def test_a_model_without_passport_says_what_it_cannot_claim() -> None:
     model = replace(commissioned(), passport=None)
     document = diagnose(model, later(entry("delay", delay_s=0.003))).document
     assert document.effects[0].name == "delay" and document.passport is None
-    assert any("no passport" in note and "fit it again" in note for note in document.notes)
+    assert any("no passport" in note and "fit the model again" in note for note in document.notes)
     assert all(row.ratio is None for row in document.runs)
     assert diagnose(model, later()).document.verdict == "none"
 
@@ -644,9 +644,9 @@ def test_an_earlier_recording_is_not_the_same_one() -> None:
 # --- what it refuses, what it remarks --------------------------------------------------------------------------------
 
 @pytest.mark.parametrize(("change", "message"), [
-    (lambda run: scaled(run, displacement=1000.0), "other units"),
-    (lambda run: scaled(run, displacement=1e-3), "other units"),
-    (lambda run: scaled(run, command=1000.0), "other units"),
+    (lambda run: scaled(run, displacement=1000.0), "the units differ"),
+    (lambda run: scaled(run, displacement=1e-3), "the units differ"),
+    (lambda run: scaled(run, command=1000.0), "the units differ"),
     (lambda run: scaled(run, displacement=-1.0), "moves opposite to the model"),
     (lambda run: changed(run, displacement_um=np.full(len(run), 3.0)), "displacement_um is constant"),
     (lambda run: changed(run, command_V=np.full(len(run), 3.0)), "command_V is constant"),

@@ -141,7 +141,7 @@ REFUSED: dict[str, tuple[Recording, str]] = {
     "unrelated but smooth": (bent(displacement_um=lambda z: waves(12, 1.37, 4.11, 500)), r"unrelated.*check"),
     "only a ramp": (bent(command_V=lambda V: np.linspace(0, 90, 1500),
                          displacement_um=lambda z: np.linspace(0, 12, 1500) + 0.004 * NOISE),
-                    r"command_V never turns round.*rdpi excite"),
+                    r"command_V never changes direction.*rdpi excite"),
     "picometres": (bent(displacement_um=lambda z: 1e6 * z), r"displacement_um reaches 1\.2\d*e\+07; check its unit"),
     "microvolts": (bent(command_V=lambda V: 1e6 * V), r"command_V reaches 9e\+07; check its unit"),
     "offset too large for single precision": (bent(displacement_um=lambda z: z + 9e5),

@@ -67,7 +67,7 @@ def test_several_sources_all_or_nothing(rdpi: Callable, tmp_path: Path) -> None:
     a, b, again = tmp_path / "a.csv", tmp_path / "b.csv", tmp_path / "other" / "a.dat"
     for sources, output, needle in (([a, b], tmp_path / "runs", "b.csv:5"),
                                     ([a, again], tmp_path / "runs", "would both be written"),
-                                    ([a, again], tmp_path / "runs.csv", "need a folder")):
+                                    ([a, again], tmp_path / "runs.csv", "need a directory")):
         result = rdpi("import", *sources, "-o", output)
         assert result.exit_code == 2 and needle in result.output and not output.exists()
 

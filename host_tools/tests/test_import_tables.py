@@ -160,7 +160,7 @@ def test_fields_beside_the_numbers(name: str, imported: Callable, refused: Calla
 def test_hexadecimal_numbers_are_text(imported: Callable, refused: Callable, tmp_path: Path) -> None:
     (tmp_path / "scope.csv").write_text(BESIDE["digital channels"])
     options = ["--command", "CH1", "--displacement", SENSED]
-    assert "left out: D7-D0, D15-D8 (" in imported(tmp_path / "scope.csv", *options)[1]
+    assert "not used: D7-D0, D15-D8 (" in imported(tmp_path / "scope.csv", *options)[1]
     message = refused("import", tmp_path / "scope.csv", *options, "--also", "bits=D7-D0", "-o", refused.output)
     assert "column 2 'D7-D0' is '0x00', not a number" in message
 
@@ -185,7 +185,7 @@ def test_a_second_table_in_a_file(refused: Callable, imported: Callable, tmp_pat
     (tmp_path / "two.lvm").write_text(LVM + LVM.partition("***\n")[2])
     options = ["--command", "Drive", "--displacement", "Stage"]
     message = refused("import", tmp_path / "two.lvm", *options, "-o", refused.output)
-    assert f"does another table begin? Take the rows of one with --rows, e.g. --rows 0:{COUNT}" in message
+    assert f"If another table begins there, choose the rows of one with --rows, e.g. --rows 0:{COUNT}" in message
     same(imported(tmp_path / "two.lvm", *options, "--rows", f"0:{COUNT}")[0])
 
 
@@ -225,7 +225,7 @@ def test_what_is_printed_and_kept(imported: Callable, rdpi: Callable, tmp_path: 
     result = json.loads((tmp_path / "result.json").read_text())["recordings"][0]
     assert result["samples"] == COUNT and result["columns"] == list(recording.columns)
     _, output = imported(content)
-    assert "left out: spare (--also" in output
+    assert "not used: spare (keep one with --also" in output
 
 
 def test_counts_beyond_any_time(refused: Callable, tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:

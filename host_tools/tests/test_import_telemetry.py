@@ -63,11 +63,11 @@ def test_another_sensor(captured: Path, run_csv: Path, rdpi: Callable) -> None:
 
 @pytest.mark.parametrize("data, message", [
     (b"", "no telemetry frame in 0 bytes; nothing was sent"),
-    (b"abc" * 100, "no telemetry frame in 300 bytes; is the baud rate right?"),
+    (b"abc" * 100, "no telemetry frame in 300 bytes; check the baud rate"),
     (stream(SENT[:15]), "15 samples, 0 lost on the way, 0 ticks lost by the target; 0 corrupt frames: no 16 samples w"),
     (Info().frame(), "0 samples, 0 lost on the way, 0 ticks lost by the target; 0 corrupt frames: no 16 samples w"),
     (Info(streams.REFUSED, -8).frame(), f"the target refuses to run: {firmware.status_text(-8)} (status -8)"),
-    (stream(SENT)[len(Info().frame()):20_000], "samples, but no info frame"),
+    (stream(SENT)[len(Info().frame()):20_000], "there are samples, but no info frame"),
 ])
 def test_streams_without_a_recording(captured: Path, refused: Callable, data: bytes, message: str) -> None:
     captured.write_bytes(data)
@@ -81,10 +81,10 @@ def test_a_bad_stream_among_good_ones_leaves_nothing(captured: Path, tmp_path: P
 
 
 @pytest.mark.parametrize("words, message", [
-    (["--telemetry", "--rate", "5"], "--rate: has a meaning only without --telemetry"),
-    (["--telemetry", "--command", "1"], "--command: has a meaning only without --telemetry"),
-    (["--stretches"], "--stretches: has a meaning only with --telemetry"),
-    (["--um-per-count", "1"], "--um-per-count: has a meaning only with --telemetry"),
+    (["--telemetry", "--rate", "5"], "--rate: is only valid without --telemetry"),
+    (["--telemetry", "--command", "1"], "--command: is only valid without --telemetry"),
+    (["--stretches"], "--stretches: is only valid with --telemetry"),
+    (["--um-per-count", "1"], "--um-per-count: is only valid with --telemetry"),
 ])
 def test_options_of_the_other_kind(captured: Path, refused: Callable, words: list[str], message: str) -> None:
     assert refused("import", captured, "-o", refused.output, *words) == message
@@ -97,7 +97,7 @@ def test_stretches_are_not_written_over_what_is_read(captured: Path, rdpi: Calla
     as_it_was = source.read_bytes()
     done = rdpi("import", "--telemetry", source, "-o", tmp_path / "run.csv", "--stretches")
     assert (done.exit_code, done.output) == (
-        2, f"rdpi: {source}: would be written over an input; give another name or folder\n")
+        2, f"rdpi: {source}: would be written over an input; give another name or directory\n")
     link = tmp_path / "other-1.csv"
     link.symlink_to(source)
     done = rdpi("import", "--telemetry", source, "-o", tmp_path / "other.csv", "--stretches")
@@ -124,7 +124,7 @@ def test_the_raw_stream_is_not_written_over_the_recording(refused: Callable) -> 
 def test_the_target_told_what_it_did_not_send(captured: Path, run_csv: Path, rdpi: Callable) -> None:
     captured.write_bytes(stream(WITHOUT_A_FEW, Info(counts=(3, *[0] * 8))))
     done = rdpi("import", "--telemetry", captured, "-o", run_csv)
-    assert "note: 3 samples never left the target: its line is too slow" in done.output
+    assert "note: the target could not send 3 samples: its line is too slow" in done.output
 
 
 @pytest.mark.parametrize("sent, note", [
@@ -145,7 +145,7 @@ def test_why_the_memory_is_unknown(captured: Path, run_csv: Path, rdpi: Callable
             replace(sample, dac_code=40_000) for sample in SENT]
     captured.write_bytes(stream(sent))
     done = rdpi("import", "--telemetry", captured, "-o", run_csv)
-    assert "memory: unknown (the drive jumps at the sweep's end)\n" in done.output
+    assert "memory: unknown (the drive jumps at the end of the sweep)\n" in done.output
     done = rdpi("import", "--telemetry", captured, "-o", run_csv, "--memory", "carried")
     assert "memory: carried\n" in done.output
 
@@ -153,5 +153,5 @@ def test_why_the_memory_is_unknown(captured: Path, run_csv: Path, rdpi: Callable
 def test_samples_without_readings(captured: Path, run_csv: Path, rdpi: Callable) -> None:
     captured.write_bytes(stream([replace(sample, adc_counts=streams.NO_READING) for sample in SENT]))
     done = rdpi("import", "--telemetry", captured, "-o", run_csv)
-    assert done.exit_code == 0 and "note: no displacement_um" in done.output
+    assert done.exit_code == 0 and "note: there is no displacement_um" in done.output
     assert read_recording(run_csv, ("command_V",)).displacement_um is None

@@ -148,7 +148,7 @@ def test_wrong_schema(schema: object, complaint: Callable) -> None:
 
 @pytest.mark.parametrize("text", ["[1, 2]", "3", "null", '"rdpi-model/1"', "", "time_s,command_V\n0,1\n"])
 def test_no_object(text: str, complaint: Callable) -> None:
-    assert complaint(text) == "line 1: this is no JSON object; a model file is what `rdpi fit` writes"
+    assert complaint(text) == "line 1: this is not a JSON object; `rdpi fit` writes model files"
 
 
 @settings(max_examples=60)
@@ -182,7 +182,7 @@ def test_keys_that_are_there_twice(written: Callable, tmp_path: Path) -> None:
     text = written(changed("gain_um_per_V", 0.1)).read_text()
     for doubled in (text.replace("{", '{"stroke_um": 1, ', 1), text.replace('"min_V"', '"max_V": 1, "min_V"')):
         (tmp_path / "twice.json").write_text(doubled)
-        with pytest.raises(BadInput, match="twice.json: .*the key '(stroke_um|max_V)' is there twice"):
+        with pytest.raises(BadInput, match="twice.json: .*the key '(stroke_um|max_V)' exists twice"):
             read_model(tmp_path / "twice.json")
 
 

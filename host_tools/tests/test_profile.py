@@ -173,12 +173,12 @@ def test_the_same_bytes_every_time_and_wherever(tmp_path: Path, rdpi: Callable) 
 @pytest.mark.parametrize("values, column, rate_hz, metadata, words, message", [
     (references(), "reference_um", 10_000.5, {}, [], ": 10000.5 samples per second; the firmware takes whole numbers"),
     (references(), "reference_um", 0.5, {}, [], ": 0.5 samples per second; the firmware takes whole numbers"),
-    (references(), "command_V", 1000, {}, [], ": no column reference_um"),
-    (references(), "reference_um", 1000, {}, ["--dac", "16:0:10"], ": no column command_V"),
+    (references(), "command_V", 1000, {}, [], ": there is no column reference_um"),
+    (references(), "reference_um", 1000, {}, ["--dac", "16:0:10"], ": there is no column command_V"),
     (references() + 1e7, "reference_um", 1000, {}, [], ": reference_um has no value within ±1e+06 um"),
     (references(), "command_V", 1000, {}, ["--dac", "16:0:10"], ": command_V spans -0.99"),
     (references(), "command_V", 1000, {}, ["--dac", "16:-5:8"], ": command_V spans -0.99"),
-    (references(), "command_V", 1000, {"sweep_s": "1"}, ["--dac", "16:-5:10"], ": sweep_s is '1'; give the seconds"),
+    (references(), "command_V", 1000, {"sweep_s": "1"}, ["--dac", "16:-5:10"], ": sweep_s is '1'; give the duration"),
     (references(), "command_V", 1000, {"sweep_s": "nan"}, ["--dac", "16:-5:10"], ": sweep_s is 'nan'; give"),
 ])
 def test_what_the_firmware_cannot_play(tmp_path: Path, refused: Callable, values: np.ndarray, column: str,
@@ -207,7 +207,7 @@ def test_a_dac_is_three_numbers(tmp_path: Path, rdpi: Callable, dac: str) -> Non
 def test_a_column_of_a_drive_is_refused(tmp_path: Path, refused: Callable) -> None:
     source = write(tmp_path / "drive.csv", references(), "command_V")
     assert refused("profile", source, "-o", refused.output, "--dac", "16:-5:10", "--reference-column",
-                   "command_V").startswith("--reference-column: has no meaning with --dac")
+                   "command_V").startswith("--reference-column: is only valid without --dac")
 
 
 def test_the_shipped_profile_is_one_period_of_a_sine(tmp_path: Path) -> None:

@@ -143,7 +143,7 @@ def test_silence_after_samples_saves_them(board: Board, run_csv: Path, rdpi: Cal
     board.later(lambda: board.send(stream(SENT, finished=0)))
     done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.5")
     assert done.exit_code == 2
-    assert done.output.endswith(f"rdpi: {board.port}: silent for 0.5 s; what came before has been written\n")
+    assert done.output.endswith(f"rdpi: {board.port}: no data for 0.5 s; the samples before that have been written\n")
     assert len(codes(run_csv)) == 3000
 
 
@@ -162,20 +162,21 @@ def test_noise_is_not_silence(board: Board, refused: Callable, noise: bytes) -> 
     finally:
         stop.set()
         thread.join()
-    assert message == f"{board.port}: no samples: nothing that is telemetry for 0.3 s; is the baud rate right?"
+    assert message == f"{board.port}: no samples: no valid telemetry for 0.3 s; check the baud rate"
 
 
 def test_a_port_that_vanishes_leaves_what_there_is(board: Board, run_csv: Path, rdpi: Callable) -> None:
     board.later(lambda: board.send(stream(SENT, finished=0)), lambda: time.sleep(A_MOMENT_S), board.unplug)
     done = rdpi("record", board.port, "-o", run_csv)
-    assert done.exit_code == 2 and "the port is gone" in done.output and "has been written" in done.output
+    assert done.exit_code == 2
+    assert "the connection to the port was lost" in done.output and "have been written" in done.output
     assert len(codes(run_csv)) == 3000
 
 
 def test_a_target_that_refuses(board: Board, rdpi: Callable, run_csv: Path) -> None:
     for info, words in ((Info(streams.REFUSED, -8), f"{firmware.status_text(-8)} (status -8)"),
                         (Info(streams.REFUSED, 0), "the board has no timer for 10000 samples per second"),
-                        (Info(streams.RESET), "its watchdog has reset it; its safe code is out")):
+                        (Info(streams.RESET), "its watchdog has reset it; it now outputs its safe code")):
         board.later(lambda: board.send(info.frame()))
         done = rdpi("record", board.port, "-o", run_csv)
         assert (done.exit_code, done.output) == (2, f"rdpi: {board.port}: the target refuses to run: {words}\n")
@@ -185,17 +186,17 @@ def test_a_target_that_refuses(board: Board, rdpi: Callable, run_csv: Path) -> N
 @pytest.mark.parametrize("last, why", [
     (Info(streams.REFUSED, -8).frame(), "the target refuses to run: "),
     (Info(streams.SAFE, counts=(0, 7, *(0,) * 7)).frame(),
-     "the target refuses to run: too many ticks lost in a row, 7 in all; its safe code is out"),
-    (Info(streams.RESET).frame(), "the target refuses to run: its watchdog has reset it; its safe code is out"),
-    (Info(um_per_count=1e306).frame() * 2, "the firmware says that um_per_count is 1e+306; check RDPI_UM_PER_COUNT"),
-    (Info().frame(version=9) * 2, "telemetry of version 9, which this version of rdpi does not know"),
+     "the target refuses to run: it lost too many ticks in a row, 7 in total; it now outputs its safe code"),
+    (Info(streams.RESET).frame(), "the target refuses to run: its watchdog has reset it; it now outputs its safe code"),
+    (Info(um_per_count=1e306).frame() * 2, "the firmware reports um_per_count = 1e+306; check RDPI_UM_PER_COUNT"),
+    (Info().frame(version=9) * 2, "telemetry of version 9: unknown to this version of rdpi"),
 ])
 def test_what_came_before_the_target_went_wrong_is_kept(board: Board, run_csv: Path, rdpi: Callable, last: bytes,
                                                         why: str) -> None:
     board.later(lambda: board.send(stream(SENT, finished=0) + last))
     done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.5")
     assert done.exit_code == 2 and f"rdpi: {board.port}: {why}" in done.output
-    assert done.output.endswith("; what came before has been written\n")
+    assert done.output.endswith("; the samples before that have been written\n")
     assert len(codes(run_csv)) == 3000
 
 
@@ -204,7 +205,7 @@ def test_a_copy_that_cannot_be_written_does_not_cost_the_recording(board: Board,
     board.later(lambda: board.send(stream(SENT)))
     done = rdpi("record", board.port, "-o", run_csv, "--raw", "/dev/full")
     assert done.exit_code == 2
-    assert done.output.endswith("--raw /dev/full: No space left on device; it does not hold all that came\n")
+    assert done.output.endswith("--raw /dev/full: No space left on device; it does not contain all bytes received\n")
     assert len(codes(run_csv)) == 3000
 
 
@@ -212,7 +213,7 @@ def test_all_that_went_wrong_is_told(board: Board, run_csv: Path, rdpi: Callable
     board.later(lambda: board.send(stream(SENT[:15], finished=0) + Info(streams.REFUSED, -8).frame()))
     done = rdpi("record", board.port, "-o", run_csv, "--raw", "/dev/full")
     assert done.exit_code == 2 and done.output.count("the target refuses to run: ") == 1
-    assert done.output.endswith("; --raw /dev/full: No space left on device; it does not hold all that came\n")
+    assert done.output.endswith("; --raw /dev/full: No space left on device; it does not contain all bytes received\n")
     assert not run_csv.exists()
 
 
@@ -231,7 +232,7 @@ def test_an_earlier_capture_is_kept_until_the_first_byte(board: Board, run_csv: 
 @pytest.mark.parametrize("option", ["-o", "--raw", "--json"])
 def test_the_port_is_no_file_to_write_to(board: Board, run_csv: Path, rdpi: Callable, option: str) -> None:
     done = rdpi("record", board.port, "-o", run_csv, option, board.port)
-    assert (done.exit_code, done.output) == (2, f"rdpi: {board.port}: is the port; give a file to write to\n")
+    assert (done.exit_code, done.output) == (2, f"rdpi: {board.port}: is the port; give a file name\n")
 
 
 def test_a_folder_that_cannot_be_written_to(board: Board, run_csv: Path, rdpi: Callable,
@@ -239,14 +240,14 @@ def test_a_folder_that_cannot_be_written_to(board: Board, run_csv: Path, rdpi: C
     monkeypatch.setattr(os, "access", lambda path, mode: str(path) != str(run_csv.parent))
     done = rdpi("record", board.port, "-o", run_csv)
     assert (done.exit_code, done.output) == (
-        2, f"rdpi: {run_csv}: the folder {run_csv.parent} cannot be written to; check its permissions\n")
+        2, f"rdpi: {run_csv}: you may not write to the directory {run_csv.parent}; check its permissions\n")
 
 
 def test_a_port_in_use(board: Board, refused: Callable) -> None:
     with open(board.port, "rb", buffering=0) as other:
         fcntl.flock(other, fcntl.LOCK_EX)
         assert refused("record", board.port, "-o", refused.output) == (
-            f"{board.port}: is in use by another program; end that first")
+            f"{board.port}: is in use by another program; stop that program first")
 
 
 @pytest.mark.parametrize("option", ["--timeout", "--duration", "--um-per-count", "--count-0-um"])
@@ -271,7 +272,7 @@ def test_samples_but_no_info(board: Board, run_csv: Path, rdpi: Callable) -> Non
     thread.start()
     done = rdpi("record", board.port, "-o", run_csv, "--duration", "0.1")
     stop.set()
-    assert done.exit_code == 2 and f"no info frame, which says rate and scale, in the first {NO_INFO}" in done.output
+    assert done.exit_code == 2 and f"no info frame with rate and scale in the first {NO_INFO}" in done.output
 
 
 @pytest.mark.parametrize("before, state", [(b"", streams.RUNNING), (b"", streams.STARTING),
@@ -291,14 +292,14 @@ def test_infos_but_no_sample(board: Board, run_csv: Path, rdpi: Callable, before
     done = rdpi("record", board.port, "-o", run_csv, "--timeout", "0.5")
     stop.set()
     thread.join()
-    assert done.exit_code == 2 and "no sample for 0.5 s, though the target says that it runs" in done.output
+    assert done.exit_code == 2 and "no sample for 0.5 s, although the target reports that it is running" in done.output
     assert run_csv.exists() == bool(before)
 
 
 def test_a_target_of_another_version(board: Board, rdpi: Callable, run_csv: Path) -> None:
     board.later(lambda: board.send(Info().frame(version=9) * 2))
     done = rdpi("record", board.port, "-o", run_csv)
-    assert done.exit_code == 2 and "telemetry of version 9, which this version of rdpi does not know" in done.output
+    assert done.exit_code == 2 and "telemetry of version 9: unknown to this version of rdpi" in done.output
 
 
 def test_a_target_that_had_finished_before(board: Board, run_csv: Path, rdpi: Callable) -> None:
@@ -314,7 +315,7 @@ def test_a_target_that_had_finished_before(board: Board, run_csv: Path, rdpi: Ca
 def test_reset_while_it_records(board: Board, run_csv: Path, rdpi: Callable) -> None:
     board.later(lambda: board.send(stream(SENT, finished=0)[5000:20_000]), lambda: board.send(stream(SENT)))
     done = rdpi("record", board.port, "-o", run_csv)
-    assert done.exit_code == 0 and "note: the target started anew 1 times" in done.output
+    assert done.exit_code == 0 and "note: the target was reset 1 times" in done.output
     assert codes(run_csv) == [sample.dac_code for sample in SENT]
 
 
@@ -328,7 +329,7 @@ def test_from_a_socket(run_csv: Path, rdpi: Callable) -> None:
 
         threading.Thread(target=serve, daemon=True).start()
         done = rdpi("record", f"socket://127.0.0.1:{server.getsockname()[1]}", "-o", run_csv)
-    assert done.exit_code == 2 and "the port is gone" in done.output
+    assert done.exit_code == 2 and "the connection to the port was lost" in done.output
     assert len(codes(run_csv)) == 3000
     assert read_recording(run_csv).metadata["source"].startswith("socket://127.0.0.1:")
 
@@ -354,7 +355,7 @@ def test_a_terminal_shows_how_it_goes(board: Board, run_csv: Path) -> None:
         while b"waiting for a reset: the target had finished before" not in shown:
             shown += os.read(screen, 4096)
         board.send(stream(SENT)[:half])
-        while b" samples, 0 lost, " not in shown or b" um; Ctrl-C ends" not in shown:
+        while b" samples, 0 lost, " not in shown or b" um; Ctrl-C stops" not in shown:
             shown += os.read(screen, 4096)
         board.send(stream(SENT)[half:])
         threading.Thread(target=lambda: [None for _ in iter(lambda: _read(screen), b"")], daemon=True).start()

@@ -43,7 +43,7 @@ def test_a_fault_of_the_decoder_does_not_cost_what_was_decoded(board: Board, run
     monkeypatch.setattr(Decoder, "feed", fail)
     board.later(lambda: board.send(stream(SENT, finished=0)))
     error = rdpi("record", board.port, "-o", run_csv).exception
-    assert isinstance(error, IndexError) and error.__notes__ == [f"What came before is in {part(run_csv)}."]
+    assert isinstance(error, IndexError) and error.__notes__ == [f"The samples received so far are in {part(run_csv)}."]
     assert len(codes(part(run_csv))) == 3000 and not run_csv.exists()
 
 
@@ -78,7 +78,7 @@ def test_samples_that_cannot_be_saved_end_it(board: Board, run_csv: Path, rdpi: 
                 lambda: board.send(b"".join(sample.frame() for sample in SENT[1000:])))
     done = rdpi("record", board.port, "-o", run_csv)
     assert done.exit_code == 2
-    assert done.output.endswith("run.csv.part: No space left on device; what came before has been written\n")
+    assert done.output.endswith("run.csv.part: No space left on device; the samples before that have been written\n")
     assert len(codes(run_csv)) >= 1000 and list(run_csv.parent.iterdir()) == [run_csv]
 
 
@@ -92,13 +92,13 @@ def test_what_a_recording_that_was_cut_off_has_left_is_not_written_over(board: B
     left = run_csv.with_name(name)
     left.write_text("left")
     done = rdpi("record", board.port, "-o", run_csv)
-    assert done.exit_code == 2 and done.output.startswith(f"rdpi: {left}: is what a recording that was cut off has")
+    assert done.exit_code == 2 and done.output.startswith(f"rdpi: {left}: exists already: a recording was interrupted")
     assert left.read_text() == "left" and list(run_csv.parent.iterdir()) == [left]
     for option in ("--raw", "--json"):
         left.unlink(missing_ok=True)
         done = rdpi("record", board.port, "-o", run_csv, option, left)
         assert (done.exit_code, done.output) == (
-            2, f"rdpi: {left}: is where samples go while the recording goes on; give another name\n")
+            2, f"rdpi: {left}: is used for samples during the recording; give another name\n")
 
 
 @pytest.mark.parametrize("name", ["run.csv", "raw"])
@@ -117,8 +117,8 @@ def test_two_recordings_to_one_file(board: Board, run_csv: Path, rdpi: Callable,
         finally:
             process.kill()
     first.unplug()
-    assert (done.returncode, done.stderr) == (2, f"rdpi: {both}: another recording is being written there; end that "
-                                                 "first, or give another name\n")
+    assert (done.returncode, done.stderr) == (2, f"rdpi: {both}: another recording is being written to this file; "
+                                                 "stop it first, or give another name\n")
     board.later(lambda: board.send(stream(SENT)))
     assert rdpi("record", board.port, "-o", other[0], "--raw", other[1]).exit_code == 0
     assert len(codes(other[0])) == len(SENT) and not both.with_name(f".rdpi.{name}.lock").exists()
@@ -171,7 +171,8 @@ def test_a_fault_of_what_saves_does_not_cost_the_recording(board: Board, run_csv
     board.later(lambda: board.send(stream(SENT, finished=0)))
     done = rdpi("record", board.port, "-o", run_csv)
     assert done.exit_code == 2
-    assert done.output.endswith(".part: ZeroDivisionError: division by zero; what came before has been written\n")
+    assert done.output.endswith(".part: ZeroDivisionError: division by zero; the samples before that have been "
+                                "written\n")
     assert len(codes(run_csv)) >= 1000
 
 
@@ -179,7 +180,7 @@ def test_a_fault_of_what_saves_does_not_cost_the_recording(board: Board, run_csv
 def test_texts_that_no_file_can_hold_are_refused_before_it_begins(captured: Path, refused: Callable,
                                                                   option: str) -> None:
     for words in (["record", "/dev/null"], ["import", "--telemetry", captured], ["import", captured]):
-        assert refused(*words, "-o", refused.output, option, "a\udcff").startswith(f"{option} 'a\\udcff': not UTF-8")
+        assert refused(*words, "-o", refused.output, option, "a\udcff").startswith(f"{option} 'a\\udcff': is not UTF-8")
 
 
 def test_a_stream_of_a_name_that_is_no_text(captured: Path, run_csv: Path, rdpi: Callable) -> None:

@@ -42,9 +42,9 @@ def times(values: np.ndarray) -> list[str]:
 UNIFORM = sample_times(20, 1000)
 
 BAD = {
-    "empty": ("", ["run.csv", "empty file", HEADER]),
-    "blank": ("\n \n", ["run.csv", "empty file"]),
-    "metadata only": ("# note: x\n", ["run.csv", "no column names"]),
+    "empty": ("", ["run.csv", "is empty", HEADER]),
+    "blank": ("\n \n", ["run.csv", "is empty"]),
+    "metadata only": ("# note: x\n", ["run.csv", "contains no column names"]),
     "no samples": (text(lines=[]), ["run.csv", "0 samples", "at least 16"]),
     "too short": (text(lines=rows(15)), ["run.csv", "15 samples", "at least 16"]),
     "missing column": (text(metadata="# note: x\n\n", header="time_s,command_V,pos_nm"),
@@ -53,13 +53,13 @@ BAD = {
     "other separator": (text().replace(",", ";"), ["run.csv:1", "no column time_s", "rdpi import"]),
     "no header": (text(header="0.1,2,3"), ["run.csv:1", "column names", "rdpi import"]),
     "column twice": (text(header="time_s,command_V,displacement_um,x,x", lines=[row + ",1,1" for row in rows()]),
-                     ["run.csv:1", "column x is there twice", "rename"]),
+                     ["run.csv:1", "column x exists twice", "rename"]),
     "column without name": (text(header=HEADER + ",", lines=[row + ",1" for row in rows()]),
                             ["run.csv:1", "column 4 has no name", "name it"]),
     "column with a quotation mark": (text(header=HEADER + ',q"r', lines=[row + ",1" for row in rows()]),
-                                     ["run.csv:1", "column 4", "'q\"r'", "rename it"]),
+                                     ["run.csv:1", "column 4", "'q\"r'", "use a name without"]),
     "column like a comment": (text(header=HEADER + ",#4", lines=[row + ",1" for row in rows()]),
-                              ["run.csv:1", "column 4", "'#4'", "rename it"]),
+                              ["run.csv:1", "column 4", "'#4'", "use a name without"]),
     "absurd times": (text(lines=[f"{1e307 * index},1,2" for index in range(-17, 17)]),
                      ["run.csv:3", "steps by", "times in seconds"]),
     "tiny times": (text(lines=[f"{5e-324 * index},1,2" for index in range(20)]), ["run.csv:3", "times in seconds"]),
@@ -71,9 +71,9 @@ BAD = {
     "NaN": (text(lines=replaced(7, "0.007,1,NaN")), ["run.csv:9", "column displacement_um is NaN", "interpolate"]),
     "infinity": (text(lines=replaced(7, "0.007,-inf,1")), ["run.csv:9", "column command_V is -inf", "finite"]),
     "overflow": (text(lines=replaced(7, "0.007,1e999,1")), ["run.csv:9", "column command_V is 1e999", "finite"]),
-    "short row": (text(lines=replaced(9, "0.009,1")), ["run.csv:11", "2 value(s) where there should be 3"]),
-    "long row": (text(lines=replaced(9, "0.009,1,5,2,5")), ["run.csv:11", "5 value(s) where there should be 3"]),
-    "every row short": (text(lines=["0.1,2"] * 20), ["run.csv:2", "2 value(s) where there should be 3"]),
+    "short row": (text(lines=replaced(9, "0.009,1")), ["run.csv:11", "2 value(s) instead of 3"]),
+    "long row": (text(lines=replaced(9, "0.009,1,5,2,5")), ["run.csv:11", "5 value(s) instead of 3"]),
+    "every row short": (text(lines=["0.1,2"] * 20), ["run.csv:2", "2 value(s) instead of 3"]),
     "cut in half": (text()[:-7], ["run.csv:21", "2 value(s)"]),
     "second recording appended": (text() + text(metadata="# memory: reset\n"), ["run.csv:22", "1 value(s)"]),
     "backwards": (text(lines=replaced(5, "0.0035,1,2")), ["run.csv:7", "time_s runs backwards", "0.004 then 0.0035"]),
@@ -84,7 +84,7 @@ BAD = {
                      ["run.csv:", "not uniform", "resample"]),
     "random sampling": (text(lines=times(UNIFORM + 4e-4 * np.sin(7 * np.arange(20)))), ["run.csv:", "not uniform"]),
     "rate contradicts": (text(metadata="# note: x\n# sample_rate_hz: 2000\n"),
-                         ["run.csv:2", "sample_rate_hz is 2000 but the times say 1000", "correct whichever"]),
+                         ["run.csv:2", "sample_rate_hz is 2000, but the times give 1000", "correct the wrong one"]),
     "rate slightly wrong": (text(metadata="# sample_rate_hz: 1010\n", lines=rows(1000)), ["run.csv:1", "is 1010"]),
     "rate not a number": (text(metadata="# sample_rate_hz: 1 kHz\n"), ["run.csv:1", "'1 kHz'", "positive number"]),
     "rate absurd": (text(metadata="# sample_rate_hz: 1e-300\n"), ["run.csv:1", "'1e-300'", "1e-06 to 1e+08"]),
@@ -115,7 +115,7 @@ def test_missing_file(tmp_path: Path) -> None:
 def test_not_utf8(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_bytes(b"# actuator: a\n# note: \xb5m\n" + text().encode())
-    with pytest.raises(BadInput, match=r"run\.csv:2: not UTF-8.*rdpi import"):
+    with pytest.raises(BadInput, match=r"run\.csv:2: is not UTF-8.*rdpi import"):
         read_recording(path)
 
 

@@ -15,7 +15,7 @@ from rdpi.cli import main
 PACKAGE = ROOT / "host_tools" / "rdpi"
 OPTIONS = {name: {option for parameter in command.params if isinstance(parameter, click.Option)
                   for option in parameter.opts} | {"--help"} for name, command in main.commands.items()}
-ELSEWHERE = {"--version", "--preset", "--build", "--target"}  # of rdpi itself, of CMake
+ELSEWHERE = {"--version", "--preset", "--build", "--target", "--set"}  # of rdpi itself, of CMake, of tests/withheld
 
 
 def texts() -> Iterator[tuple[str, str]]:

@@ -85,7 +85,7 @@ def test_steps_do_not_overshoot() -> None:
 
 def test_gaps_are_refused() -> None:
     time_s = np.delete(jittered(0.03), slice(700, 702))
-    with pytest.raises(BadInput, match="row 700: .* --resample does not invent; .* --rows"):
+    with pytest.raises(BadInput, match="row 700: .* --resample does not fill gaps; .* --rows"):
         resample("run.csv", {"time_s": time_s, "x": time_s}, 1000, place)
     assert np.diff(time_s).max() > GAP / RATE_HZ
 

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from streams import Info, Sample, frame, samples, stream
 
 from rdpi.board import telemetry
-from rdpi.board.telemetry import Counts, Decoder, stretches
+from rdpi.board.stretches import stretches
+from rdpi.board.telemetry import Counts, Decoder
 from rdpi.errors import BadInput
 
 
@@ -203,12 +204,12 @@ def test_a_reset_is_told_even_if_the_ticks_go_on() -> None:
 
 @pytest.mark.parametrize("data, message", [
     (b"", "board: no telemetry frame in 0 bytes; nothing was sent"),
-    (bytes(range(256)) * 100, "board: no telemetry frame in 25600 bytes; is the baud rate right?"),
-    (b"x" * 5000, "board: no telemetry frame in 5000 bytes; is the baud rate right?"),
-    (Info().frame(version=2), "board: telemetry of version 2, which this version of rdpi does not know"),
-    (Info().frame() + frame(b"\x07abc") * 2, "board: a frame of type 7 with 4 bytes, which"),
-    (Info().frame() + frame(b"\x01abc") * 2, "board: a frame of type 1 with 4 bytes, which"),
-    (Info(numbers=3).frame(), "board: an info of numbers 3 and state 1, which this version of rdpi does not know"),
+    (bytes(range(256)) * 100, "board: no telemetry frame in 25600 bytes; check the baud rate"),
+    (b"x" * 5000, "board: no telemetry frame in 5000 bytes; check the baud rate"),
+    (Info().frame(version=2), "board: telemetry of version 2: unknown to this version of rdpi"),
+    (Info().frame() + frame(b"\x07abc") * 2, "board: a frame of type 7 with 4 bytes: unknown"),
+    (Info().frame() + frame(b"\x01abc") * 2, "board: a frame of type 1 with 4 bytes: unknown"),
+    (Info(numbers=3).frame(), "board: an info frame with numbers 3 and state 1: unknown to this version of rdpi"),
 ])
 def test_streams_that_are_none(data: bytes, message: str) -> None:
     with pytest.raises(BadInput) as error:
@@ -220,15 +221,15 @@ def test_streams_that_are_none(data: bytes, message: str) -> None:
     (Info(rate_hz=0), "0 samples per second; check rate_hz"),
     (Info(dac_bits=0), "0 DAC bits from -20 to 120 V; check min_V, max_V and dac_bits"),
     (Info(min_V=float("nan")), "16 DAC bits from nan to 120 V; check min_V, max_V and dac_bits"),
-    (Info(um_per_count=float("inf")), "that um_per_count is inf; check RDPI_UM_PER_COUNT"),
-    (Info(um_per_count=-1e306), "that um_per_count is -1e+306; check RDPI_UM_PER_COUNT"),
-    (Info(count_0_um=1e9), "that count_0_um is 1e+09; check RDPI_COUNT_0_UM"),
-    (Info(um_per_reference=float("nan")), "that um_per_reference is nan; check the parameters"),
+    (Info(um_per_count=float("inf")), "um_per_count = inf; check RDPI_UM_PER_COUNT"),
+    (Info(um_per_count=-1e306), "um_per_count = -1e+306; check RDPI_UM_PER_COUNT"),
+    (Info(count_0_um=1e9), "count_0_um = 1e+09; check RDPI_COUNT_0_UM"),
+    (Info(um_per_reference=float("nan")), "um_per_reference = nan; check the parameters"),
 ])
 def test_absurd_numbers_are_named(info: Info, message: str) -> None:
     with pytest.raises(BadInput) as error:
         decode(info.frame())
-    assert str(error.value).startswith(f"board: the firmware says {message}") and "version" not in str(error.value)
+    assert str(error.value).startswith(f"board: the firmware reports {message}") and "version" not in str(error.value)
 
 
 @pytest.mark.parametrize("body", [b"\x07abc", b"\x07", b"\x01", b"\x02", b"\x02\x01", b"\x02\x09"])
@@ -239,7 +240,7 @@ def test_one_strange_frame_among_many_is_damage(body: bytes) -> None:
 
 def test_samples_without_an_info_have_no_scale() -> None:
     decoder = decode(b"".join(sample.frame() for sample in samples(50)))
-    with pytest.raises(BadInput, match="samples, but no info frame"):
+    with pytest.raises(BadInput, match="there are samples, but no info frame"):
         stretches(decoder)
 
 

@@ -12,7 +12,7 @@ from captures import decode
 from streams import HELD, SWEEP, Info, Sample, samples, stream
 
 from rdpi.board import telemetry
-from rdpi.board.telemetry import stretches
+from rdpi.board.stretches import notes, stretches
 
 
 def test_a_recording_of_it() -> None:
@@ -75,7 +75,7 @@ def test_after_the_sweep_the_memory_is_reset() -> None:
     assert (stretch.samples, stretch.why_unknown) == (70, "")
 
 
-NOT_WHOLE, ELSEWHERE = "the start-up sweep was not received whole to its end", "it does not begin at the sweep's end"
+NOT_WHOLE, ELSEWHERE = "the start-up sweep was not received completely", "it does not start at the end of the sweep"
 
 
 @pytest.mark.parametrize("sent, why", [
@@ -84,9 +84,9 @@ NOT_WHOLE, ELSEWHERE = "the start-up sweep was not received whole to its end", "
     pytest.param(swept(30, 100)[:29] + swept(30, 100)[30:], NOT_WHOLE, id="its last sample lost"),
     pytest.param(swept(30, 100)[:30] + swept(30, 100)[31:], NOT_WHOLE, id="a gap behind it"),
     pytest.param(swept(30, 100)[:60] + swept(30, 100)[61:], ELSEWHERE, id="a gap later"),
-    pytest.param(swept(30, 100, 31_000), "the drive jumps at the sweep's end", id="a jump behind it"),
+    pytest.param(swept(30, 100, 31_000), "the drive jumps at the end of the sweep", id="a jump behind it"),
     pytest.param([replace(sample, flags=HELD) if sample.tick == 31 else sample for sample in swept(30, 100)],
-                 "the DAC did not take the code at the sweep's end", id="no code behind it"),
+                 "the DAC did not take the code at the end of the sweep", id="no code behind it"),
     pytest.param(samples(100), "", id="no sweep"),
 ])
 def test_else_it_is_unknown(sent: list[Sample], why: str) -> None:
@@ -102,7 +102,7 @@ def test_a_sweep_that_ends_off_its_middle_leaves_the_memory_unknown(low: int, hi
     sent[3], sent[4] = (replace(sent[k], dac_code=code) for k, code in ((3, high), (4, low)))
     (stretch,) = stretches(decode(stream(sent)))
     assert stretch.metadata["memory"] == memory
-    assert stretch.why_unknown == ("" if memory == "reset" else "the sweep ends off the middle")
+    assert stretch.why_unknown == ("" if memory == "reset" else "the sweep does not end in the middle of its range")
 
 
 def test_a_drive_is_recorded_from_where_its_sweep_ended() -> None:
@@ -119,7 +119,7 @@ def test_without_readings_no_displacement() -> None:
     decoder = decode(stream(samples(100, adc_counts=streams.NO_READING)))
     (stretch,) = stretches(decoder)
     assert "displacement_um" not in stretch.columns
-    assert any("no displacement_um" in note for note in telemetry.notes(decoder, [stretch], [stretch]))
+    assert any("there is no displacement_um" in note for note in notes(decoder, [stretch], [stretch]))
 
 
 def test_a_sample_without_reading_among_others_is_a_gap() -> None:
@@ -137,7 +137,7 @@ def test_a_reference_that_is_none_leaves_the_column_out() -> None:
     (stretch,) = stretches(decoder)
     assert "reference_um" not in stretch.columns and stretch.samples == 100
     assert stretch.metadata["without_reference"] == 2
-    assert telemetry.notes(decoder, [stretch], [stretch]) == ["no reference_um: 2 samples had no reference"]
+    assert notes(decoder, [stretch], [stretch]) == ["there is no reference_um: 2 samples had no reference"]
 
 
 def test_where_the_dac_held_its_code_the_command_is_that_one() -> None:
@@ -163,8 +163,8 @@ def test_notes() -> None:
     data = stream([*sent[:100], *sent[101:200], sent[210]], Info(counts=(5, *[0] * 8)), finished=0)
     decoder = decode(data + stream(sent, finished=0) + b"noise\0")
     found = stretches(decoder)
-    text = "\n".join(telemetry.notes(decoder, found, found))
-    assert "started anew 1 times" in text
+    text = "\n".join(notes(decoder, found, found))
+    assert "the target was reset 1 times" in text
     assert "1 samples are not used" in text and "1 corrupt frames came after the last sample" in text
     assert struct.calcsize("<BBBbIBB7d10I") == telemetry.INFO_BODY.size == 106
 
@@ -174,35 +174,35 @@ def test_a_target_that_was_running_already_is_told(start_heard: bool, first: int
     data = stream(samples(100)[first - 1:])
     decoder = decode(data if start_heard else data[len(Info().frame()):])
     found = stretches(decoder)
-    told = [f"the target was running already: samples before tick {first} were not received"]
-    assert telemetry.notes(decoder, found, found) == (told if first > 1 and not start_heard else [])
+    told = [f"the target was already running: samples before tick {first} were not received"]
+    assert notes(decoder, found, found) == (told if first > 1 and not start_heard else [])
 
 
 def test_infos_that_disagree_are_told() -> None:
     decoder = decode(stream(samples(2500)) + Info(streams.FINISHED, offered=2500, max_V=5.0).frame())
     found = stretches(decoder)
-    assert telemetry.notes(decoder, found, found) == [
-        "5 infos of one run tell 2 different rates or scales; those of most are used"]
+    assert notes(decoder, found, found) == [
+        "the 5 info frames of one run contain 2 different rates or scales; the most frequent are used"]
     assert found[0].columns["command_V"].max() > 5
 
 
 @pytest.mark.parametrize("cycles, cycles_per_s, told", [
-    (0, 0, "the target itself counts 7 ticks lost"),
-    (20_000, 0, "the target itself counts 7 ticks lost; its longest tick took 20000 cycles"),
-    (20_000, 160_000_000, "the target itself counts 7 ticks lost; its longest tick took 20000 cycles, 0.000125 s, of a "
-                          "period of 0.0001 s"),
+    (0, 0, "the target reports 7 lost ticks"),
+    (20_000, 0, "the target reports 7 lost ticks; the longest tick took 20000 cycles"),
+    (20_000, 160_000_000, "the target reports 7 lost ticks; the longest tick took 20000 cycles (0.000125 s; "
+                          "the period is 0.0001 s)"),
 ])
 def test_ticks_lost_are_told_with_the_longest(cycles: int, cycles_per_s: int, told: str) -> None:
     decoder = decode(stream(samples(100), Info(counts=(0, 7, *[0] * 5, cycles, cycles_per_s))))
     found = stretches(decoder)
-    assert telemetry.notes(decoder, found, found) == [told]
+    assert notes(decoder, found, found) == [told]
 
 
 def test_codes_that_the_dac_did_not_take_are_told() -> None:
     decoder = decode(stream(samples(100), Info(counts=(*[0] * 6, 5, 0, 0))))
     found = stretches(decoder)
-    (note,) = telemetry.notes(decoder, found, found)
-    assert note.startswith("the DAC did not take 5 codes; ") and note.endswith("match the board's DAC?")
+    (note,) = notes(decoder, found, found)
+    assert note.startswith("the DAC did not take 5 codes; ") and note.endswith("matches the board's DAC")
 
 
 @pytest.mark.parametrize("first, told", [(50, True), (21, True), (20, False)])
@@ -211,5 +211,5 @@ def test_a_longest_stretch_much_shorter_than_what_was_received_is_told(first: in
     decoder = decode(stream(sent))
     found = stretches(decoder)
     assert [stretch.samples for stretch in found] == [first, 100 - first]
-    assert bool(telemetry.notes(decoder, found, [found[first < 50]])) == told
-    assert telemetry.notes(decoder, found, found) == []
+    assert bool(notes(decoder, found, [found[first < 50]])) == told
+    assert notes(decoder, found, found) == []

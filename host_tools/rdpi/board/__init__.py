@@ -6,8 +6,9 @@ from . import emulator, profile, telemetry
 from .compensation import Compensation, compensate
 from .recordings import (Recorded, Stream, Written, check_recording_outputs, how_it_ended, how_it_goes, read_stream,
                          record_file, write_stream)
+from .stretches import Following
 from .sweep import memory_after
-from .telemetry import Decoder, Following
+from .telemetry import Decoder
 
 __all__ = ["Compensation", "Decoder", "Following", "Recorded", "Stream", "Written", "check_recording_outputs",
            "compensate", "emulator", "how_it_ended", "how_it_goes", "memory_after", "profile", "read_stream",

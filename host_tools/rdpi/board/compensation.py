@@ -44,7 +44,7 @@ def compensate(model: Model, run: Recording, column: str = "reference_um", engin
     """
     emulated = engine in emulator.MACHINES
     if fixed_point and not emulated:
-        raise BadInput(f"--fixed-point: is for the engines qemu-...; with --engine {engine} it has no meaning")
+        raise BadInput(f"--fixed-point: is only valid with the engines qemu-..., not with --engine {engine}")
     how: str | chain.Engine = engine
     if emulated:
         how = partial(emulator.step, run=run, board=engine, fixed_point=fixed_point, sweep=sweep, report=report)

@@ -58,7 +58,7 @@ def build(model: Model, reference_um: np.ndarray, run: Recording, board: str, fi
           sweep: bool = False) -> Path:
     """Build the application for references at the rate of `run`; returns the image, in `folder`."""
     if not model.drive.dac_bits:
-        raise BadInput("the firmware outputs DAC codes and the model has no drive.dac_bits: give --dac-bits")
+        raise BadInput("the firmware outputs DAC codes, but the model has no drive.dac_bits: give --dac-bits")
     _require_tools()
     home, rate_hz = checkout(), profile.integer_rate_hz(run)
     write_header(model, folder / "rdpi_params.h", source="model")
@@ -83,15 +83,15 @@ def checkout() -> Path:
     for folder in folders:
         if (folder / "CMakePresets.json").is_file() and (folder / "examples/track/main.c").is_file():
             return folder.resolve()
-    raise BadInput(f"RDPI_HOME is {named}: not rdpi's checkout" if named else
-                   "an emulator's engine builds the firmware and needs rdpi's checkout, which this installation is not "
-                   "part of: set RDPI_HOME to its folder")
+    raise BadInput(f"RDPI_HOME is {named}: this is not a checkout of rdpi" if named else
+                   "the engines qemu-... build the firmware from a checkout of rdpi, and this installation is not in "
+                   "one: set RDPI_HOME to the directory of the checkout")
 
 
 def _require_tools() -> None:
     missing = [name for name in TOOLS if shutil.which(name) is None]
     if missing:
-        raise BadInput(f"an emulator's engine needs {', '.join(missing)}: "
+        raise BadInput(f"the engines qemu-... need {', '.join(missing)}: "
                        f"apt-get install {' '.join(TOOLS[name] for name in missing)}")
 
 
@@ -103,11 +103,11 @@ def _make(commands: list[list[str]], board: str, samples: int) -> None:
             continue
         if overflow := re.search(r"region `flash' overflowed by (\d+) bytes", output):
             fit = max(samples - math.ceil(int(overflow[1]) / 4), 0)
-            raise BadInput(f"{samples} samples do not fit the flash of {board}, {fit} do: cut the reference, or take a "
-                           "board with more")
+            raise BadInput(f"{samples} samples do not fit into the flash of {board}; {fit} do. Shorten the reference, "
+                           "or use a board with more flash")
         reason = next((line for line in output.splitlines()
                        if re.search("error:|Error at|overflowed|left for the stack", line)), output[-300:])
-        raise BadInput(f"the firmware for {board} does not build: {' '.join(reason.split())}")
+        raise BadInput(f"the build of the firmware for {board} failed: {' '.join(reason.split())}")
 
 
 @contextlib.contextmanager
@@ -143,9 +143,9 @@ def _run(image: Path, board: str, rate_hz: int, samples: int,
                 heard, frames = time.monotonic(), decoder.counts.samples + decoder.counts.infos
                 report(decoder.counts.samples / samples)
             elif process.poll() is not None:
-                raise BadInput(f"{board}: qemu-system-arm stopped: {' '.join(process.stderr.read().split())}")
+                raise BadInput(f"{board}: qemu-system-arm ended early: {' '.join(process.stderr.read().split())}")
             elif time.monotonic() - heard > SILENT_S:
-                raise BadInput(f"{board}: silent for {SILENT_S:g} s after {decoder.counts.samples} of {samples} "
+                raise BadInput(f"{board}: no data for {SILENT_S:g} s after {decoder.counts.samples} of {samples} "
                                "samples")
             elif not data:
                 time.sleep(POLL_S)
@@ -159,8 +159,8 @@ def _steps(decoder: telemetry.Decoder, board: str, rate_hz: int, samples: int) -
     if info.state >= telemetry.REFUSED:
         raise BadInput(f"{board}: the firmware refuses to run: {refusal(info)}")
     if info.overruns or counts.missing or counts.corrupt or info.held_count or len(frames) != samples:
-        raise BadInput(f"{board}: the run is not whole: {len(frames)} of {samples} samples, {info.overruns} ticks lost "
-                       f"at {rate_hz} samples per second, {info.refused_count} samples not sent, {counts.corrupt} "
+        raise BadInput(f"{board}: the run is not complete: {len(frames)} of {samples} samples, {info.overruns} ticks "
+                       f"lost at {rate_hz} samples per second, {info.refused_count} samples not sent, {counts.corrupt} "
                        f"frames corrupt, {info.held_count} codes not taken; a lower rate may help")
     return Steps(telemetry.volts(info, frames["dac_code"]), telemetry.rates_um_per_s(info, frames),
                  frames["flags"].astype(np.uint32), frames["dac_code"].copy())

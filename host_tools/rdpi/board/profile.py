@@ -62,7 +62,7 @@ def drive_codes(run: Recording, dac_bits: int, min_V: float, max_V: float) -> np
     """The nearest codes to a recording's command, int64 (samples,)."""
     if not 1 <= dac_bits <= MAX_DAC_BITS or not -1e6 <= min_V < max_V <= 1e6:
         raise BadInput(f"--dac {dac_bits}:{min_V:g}:{max_V:g}: give 1 to {MAX_DAC_BITS} bits and the volts of the "
-                       "first and the last code, the lower one first")
+                       "first and the last code, in rising order")
     command_V = run.command_V
     step_V = (max_V - min_V) / (2**dac_bits - 1)
     if command_V.min() < min_V - step_V / 2 or command_V.max() > max_V + step_V / 2:
@@ -81,7 +81,8 @@ def sweep_samples(run: Recording) -> int:
     except (ValueError, OverflowError):
         samples = 0
     if not 1 <= samples <= len(run):
-        raise BadInput(f"{run.path}: sweep_s is {text!r}; give the seconds that the sweep takes, at most the file's")
+        raise BadInput(f"{run.path}: sweep_s is {text!r}; give the duration of the sweep in s, at most that of the "
+                       "file")
     return samples
 
 
@@ -90,8 +91,8 @@ def integer_rate_hz(run: Recording) -> int:
     rate = run.sample_rate_hz
     slack = 1e-9 * (1 + 1 / float(run.time_s[-1] - run.time_s[0]))
     if not (1 <= rate <= MAX_RATE_HZ and abs(rate - round(rate)) <= slack * rate):
-        raise BadInput(f"{run.path}: {rate:.9g} samples per second; the firmware takes whole numbers: resample it with "
-                       "`rdpi import --resample`, or, if only the times are inexact, say so with `# sample_rate_hz: …`")
+        raise BadInput(f"{run.path}: {rate:.9g} samples per second; the firmware takes whole numbers only. Resample it "
+                       "with `rdpi import --resample`. If only the times are inexact, add a line `# sample_rate_hz: …`")
     return round(rate)
 
 

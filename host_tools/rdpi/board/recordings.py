@@ -9,11 +9,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from ..data import check_targets, is_device, make_folder, read_bytes, same_file, write_recording
+from ..data import MIN_SAMPLES, check_targets, is_device, make_folder, read_bytes, same_file, write_recording
 from ..errors import BadInput, printable
-from . import telemetry
 from .serial import End, Raw, Safe, is_part, record, refusal, reserved, stop_signals
-from .telemetry import FINISHED, MIN_SAMPLES, NO_READING, REFUSED, Decoder, Following, Stretch, displacement_um
+from .stretches import Following, Stretch, notes, stretches
+from .telemetry import FINISHED, NO_READING, REFUSED, Decoder, displacement_um, summary
 
 STREAM_CHUNK = 1 << 20  # bytes
 Scale = tuple[float | None, float | None]  # um per count of the sensor and um at count 0; None: as the firmware says
@@ -61,12 +61,12 @@ def read_stream(path: str, scale: Scale = (None, None),
 
 def usable_stretches(decoder: Decoder, scale: Scale = (None, None)) -> list[Stretch]:
     """The stretches of what has been decoded. Raises BadInput, which says why, if there is none."""
-    found = telemetry.stretches(decoder, *scale)
+    found = stretches(decoder, *scale)
     if not found:
         if decoder.info is not None and decoder.info.state >= REFUSED:
             raise BadInput(f"{decoder.where}: {how_it_ended(decoder)}")
-        raise BadInput(f"{decoder.where}: {telemetry.summary(decoder.counts)}: no {MIN_SAMPLES} samples "
-                       "without a gap after the start-up sweep; record for longer, or see to the line")
+        raise BadInput(f"{decoder.where}: {summary(decoder.counts)}: no {MIN_SAMPLES} samples "
+                       "without a gap after the start-up sweep; record for longer, or check the line")
     return found
 
 
@@ -84,11 +84,11 @@ def how_it_goes(decoder: Decoder) -> str:
     latest, info, counts = decoder.latest, decoder.info, decoder.counts
     if not counts.samples:
         over = info is not None and info.state == FINISHED
-        return f"waiting for {'a reset: the target had finished before' if over else 'the first frame'}; Ctrl-C ends"
+        return f"waiting for {'a reset: the target had finished before' if over else 'the first frame'}; Ctrl-C stops"
     at = ""
     if info is not None and latest is not None and latest["adc_counts"] != NO_READING:
         at = f", {displacement_um(info, latest['adc_counts']):.4g} um"
-    return f"{counts.samples} samples, {counts.missing} lost{at}; Ctrl-C ends"
+    return f"{counts.samples} samples, {counts.missing} lost{at}; Ctrl-C stops"
 
 
 def write_stream(stream: Stream, target: Path, source: str, every: bool = False,
@@ -102,8 +102,8 @@ def write_stream(stream: Stream, target: Path, source: str, every: bool = False,
     files = [(target.with_stem(f"{target.stem}-{number}"), stretch) for number, stretch in enumerate(found, 1)]
     if not every:
         files = [(target, max(found, key=lambda stretch: stretch.samples))]
-    lines = [f"{decoder.where}: {telemetry.summary(decoder.counts)}",
-             *(f"note: {note}" for note in telemetry.notes(decoder, found, [stretch for _, stretch in files]))]
+    lines = [f"{decoder.where}: {summary(decoder.counts)}",
+             *(f"note: {note}" for note in notes(decoder, found, [stretch for _, stretch in files]))]
     recordings = []
     make_folder(target.parent)
     for file, stretch in files:
@@ -128,12 +128,12 @@ def check_recording_outputs(port: str, output: str, others: Sequence[str] = (), 
     """
     for name in (output, *others):
         if same_file(name, port):
-            raise BadInput(f"{name}: is the port; give a file to write to")
+            raise BadInput(f"{name}: is the port; give a file name")
     check_targets([Path(output)], (), others, every)
     target = Path(os.path.realpath(output))
     for name in others:
         if is_part(Path(os.path.realpath(name)), target):
-            raise BadInput(f"{name}: is where samples go while the recording goes on; give another name")
+            raise BadInput(f"{name}: is used for samples during the recording; give another name")
 
 
 def record_file(port: str, output: str, *, baud: int = 3_000_000, duration_s: float | None = None,
@@ -163,7 +163,7 @@ def record_file(port: str, output: str, *, baud: int = 3_000_000, duration_s: fl
                 raise
             raise BadInput(f"{error.filename}: {error.strerror or error}; the samples are in {safe.where}") from None
         safe.remove()
-    return Recorded(written, end.why, ([f"{why}; what came before has been written"] if why else []) + copied)
+    return Recorded(written, end.why, ([f"{why}; the samples before that have been written"] if why else []) + copied)
 
 
 def _ended(decoder: Decoder, end: End, scale: Scale, copied: list[str]) -> tuple[Stream, str]:

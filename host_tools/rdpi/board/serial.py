@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 from .. import firmware
 from ..data import GrowingRecording, sync_folder, write_all
 from ..errors import BadInput
-from .telemetry import FINISHED, REFUSED, RESET, SAFE, Decoder, Following, Info, Stretch
+from .stretches import Following, Stretch
+from .telemetry import FINISHED, REFUSED, RESET, SAFE, Decoder, Info
 
 try:
     import fcntl
@@ -65,7 +66,7 @@ class Raw:
                 sync_folder(Path(self.path).parent)
             write_all(self._file, data)
         except OSError as error:  # a recording is worth more than its copy
-            self.failure = f"{self.path}: {error.strerror or error}; it does not hold all that came"
+            self.failure = f"{self.path}: {error.strerror or error}; it does not contain all bytes received"
 
     def close(self) -> None:
         if self._file is not None:
@@ -92,8 +93,8 @@ class Safe:
         self._thread = threading.Thread(target=self._work, daemon=True)
         for name in os.listdir(target.parent) if target and os.access(target.parent, os.R_OK) else ():
             if is_part(target.with_name(name), target):
-                raise BadInput(f"{target.with_name(name)}: is what a recording that was cut off has left, unless one "
-                               "is at work; it is a recording by itself: rename it or delete it")
+                raise BadInput(f"{target.with_name(name)}: exists already: a recording was interrupted, or one is "
+                               "running. The file is a valid recording: rename it or delete it")
 
     def __enter__(self) -> Safe:
         self._thread.start()
@@ -107,7 +108,7 @@ class Safe:
             part.close()
         self.raw.close()
         if error is not None and self.where:
-            error.add_note(f"What came before is in {self.where}.")
+            error.add_note(f"The samples received so far are in {self.where}.")
 
     @property
     def where(self) -> str:
@@ -176,7 +177,8 @@ def reserved(path: str | None) -> Iterator[None]:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(handle)
-            raise BadInput(f"{path}: another recording is being written there; end that first, or give another name"
+            raise BadInput(f"{path}: another recording is being written to this file; stop it first, or give another "
+                           "name"
                            ) from None
         except OSError:  # some network file systems
             break
@@ -244,9 +246,10 @@ def _open(port: str, baud: int) -> Any:
         return serial.serial_for_url(port, timeout=0, **lock, **({} if terminal else {"baudrate": baud}))
     except (OSError, ValueError) as error:
         if getattr(error, "errno", None) == errno.EWOULDBLOCK:
-            raise BadInput(f"{port}: is in use by another program; end that first") from None
-        raise BadInput(f"{port}: cannot be opened ({getattr(error, 'strerror', None) or error}); check the name, that "
-                       "no other program has the port, --baud, and that you may use it (on Linux: group dialout)"
+            raise BadInput(f"{port}: is in use by another program; stop that program first") from None
+        raise BadInput(f"{port}: cannot be opened ({getattr(error, 'strerror', None) or error}); check the name and "
+                       "--baud, that no other program uses the port, and that you have permission (on Linux: group "
+                       "dialout)"
                        ) from None
 
 
@@ -262,7 +265,7 @@ def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: floa
         try:
             data = line.read(CHUNK)  # what there is; an error drops nothing, it is told when there is nothing else
         except OSError as error:
-            return End(f"the port is gone ({error.strerror or error})", False)
+            return End(f"the connection to the port was lost ({error.strerror or error})", False)
         safe.raw.take(data)
         decoder.feed(data)
         now = time.monotonic()
@@ -280,8 +283,8 @@ def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: floa
         elif counts.infos > infos:
             infos, idle = counts.infos, min(idle, now)
             if now - idle > timeout_s:
-                return End(f"no sample for {timeout_s:g} s, though the target says that it runs; is it reset again and "
-                           "again?", False)
+                return End(f"no sample for {timeout_s:g} s, although the target reports that it is running; check "
+                           "whether it is reset again and again", False)
         if info is not None and info.state >= REFUSED:
             return End(f"the target refuses to run: {refusal(info)}", False)
         if run.finished:
@@ -292,11 +295,11 @@ def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: floa
         if safe.failure:
             return End(safe.failure, False)
         if decoder.info is None and counts.samples > NO_INFO:
-            return End(f"no info frame, which says rate and scale, in the first {NO_INFO} samples", False)
+            return End(f"no info frame with rate and scale in the first {NO_INFO} samples", False)
         if received - noisy > timeout_s:
-            return End(f"nothing that is telemetry for {timeout_s:g} s; is the baud rate right?", False)
+            return End(f"no valid telemetry for {timeout_s:g} s; check the baud rate", False)
         if listening and now - received > timeout_s:
-            return End(f"silent for {timeout_s:g} s", False)
+            return End(f"no data for {timeout_s:g} s", False)
         if now - reported > REPORT_S:
             if what := decoder.complaint():
                 return End(what, False)
@@ -304,16 +307,17 @@ def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: floa
             reported = now
         if not data:
             time.sleep(POLL_S)
-    return End("stopped; the target had finished before: reset it after this command has begun" if over else "stopped",
+    return End("stopped; the target had finished before: reset it after you have started this "
+               "command" if over else "stopped",
                True)
 
 
 def refusal(info: Info) -> str:
     """Why a target does not run, or no longer, in words."""
     if info.state == SAFE:
-        return f"too many ticks lost in a row, {info.overruns} in all; its safe code is out"
+        return f"it lost too many ticks in a row, {info.overruns} in total; it now outputs its safe code"
     if info.state == RESET:
-        return "its watchdog has reset it; its safe code is out"
+        return "its watchdog has reset it; it now outputs its safe code"
     if info.status == 0:
         return f"the board has no timer for {info.rate_hz} samples per second"
     return f"{firmware.status_text(info.status)} (status {info.status})"

@@ -6,7 +6,7 @@ from ..model import Model
 
 STILL = 1e-3  # of the DAC's range: a drive that moves no more has stayed where the sweep ended
 AMID = 0.05  # of a sweep's range: from its middle, where a sweep has decayed from both sides
-OFF_THE_MIDDLE = "the sweep ends off the middle"
+OFF_THE_MIDDLE = "the sweep does not end in the middle of its range"
 
 
 def amid(end: float, lowest: float, highest: float) -> bool:

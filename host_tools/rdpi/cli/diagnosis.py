@@ -17,21 +17,26 @@ from .types import Output, Percent, Report
 @click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", metavar="OUT.csv", type=Output(),
-              help="The run's columns and predicted_um; one run only.")
-@click.option("--remove-offset", is_flag=True, help="Score without the mean error (thermal drift since the fit).")
+              help="The columns of RUN and predicted_um. Only valid with one RUN.")
+@click.option("--remove-offset", is_flag=True, help="Remove the mean error before scoring (thermal drift since the "
+                                                    "fit).")
 @click.option("--memory", type=click.Choice(["auto", "model", "reset"]), default="auto", show_default=True,
-              help="State of the hysteresis at each run's start. auto: as its metadata says, estimated where unknown.")
+              help="State of the hysteresis at the start of each run. auto: from the run's metadata; if unknown, it is "
+                   "estimated.")
 @click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
-              help="Exit with status 1 if any run is predicted worse than this, % of stroke.")
+              help="Exit with status 1 if the rms error of any run exceeds this, % of stroke.")
 def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offset: bool, memory: str,
              max_rms_percent: float | None) -> dict[str, Any]:
-    """Predict the displacement from the command and score it; percentages are of each run's measured stroke."""
+    """Predict the displacement from the command and compare it with the measured one.
+
+    Errors in percent refer to the measured stroke of each run.
+    """
     from ..data import read_recording, write_recording
     from ..model import read_model
     from ..simulate import chain, scoring
 
     if output is not None and len(runs) > 1:
-        raise BadInput("-o takes one RUN; simulate them one by one (memory: carried is then lost)")
+        raise BadInput("-o: is only valid with one RUN; simulate the runs one by one (memory: carried is then lost)")
     with progress("simulating"):
         parameters = read_model(model)
         recordings = [read_recording(path, required=("time_s", "command_V")) for path in runs]
@@ -39,13 +44,13 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
     scored = [(run, prediction, chain.score(prediction.predicted_um, run.displacement_um, remove_offset, run.path))
               for run, prediction in zip(recordings, predictions) if run.displacement_um is not None]
     if max_rms_percent is not None and len(scored) < len(recordings):
-        raise BadInput("--max-rms: every RUN needs a displacement_um to be judged by")
+        raise BadInput("--max-rms: every RUN needs the column displacement_um")
     if output is not None:
         columns = {**recordings[0].columns, "predicted_um": predictions[0].predicted_um}
         write_recording(output, columns, recordings[0].metadata)
     for run, prediction in zip(recordings, predictions):
         if run.displacement_um is None:
-            click.echo(f"{run.path}: predicted, no displacement_um to score")
+            click.echo(f"{run.path}: predicted; there is no displacement_um to compare with")
         for note in scoring.notes(parameters, run, prediction):
             click.echo(f"note: {note}")
     if not scored:
@@ -57,7 +62,7 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
         click.echo("offsets removed: " + ", ".join(f"{score.offset_um:.4g} um" for score in scores))
     failed = max_rms_percent is not None and max(score.rms_percent for score in scores) > max_rms_percent
     if failed:
-        click.echo(f"rdpi: above the {max_rms_percent:g} % rms allowed by --max-rms", err=True)
+        click.echo(f"rdpi: the rms error exceeds the {max_rms_percent:g} % that --max-rms allows", err=True)
     return {"runs": [{"file": run.path, **score._asdict(), "memory": prediction.memory}
                      for run, prediction, score in scored],
             "rms_percent": scoring.overall_rms_percent(scores, [len(run) for run, _, _ in scored]),
@@ -68,22 +73,22 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
 @click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", metavar="IMPROVED.json", type=Output(),
-              help="The model with the effects that were found.")
+              help="The model, with the effects that were found.")
 @click.option("--report", metavar="DIR", type=Report("gap.json", "index.html"),
-              help="Write index.html, one page with pictures, and gap.json there.")
+              help="Write index.html (one page with pictures) and gap.json to this directory.")
 @click.option("--earlier", multiple=True, metavar="RUN", type=click.Path(dir_okay=False),
-              help="A recording of the same drive as one of the RUNs, made at commissioning, say; one for each, "
-                   "--earlier before every one. Then what has changed since is diagnosed, and the model's own error "
-                   "does not count.")
+              help="Earlier recording of the same drive as one of the RUNs, e.g. from commissioning. Give one for "
+                   "each RUN, each after an --earlier of its own. The diagnosis then covers only what has changed "
+                   "since, without the model's own error.")
 @click.option("--without", multiple=True, metavar="EFFECT",
-              help="Leave this effect out of those that are tried; may be given several times.")
+              help="Do not try this effect. May be given several times.")
 def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | None, earlier: tuple[str, ...],
         without: tuple[str, ...]) -> dict[str, Any]:
-    """Diagnose the sim-to-real gap: where it lies, which effect causes it, how far it shrinks once that is added.
+    """Diagnose the gap between a model and recordings: where it is, what causes it, how far that effect closes it.
 
-    RUNs are recordings that the model was not fitted to, several with different waveforms if possible; a column
-    monitor_V (the amplifier's output) tells what lies before the actuator from what lies after. With --earlier, drives
-    that were recorded before tell smaller changes.
+    RUNs are recordings that the model was not fitted to. Give several with different waveforms, if possible. With a
+    column monitor_V (the measured amplifier output), the diagnosis separates causes before and after the amplifier's
+    output. With --earlier it finds smaller changes.
     """
     from ..data import read_recording
     from ..gap import diagnose, report as gap_report
@@ -92,7 +97,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
 
     for name in without:
         if name not in effects.CATALOGUE:
-            raise BadInput(f"--without {name}: no effect; there are {', '.join(effects.CATALOGUE)}")
+            raise BadInput(f"--without {name}: is not an effect; the effects are {', '.join(effects.CATALOGUE)}")
     with progress("diagnosing") as report_progress:
         parameters = read_model(model)
         found = diagnose(parameters, [read_recording(path) for path in runs], without, report_progress,

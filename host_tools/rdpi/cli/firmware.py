@@ -17,14 +17,20 @@ from .types import Dac, Output
 @click.option("-o", "--output", required=True, metavar="rdpi_params.h", type=Output(),
               help="The header.")
 @click.option("--name", default="rdpi_params", show_default=True, metavar="NAME",
-              help="C name of the parameters, for several actuators in one firmware.")
+              help="C name of the parameters. Use several names for several actuators in one firmware.")
 @click.option("--sweep-end-V", "sweep_end_V", type=float, metavar="V",
-              help="Where rdpi_f32_sweep ends. Default: the model's, drive.sweep_end_V, or what holds its memory.")
-@click.option("--sweep-cycles", type=int, metavar="N", help="Cycles of that sweep. Default: the model's, or 20.")
+              help="Drive at which the start-up sweep ends, V. Default: the model's drive.sweep_end_V; without one, "
+                   "the drive that holds the model's memory.")
+@click.option("--sweep-cycles", type=int, metavar="N", help="Cycles of the start-up sweep. Default: the model's; "
+                                                            "without a value there, 20.")
 @click.option("--sweep-rate", "sweep_V_per_s", type=float, metavar="V/S",
-              help="Its speed. Default: the model's, or 20 Hz over the whole range, or what its slew limit allows.")
+              help="Speed of the start-up sweep, V/s. Default: the model's; without one, 20 Hz over the whole range, "
+                   "or the slew limit if that is lower.")
 def header(model: str, output: str, name: str, **sweep: float | None) -> dict[str, Any]:
-    """Generate the C header that the firmware compiles in. The same model gives the same bytes."""
+    """Generate the C header with the parameters of a model, to be compiled into the firmware.
+
+    The same model gives the same bytes.
+    """
     from dataclasses import replace
 
     from ..firmware import build_notes, write_header
@@ -32,22 +38,22 @@ def header(model: str, output: str, name: str, **sweep: float | None) -> dict[st
 
     parameters = read_model(model)
     parameters.drive = replace(parameters.drive, **{key: value for key, value in sweep.items() if value is not None})
-    no_fixed_point = write_header(parameters, output, name, source=model)
+    written = write_header(parameters, output, name, source=model)
     _tell_effects(parameters)
     click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones, "
                f"starts from {parameters.start_V():.6g} V, start-up sweep ends at {parameters.sweep_end():.6g} V")
     for note in build_notes(parameters):
         click.echo(f"note: {note}")
-    if no_fixed_point:
-        click.echo(f"note: single precision only, not fixed point: {no_fixed_point}")
-    return {"file": output, "name": name, "digest": parameters.digest(), "q31": not no_fixed_point}
+    if written.no_fixed_point:
+        click.echo(f"note: the header has no fixed-point parameters, only single precision: {written.no_fixed_point}")
+    return {"file": output, "name": name, "digest": written.digest, "q31": not written.no_fixed_point}
 
 
 def _tell_effects(model: Any) -> None:
     from ..firmware import effects_left_out
 
     if names := effects_left_out(model):
-        click.echo(f"note: effects that only the simulation knows, not the inverse: {', '.join(names)}", err=True)
+        click.echo(f"note: the inverse does not compensate these effects of the model: {', '.join(names)}", err=True)
 
 
 @command("profile")
@@ -56,20 +62,23 @@ def _tell_effects(model: Any) -> None:
               help="The header.")
 @click.option("--reference-column", metavar="COLUMN", help="Column to follow, um. Default: reference_um.")
 @click.option("--dac", type=Dac(), metavar="BITS:MIN_V:MAX_V",
-              help="FILE.csv is a drive: its command_V as codes of this DAC, volts at the actuator.")
+              help="Convert a drive: command_V of FILE.csv becomes codes of this DAC. Volts are at the actuator.")
 def profile(source: str, output: str, reference_column: str | None,
             dac: tuple[int, float, float] | None) -> dict[str, Any]:
-    """Generate the C header of a table that the firmware plays: a reference, or with --dac a drive.
+    """Generate the C header with a table for the firmware: a reference, or with --dac a drive.
 
-    FILE.csv needs the columns time_s and reference_um, or another --reference-column, in um; with --dac time_s and
-    command_V. References are for port/profile, which converts them to the application's numbers when it is compiled;
-    drives, as `rdpi excite` makes them, for examples/excite. The same file gives the same bytes.
+    \b
+    reference  needs the columns time_s and reference_um (or --reference-column), in um; for port/profile
+    drive      needs the columns time_s and command_V, as `rdpi excite` makes them; for examples/excite
+
+    References are converted to the application's number format when port/profile is compiled. The same file gives the
+    same bytes.
     """
     from ..board import profile as tables
     from ..data import atomic_write, read_recording
 
     if dac is not None and reference_column is not None:
-        raise BadInput("--reference-column: has no meaning with --dac, which makes a drive of command_V")
+        raise BadInput("--reference-column: is only valid without --dac; with --dac the column is command_V")
     column = "command_V" if dac is not None else reference_column or "reference_um"
     with progress("generating"):
         run = read_recording(source, required=("time_s", column))
@@ -84,7 +93,8 @@ def profile(source: str, output: str, reference_column: str | None,
         result["sweep_samples"] = tables.sweep_samples(run)
         click.echo(f"the first {result['sweep_samples']} samples are a decaying sweep")
     elif refused := int((~tables.usable(values)).sum()):
-        click.echo(f"note: {refused} samples are beyond the largest reference: the drive holds there; check their unit")
+        click.echo(f"note: {refused} samples are beyond the largest reference; the firmware holds the drive there: "
+                   "check the unit")
     return result
 
 
@@ -92,35 +102,47 @@ def profile(source: str, output: str, reference_column: str | None,
 @click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
 @click.argument("reference", metavar="REFERENCE.csv", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=Output(),
-              help="The reference's columns and command_V, rate_um_per_s, flags and, with --dac-bits, dac_code.")
+              help="The columns of REFERENCE.csv and the drive: command_V, rate_um_per_s, flags and, with --dac-bits, "
+                   "dac_code.")
 @click.option("--engine", default="f32", show_default=True,
               type=click.Choice(["f32", "q31", "f64", "numpy", "qemu-m0", "qemu-m3", "qemu-m4f", "qemu-m7"]),
-              help="f32: the firmware library; q31: the same in fixed point; f64: in double; numpy: the independent "
-                   "reference; qemu-...: the firmware itself on an emulated Cortex-M0, M3, M4F or M7.")
-@click.option("--fixed-point", is_flag=True, help="The emulated firmware is that in fixed point. Default: single "
-                                                  "precision, on every board.")
+              help="f32: the firmware library in single precision. q31: in fixed point. f64: in double precision. "
+                   "numpy: an independent implementation. qemu-...: the firmware on an emulated Cortex-M0, M3, M4F or "
+                   "M7.")
+@click.option("--fixed-point", is_flag=True, help="Emulate the fixed-point firmware. Only valid with qemu-... "
+                                                  "engines. Default: single precision.")
 @click.option("--sweep", is_flag=True,
-              help="Run the firmware's start-up sweep first, as a board does, and leave it out: the drive starts from "
-                   "where that leaves the actuator. Default: from the model's memory, or what REFERENCE.csv tells of "
-                   "it. Not with --engine numpy.")
-@click.option("--dac-bits", type=int, metavar="BITS", help="Output codes of this many bits. Default: the model's.")
+              help="Run the firmware's start-up sweep first, as a board does. DRIVE.csv does not contain the sweep; it "
+                   "starts from the state that the sweep leaves. Default: start from the memory of the model or of "
+                   "REFERENCE.csv. Not valid with --engine numpy.")
+@click.option("--dac-bits", type=int, metavar="BITS", help="Bits of the DAC. Default: the model's.")
 @click.option("--reference-column", default="reference_um", show_default=True, metavar="COLUMN",
-              help="Column to follow; displacement_um of a recording shows how well its command is recovered.")
+              help="Column to follow. With displacement_um of a recording, the command shows how well the drive "
+                   "matches the recorded one.")
 @click.option("--remove-offset", is_flag=True,
-              help="First remove the recording's mean deviation from the model (thermal drift).")
+              help="Remove the mean difference between recording and model from the reference first (thermal drift).")
 def compensate(model: str, reference: str, output: str, engine: str, fixed_point: bool, sweep: bool,
                dac_bits: int | None, reference_column: str, remove_offset: bool) -> dict[str, Any]:
-    """Run the inverse as the firmware does: reference in um to drive in V.
+    """Compute the drive in V for a reference in um, as the firmware does.
 
-    REFERENCE.csv needs the columns time_s and reference_um, or another --reference-column. A board sweeps before it
-    follows: its codes are those of --sweep.
+    REFERENCE.csv needs the columns time_s and reference_um (or --reference-column). A board runs its start-up sweep
+    before it follows a reference: only with --sweep are the codes the same as on the board.
 
-    flags are the sum of 1 (rate clamped by the guard), 2 (drive clipped to its range), 4 (drive clipped by its slew
-    limit), 8 (reference not usable, drive held) and 16 (the first after such samples). If REFERENCE.csv has a command_V
-    it is kept as recorded_V, and the computed drive is compared with it.
+    The column flags is the sum of:
 
-    The engines qemu-... build examples/track for model and reference and run it in qemu-system-arm; they need the
-    project's checkout (set RDPI_HOME where the tools are installed apart from it) and arm-none-eabi-gcc.
+    \b
+     1  the guard clamped the rate
+     2  the drive was clipped to its range
+     4  the drive was clipped by its slew limit
+     8  the reference was not usable; the drive was held
+    16  first sample after one or more that were not usable
+
+    If REFERENCE.csv has a column command_V, DRIVE.csv keeps it as recorded_V, and the command compares the computed
+    drive with it.
+
+    The engines qemu-... build examples/track for this model and reference and run it in qemu-system-arm. They need
+    arm-none-eabi-gcc and the project's checkout. If the tools are installed outside the checkout, set RDPI_HOME to its
+    directory.
     """
     from dataclasses import replace
 
@@ -142,8 +164,8 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
                               **{f"{name}_count": count for name, count in found.flag_counts.items()}}
     if found.flag_counts["range"]:
         low_um, high_um = chain.reachable_um(parameters)
-        click.echo(f"note: the drive was clipped; reachable {low_um:.5g} to {high_um:.5g} um, "
-                   f"asked for {found.asked_um[0]:.5g} to {found.asked_um[1]:.5g} um")
+        click.echo(f"note: the drive was clipped; the reachable range is {low_um:.5g} to {high_um:.5g} um, "
+                   f"the reference spans {found.asked_um[0]:.5g} to {found.asked_um[1]:.5g} um")
     drive_V = found.steps.drive_V
     flagged = ", ".join(f"{found.flag_counts[name]} {name}" for name in ("guard", "range", "slew", "input"))
     click.echo(f"{output}: {len(run)} samples, {drive_V.min():.6g} to {drive_V.max():.6g} V, flagged: {flagged}")

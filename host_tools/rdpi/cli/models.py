@@ -15,41 +15,44 @@ from .types import Numbers, Output, Percent, Report
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", required=True, metavar="MODEL.json", type=Output(), help="The model.")
 @click.option("--operators", type=int, default=9, show_default=True, metavar="N",
-              help="Plays with a positive threshold.")
+              help="Number of plays with a positive threshold.")
 @click.option("--deadzones", type=int, default=2, show_default=True, metavar="M",
-              help="Dead zones of the saturation stage.")
+              help="Number of dead zones of the saturation stage.")
 @click.option("--thresholds", "thresholds_um", type=Numbers(), metavar="UM,UM,...",
-              help="Thresholds r_1, r_2, ... in um instead of equal intervals.")
-@click.option("--rate-independent", is_flag=True, help="Fit no rate law: slopes do not depend on rate.")
+              help="Thresholds r_1, r_2, ..., um. Default: equal intervals.")
+@click.option("--rate-independent", is_flag=True, help="Fit a model whose slopes do not depend on rate.")
 @click.option("--rate-source", type=click.Choice(["displacement", "control"]), default="displacement",
-              show_default=True, help="Whose rate modulates the slopes.")
+              show_default=True, help="Signal whose rate modulates the slopes.")
 @click.option("--rate-window", "rate_window_s", type=float, default=0.0, show_default=True, metavar="S",
-              help="The firmware's rate is a difference over this time, s; 0: one sample.")
+              help="Time over which the firmware takes the difference for its rate, s. 0: one sample.")
 @click.option("--rate-filter", "rate_filter_s", type=float, default=0.0, show_default=True, metavar="S",
-              help="Time constant of the firmware's low-pass on the rate, s; 0: none.")
+              help="Time constant of the firmware's low-pass filter on the rate, s. 0: no filter.")
 @click.option("--min-slope-ratio", type=float, default=0.2, show_default=True, metavar="RATIO",
-              help="The guard clamps the rate where a slope has fallen to this share of its value at rest.")
+              help="The guard limits the rate so that no slope falls below this share of its value at rest.")
 @click.option("--min-V", "min_V", type=float, metavar="V",
-              help="Lowest drive the firmware may output. Default: lowest recorded.")
-@click.option("--max-V", "max_V", type=float, metavar="V", help="Highest drive. Default: highest recorded.")
+              help="Lowest drive that the firmware may output, V. Default: lowest recorded.")
+@click.option("--max-V", "max_V", type=float, metavar="V", help="Highest drive that the firmware may output, V. "
+                                                                "Default: highest recorded.")
 @click.option("--slew", "slew_V_per_s", type=float, metavar="V/S",
-              help="Fastest change of the drive. Default: no limit.")
+              help="Largest rate of change of the drive, V/s. Default: no limit.")
 @click.option("--dac-bits", type=int, metavar="BITS",
-              help="Codes of the DAC span --min-V to --max-V. Default: no codes.")
-@click.option("--actuator", metavar="TEXT", help="Name kept in the model. Default: the first recording's.")
+              help="Bits of the DAC. Its codes span --min-V to --max-V. Default: the firmware outputs no codes.")
+@click.option("--actuator", metavar="TEXT", help="Name of the actuator, stored in the model. Default: that of the "
+                                                 "first recording.")
 @click.option("--hold-out", multiple=True, metavar="RUN", type=click.Path(dir_okay=False),
-              help="A recording to score the model on, not fitted; may be given several times.")
+              help="Recording that the model is tested on and not fitted to. May be given several times.")
 @click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
-              help="Exit with status 1 if any held-out run (without any: any run) is predicted worse than this, "
-                   "% of stroke.")
+              help="Exit with status 1 if the rms error of any held-out run exceeds this, % of stroke. Without "
+                   "--hold-out, the limit applies to all runs.")
 @click.option("--report", metavar="DIR", type=Report("fit.json"),
-              help="Write fit.png (loops, slopes, residual) and fit.json there.")
+              help="Write fit.png (loops, slopes, residual) and fit.json to this directory.")
 def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_percent: float | None,
         report: str | None, **options: Any) -> dict[str, Any]:
     """Identify a model from recordings.
 
-    One bounded least-squares problem over all samples of all runs. Recordings at several rates and amplitudes, with
-    memory known (metadata memory: reset) where possible, give the best model; see `rdpi excite`.
+    The identification is one bounded least-squares problem over all samples of all runs. The best models come from
+    recordings at several rates and amplitudes whose memory is known (metadata memory: reset). `rdpi excite` makes the
+    drives for them.
     """
     from ..data import read_recording
     from ..fit import Options, fit as identify, summary
@@ -67,7 +70,7 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
         summary.write_report(report, result, [*fitted, *held], document)
     click.echo(f"{output}: " + "\n".join(summary.lines(result)))
     if failed:
-        click.echo(f"rdpi: {worst:.3g} % rms, above the {max_rms_percent:g} % allowed by --max-rms", err=True)
+        click.echo(f"rdpi: the rms error is {worst:.3g} %; --max-rms allows {max_rms_percent:g} %", err=True)
     return document.to_json()
 
 
@@ -75,9 +78,9 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
 @click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", default="rdpi.png", show_default=True, metavar="PICTURE",
-              type=Output(), help="The picture, .png, .svg or .pdf.")
+              type=Output(), help="The picture: .png, .svg or .pdf.")
 def plot(model: str, runs: tuple[str, ...], output: str) -> dict[str, Any]:
-    """Draw loops, slopes against rate, the prediction where it is worst, and the residual."""
+    """Plot loops, slopes against rate, the worst part of the prediction, and the residual."""
     from ..data import read_recording
     from ..fit import identify, report
     from ..model import read_model

@@ -38,7 +38,12 @@ class Program(click.Group):
 def main() -> None:
     """Rate-dependent hysteresis of piezoelectric actuators: record, identify, simulate, compensate.
 
-    Exit status: 0 done, 1 done but a quality gate you set failed, 2 bad input, 130 stopped by Ctrl-C.
+    \b
+    Exit status:
+      0    success
+      1    success, but a limit that you set was exceeded (--max-rms, --max-lost)
+      2    bad input
+      130  stopped by Ctrl-C
     """
     for name in ("SIGTERM", "SIGHUP"):  # leave by the ordinary way, so that nothing half written stays behind
         if hasattr(signal, name) and signal.getsignal(getattr(signal, name)) == signal.SIG_DFL:
@@ -78,7 +83,7 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
                 context = click.get_current_context()
                 given = [context.params[one.name] for one in context.command.params if isinstance(one, click.Argument)]
                 names = ", ".join(name for value in given for name in ([value] if isinstance(value, str) else value))
-                _fail(f"{names}: there is not enough memory for this; give shorter files")
+                _fail(f"{names}: there is not enough memory; give shorter files")
             except BrokenPipeError:
                 raise  # `rdpi … | head`: click ends quietly
             except OSError as error:
@@ -86,8 +91,8 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
                 _fail(f"{where}{error.strerror or error}; check the path and permissions")
 
         run.params.append(click.Option(["--json", "json_path"], type=Output(), metavar="FILE",
-                                       help="Also write the result as JSON. -: to standard output, and the rest "
-                                            "to standard error."))
+                                       help="Also write the result as JSON. With -, JSON goes to standard output "
+                                            "and all other text to standard error."))
         return run
 
     return decorate
@@ -124,9 +129,9 @@ def _check_paths(context: click.Context) -> None:
             outputs.append(value)
             folders += [value] if kind.dir_okay else []
         elif parameter.name != "json_path":
-            raise BadInput(f"{parameter.opts[0]} -: standard output is only for --json; name a file")
+            raise BadInput(f"{parameter.opts[0]} -: standard output is only for --json; give a file name")
         elif getattr(sys.stdout, "name", None) == os.devnull:
-            raise BadInput("--json -: standard output is closed; name a file")
+            raise BadInput("--json -: standard output is closed; give a file name")
     if outputs:
         from ..data import check_outputs
 

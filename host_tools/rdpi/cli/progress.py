@@ -60,7 +60,7 @@ def recording_line() -> Iterator[Callable[[Any], None]]:
 
     from ..board import how_it_goes
 
-    status = Console(stderr=True).status("waiting for the first frame; Ctrl-C ends")
+    status = Console(stderr=True).status("waiting for the first frame; Ctrl-C stops")
 
     def report(decoder: Any) -> None:
         with suppress(OSError):  # the terminal is gone, the recording is not

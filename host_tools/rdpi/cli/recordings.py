@@ -20,12 +20,12 @@ def _telemetry_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """What record and import --telemetry have in common."""
     for option in reversed((
         click.option("--um-per-count", type=Number(), metavar="UM",
-                     help="Displacement sensor, um per count. Default: what the firmware says."),
+                     help="Scale of the displacement sensor, um per count. Default: the firmware's."),
         click.option("--count-0-um", "count_0_um", type=Number(), metavar="UM",
-                     help="Displacement at the sensor's count 0, um. Default: what the firmware says."),
+                     help="Displacement at count 0 of the sensor, um. Default: the firmware's."),
         click.option("--stretches", is_flag=True,
-                     help="Write every stretch between lost samples, as RUN-1.csv, RUN-2.csv, ... Default: the "
-                          "longest, as RUN.csv."),
+                     help="Write every stretch between lost samples: RUN-1.csv, RUN-2.csv, ... Default: write the "
+                          "longest stretch to RUN.csv."),
         click.option("--max-lost", type=click.IntRange(min=0), metavar="N",
                      help="Exit with status 1 if more samples than this are missing."),
     )):
@@ -37,7 +37,7 @@ def _texts(**texts: str | None) -> dict[str, str]:
     """What the user gave of a recording's metadata; refused before any work if no file could hold it."""
     for name, text in texts.items():
         if text is not None and text != printable(text):
-            raise BadInput(f"--{name} {text!r}: not UTF-8; set a UTF-8 locale, or use letters without accents")
+            raise BadInput(f"--{name} {text!r}: is not UTF-8; set a UTF-8 locale, or use letters without accents")
     return {name: text for name, text in texts.items() if text is not None}
 
 
@@ -48,7 +48,7 @@ def _check_telemetry_options(context: click.Context, telemetry: bool) -> None:
     for parameter in context.command.params:
         given = context.get_parameter_source(parameter.name) is click.core.ParameterSource.COMMANDLINE
         if given and parameter.name not in common and (parameter.name in only) != telemetry:
-            raise BadInput(f"{parameter.opts[-1]}: has a meaning only {'without' if telemetry else 'with'} --telemetry")
+            raise BadInput(f"{parameter.opts[-1]}: is only valid {'without' if telemetry else 'with'} --telemetry")
 
 
 def _import_telemetry(sources: tuple[str, ...], output: str, texts: dict[str, str],
@@ -81,47 +81,59 @@ def _too_many_lost(missing: int, max_lost: int | None) -> bool:
 @command("import")
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...", type=click.Path())
 @click.option("-o", "--output", required=True, metavar="RUN.csv", type=Output(dir_okay=True),
-              help="The recording; for several sources a folder, which gets one NAME.csv per source.")
+              help="The recording. For several sources: a directory, which gets one NAME.csv for each source.")
 @click.option("--time", metavar=_COLUMN, help="Time. Units: s (default), ms, us.")
 @click.option("--rate", "rate_hz", metavar="HZ", type=click.FloatRange(min=0, min_open=True),
-              help="Samples per second. Without --time the times are made from it, from 0 at the first row taken.")
+              help="Samples per second. Without --time, the command makes the times from it: the first row used is at "
+                   "time 0.")
 @click.option("--command", metavar=_COLUMN, help="Drive voltage. Units: V (default), mV, kV.")
 @click.option("--displacement", metavar=_COLUMN, help="Measured displacement. Units: um (default), m, mm, nm, pm.")
-@click.option("--reference", metavar=_COLUMN, help="Displacement that was asked for. Units as --displacement.")
-@click.option("--monitor", metavar=_COLUMN, help="Amplifier output as measured. Units as --command.")
+@click.option("--reference", metavar=_COLUMN, help="Commanded displacement. Units as for --displacement.")
+@click.option("--monitor", metavar=_COLUMN, help="Measured amplifier output. Units as for --command.")
 @click.option("--temperature", metavar="COLUMN", help="Temperature in degC.")
 @click.option("--also", metavar="NAME=COLUMN[:UNIT]", multiple=True, callback=pairs,
-              help="Keep a further column under this name, e.g. other_axis_V=3:mV. May be repeated.")
+              help="Keep a further column under this name, e.g. other_axis_V=3:mV. May be given several times.")
 @click.option("--rows", metavar="START:STOP", type=Rows(), default=":",
-              help="Take these data rows, counted from 0, STOP not included; negative numbers count from the end.")
+              help="Use only these data rows, counted from 0. STOP is not included. Negative numbers count from the "
+                   "end.")
 @click.option("--resample", "resample_hz", metavar="HZ", type=Number(positive=True),
-              help="Put the recording on a uniform grid of so many samples per second, by interpolation, for a clock "
-                   "that jitters or a rate higher than needed. Below the recorded rate a low-pass comes first, which "
-                   "keeps what is below 0.4 HZ. Gaps are refused; the jitter found is told.")
+              help="Interpolate to a uniform grid of HZ samples per second. Use it if the clock jitters, or if the "
+                   "rate is higher than needed. If HZ is below the recorded rate, a low-pass filter comes first; it "
+                   "keeps frequencies below 0.4 times HZ. Gaps are an error. The command prints the jitter that it "
+                   "found.")
 @click.option("--command-gain", metavar="GAIN", type=float, default=1.0,
-              help="V/V. The voltage was recorded before an amplifier of this fixed gain: multiply the command by it.")
+              help="Multiply the command by this gain, V/V. Use it if the voltage was recorded before an amplifier of "
+                   "fixed gain.")
 @click.option("--as", "purpose", type=click.Choice(["run", "drive", "reference"]), default="run", show_default=True,
-              help="What the file must give: command and displacement, only a command, or only a reference.")
-@click.option("--actuator", metavar="TEXT", help="Kept in the recording.")
+              help="What the file must contain. run: command and displacement. drive: a command. reference: a "
+                   "reference.")
+@click.option("--actuator", metavar="TEXT", help="Name of the actuator, stored in the recording.")
 @click.option("--memory", type=click.Choice(["reset", "carried", "unknown"]),
-              help="What the hysteresis remembers at the first row taken: a decaying sweep ended here, the row follows "
-                   "the previous recording, or unknown.")
-@click.option("--note", metavar="TEXT", help="Kept in the recording.")
+              help="State of the hysteresis at the first row used. reset: a decaying sweep ended here. carried: the "
+                   "row follows the previous recording. unknown: neither.")
+@click.option("--note", metavar="TEXT", help="Any text, stored in the recording.")
 @click.option("--telemetry", is_flag=True,
-              help="SOURCE is what a microcontroller sent, as `rdpi record --raw` keeps it or any program that stores "
-                   "what comes from a serial port.")
+              help="SOURCE is the bytes that a microcontroller sent, as stored by `rdpi record --raw` or by any "
+                   "program that reads a serial port.")
 @_telemetry_options
 def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: slice, resample_hz: float | None,
             command_gain: float, purpose: str, also: dict[str, str], actuator: str | None, memory: str | None,
             note: str | None, telemetry: bool, stretches: bool, max_lost: int | None, um_per_count: float | None,
             count_0_um: float | None, **columns: str | None) -> dict[str, Any]:
-    """Bring other formats to a recording.
+    """Convert files of other formats to recordings.
 
-    SOURCE is a table (comma, semicolon, tab or white space; with or without names), what an oscilloscope or LabVIEW
-    (.lvm) writes, with its names, units and sample interval above the table, a MATLAB .mat (up to v7), or a NumPy .npy
-    or .npz. A COLUMN is a name or a number from 0. UNIT may also be a factor:
-    `--displacement 4:0.5` multiplies by 0.5 to get um. Units in names (pos_nm, "disp [um]") are understood, and obvious
-    names are recognised without options; what was taken for what is printed. In a matrix the longer side is time.
+    SOURCE is one of these:
+
+    \b
+    - a table: columns separated by comma, semicolon, tab or white space
+    - a file from an oscilloscope or LabVIEW (.lvm), its header included
+    - a MATLAB .mat file, up to version 7
+    - a NumPy .npy or .npz file
+
+    Tables may have a line of names. COLUMN is a name, or a number counted from 0. UNIT is a unit or a factor:
+    `--displacement 4:0.5` multiplies column 4 by 0.5 to get um. The command understands units in names (pos_nm,
+    "disp [um]"). Columns with an obvious name need no option. The command prints which column it used for what. In a
+    matrix, the longer side is time.
 
     \b
     rdpi import Model_Vi_Do.dat --command 0 --displacement 4 --rate 200 --rows 400:4400 -o fit.csv
@@ -166,35 +178,41 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
 @click.option("--baud", type=click.IntRange(min=1), default=3_000_000, show_default=True, metavar="BAUD",
               help="Bits per second on the line.")
 @click.option("--duration", "duration_s", type=Number(positive=True), metavar="S",
-              help="Stop after so many seconds of the target's time. Default: when it has finished, or at Ctrl-C.")
+              help="Stop after this time on the target's clock, s. Default: stop when the target has finished, or at "
+                   "Ctrl-C.")
 @click.option("--timeout", "timeout_s", type=Number(positive=True), default=5.0, show_default=True,
-              metavar="S", help="Give up after so many seconds without a frame, once the first has come: that is "
-                                "waited for without limit. So many seconds of bytes that are no telemetry, or of infos "
-                                "without a sample, end it too.")
+              metavar="S", help="Stop with an error after this time without a frame, s. The time also applies to bytes "
+                                "that are not telemetry, and to info frames without a sample. The wait for the first "
+                                "frame has no limit.")
 @click.option("--raw", type=Output(), metavar="FILE",
-              help="Also keep every byte as it came, for `rdpi import --telemetry`.")
-@click.option("--actuator", metavar="TEXT", help="Kept in the recording.")
+              help="Also store every byte received, for `rdpi import --telemetry`.")
+@click.option("--actuator", metavar="TEXT", help="Name of the actuator, stored in the recording.")
 @click.option("--memory", type=click.Choice(["reset", "carried", "unknown"]),
-              help="What the hysteresis remembers at the first sample written. Default: reset where the target's "
-                   "start-up sweep was received whole, ends amid its range and the drive goes on from there, else "
-                   "unknown.")
-@click.option("--note", metavar="TEXT", help="Kept in the recording.")
+              help="State of the hysteresis at the first sample written. Default: reset if the start-up sweep was "
+                   "received completely, ended near the middle of its range, and the drive goes on from there; "
+                   "otherwise unknown.")
+@click.option("--note", metavar="TEXT", help="Any text, stored in the recording.")
 @_telemetry_options
 def record_(port: str, output: str, baud: int, duration_s: float | None, timeout_s: float, raw: str | None,
             actuator: str | None, memory: str | None, note: str | None, stretches: bool, max_lost: int | None,
             um_per_count: float | None, count_0_um: float | None) -> dict[str, Any]:
-    """Read a microcontroller's telemetry from a serial port into a recording.
+    """Record a microcontroller's telemetry from a serial port.
 
-    PORT is a device, /dev/ttyACM0 or an emulator's pseudo-terminal, or a URL that pyserial knows, e.g.
-    socket://localhost:1234. Begin before the board is flashed or reset: a start that was not heard, and all of a run
-    that had finished before, is lost. Samples of the start-up sweep are left out; where there is no reference, of a
-    drive, all but its last. Lost and corrupt frames are counted, in the file's metadata too; a recording never spans a
-    gap.
+    PORT is a device (/dev/ttyACM0, an emulator's pseudo-terminal) or a URL that pyserial knows
+    (socket://localhost:1234).
 
-    RUN.csv is written when the recording ends. Until then RUN.csv.part holds, on disk, all that is older than a
-    second; after a gap RUN.csv.part2 and so on follow. After a crash or a power failure each of them can be used as a
-    recording: a last line that was cut is left out. The longest and the present one are kept, with --stretches all.
-    They are removed when RUN.csv is written.
+    \b
+    1. Start this command.
+    2. Flash or reset the board. Samples that the board sent before step 1 are lost.
+
+    The recording does not contain the start-up sweep. If the target plays a drive without a reference, it contains the
+    last sample of the sweep. A recording never spans a gap. The file's metadata count the lost samples and the corrupt
+    frames.
+
+    RUN.csv is written when the recording ends. Until then, RUN.csv.part holds all samples that are older than a second.
+    After a gap, a new file follows: RUN.csv.part2 and so on. The longest and the latest of these files are kept; with
+    --stretches, all. They are removed when RUN.csv has been written. After a crash or a power failure, each of them is
+    a valid recording: a reader ignores a last line that is incomplete.
     """
     from ..board import check_recording_outputs, record_file
 
@@ -219,42 +237,45 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
 @click.option("--min-V", "min_V", type=float, default=0.0, show_default=True, help="Lowest voltage, V.")
 @click.option("--max-V", "max_V", type=float, default=10.0, show_default=True, help="Highest voltage, V.")
 @click.option("--rest-V", "rest_V", type=float,
-              help="Voltage at which the drive starts and ends, V. Default: the middle, where a sweep can decay from "
-                   "both sides; one that ends near an edge leaves a branch behind (memory unknown, not reset).")
+              help="Voltage at which the drive starts and ends, V. Default: the middle of the range, where a sweep "
+                   "decays from both sides. A sweep that ends near an edge does not reset the hysteresis: its memory "
+                   "is unknown.")
 @click.option("--sample-rate", "sample_rate_hz", type=float, default=10_000.0, show_default=True, metavar="HZ",
               help="Samples per second.")
 @click.option("--slew", "slew_V_per_s", type=float, metavar="V/S",
-              help="The drive never changes faster than this, V/s.")
+              help="Largest rate of change of the drive, V/s.")
 @click.option("--no-sweep", is_flag=True, help="Leave out the decaying sweep at the start.")
 @click.option("--frequencies", "frequencies_hz", type=Numbers(), metavar="HZ,HZ,...",
-              help="sawtooth, sine: one wave each, default 1,2,5,10,20 Hz. multisine: its lines, default 16 of 0.5 to "
-                   "50 Hz. chirp: first and last, default 1,500 Hz. startup: one, default 20 Hz. "
-                   "Defaults are lowered where --slew or --sample-rate demands it.")
+              help="sawtooth, sine: one wave at each, default 1,2,5,10,20 Hz. multisine: its lines, default 16 lines "
+                   "from 0.5 to 50 Hz. chirp: first and last frequency, default 1,500 Hz. startup: one frequency, "
+                   "default 20 Hz. Defaults are lower if --slew or --sample-rate requires it.")
 @click.option("--rates", "rates_V_per_s", type=Numbers(), metavar="V/S,V/S,...",
-              help="sawtooth: rates instead of frequencies, V/s. minor-loops: the pattern at each rate, V/s; default: "
-                   "the whole range in 0.5 s.")
-@click.option("--cycles", type=int, help="Periods per wave: sawtooth 3, sine 5, startup 20 by default.")
-@click.option("--levels", type=int, help="minor-loops: amplitudes, default 6. steps: steps up and down, default 4.")
-@click.option("--hold", "hold_s", type=float, metavar="S", help="steps: time on each step, default 5 s.")
+              help="sawtooth: rates instead of frequencies, V/s. minor-loops: rates at which the pattern is repeated, "
+                   "V/s; default: the rate that crosses the whole range in 0.5 s.")
+@click.option("--cycles", type=int, help="Periods per wave. Default: sawtooth 3, sine 5, startup 20.")
+@click.option("--levels", type=int, help="minor-loops: number of amplitudes, default 6. steps: number of steps up and "
+                                         "down, default 4.")
+@click.option("--hold", "hold_s", type=float, metavar="S", help="steps: duration of each step, default 5 s.")
 @click.option("--duration", "duration_s", type=float, metavar="S",
-              help="multisine, chirp: length, default 10 s (multisine: longer where --slew demands it).")
-@click.option("--seed", type=click.IntRange(min=0), help="multisine: picks the random phases, default 0.")
-@click.option("--end-V", "end_V", type=float, help="startup: where the sweep ends, V. Default: --rest-V.")
+              help="multisine, chirp: duration, default 10 s. multisine takes longer if --slew requires it.")
+@click.option("--seed", type=click.IntRange(min=0), help="multisine: seed of the random phases, default 0.")
+@click.option("--end-V", "end_V", type=float, help="startup: voltage at which the sweep ends, V. Default: --rest-V.")
 def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | None, sample_rate_hz: float,
            slew_V_per_s: float | None, no_sweep: bool, **options: Any) -> dict[str, Any]:
-    """Generate a drive that makes the actuator show what a model needs to know.
+    """Generate a drive signal for identification.
 
     \b
-    sawtooth     triangular waves at several rates: how slopes depend on rate
-    minor-loops  shrinking reversals and loops on both branches: every amplitude
-    steps        staircase with holds: creep
-    multisine    many frequencies at once, large then small: check a model
-    sine         one frequency after another: loops, delay, lag
-    chirp        one running frequency: resonance (use a small range)
+    sawtooth     triangular waves at several rates: shows how slopes depend on rate
+    minor-loops  shrinking reversals and loops on both branches: shows every amplitude
+    steps        staircase with holds: shows creep
+    multisine    many frequencies at once, large then small: checks a model
+    sine         one frequency after another: shows loops, delay and lag
+    chirp        a frequency that changes continuously: shows resonance (use a small range)
     startup      decaying oscillation: brings the hysteresis to a known state
 
-    The drive starts and ends at --rest-V and first (but for --no-sweep) brings the hysteresis to a known state by a
-    decaying sweep of about one second; `sweep_s` in the file says how long it takes. Same options, same file.
+    The drive starts and ends at --rest-V. It begins with a decaying sweep of about one second, which brings the
+    hysteresis to a known state; --no-sweep leaves the sweep out. The metadata `sweep_s` is the duration of the sweep.
+    The same options give the same file.
     """
     from ..data import Limits, make_drive, write_recording
 

@@ -32,7 +32,7 @@ class Percent(click.ParamType):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         number = click.FLOAT.convert(value, param, ctx)
         if not 0 < number < float("inf"):
-            self.fail(f"{value!r}: must be positive and finite", param, ctx)
+            self.fail(f"{value!r}: must be a positive finite number", param, ctx)
         return number
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from . import excite
 from .excite import Limits, make_drive
+from .files import atomic_write, content, make_folder, read_bytes, sync_folder, write_all
 from .importer import ROLES, Request, import_recording
 from .paths import check_outputs, check_targets, is_device, same_file, targets
-from .recording import (MIN_SAMPLES, RATE_TOLERANCE, RUN_COLUMNS, GrowingRecording, Recording, atomic_write,
-                        check_sizes, content, make_folder, read_bytes, read_recording, sample_times, sync_folder, taken,
-                        write_all, write_recording)
+from .recording import (MIN_SAMPLES, RATE_TOLERANCE, RUN_COLUMNS, GrowingRecording, Recording, check_sizes,
+                        read_recording, sample_times, taken, write_recording)
 
 __all__ = ["MIN_SAMPLES", "RATE_TOLERANCE", "ROLES", "RUN_COLUMNS", "GrowingRecording", "Limits", "Recording",
            "Request", "atomic_write", "check_outputs", "check_sizes", "check_targets", "content", "excite",

@@ -104,7 +104,7 @@ class _Pen:
 
     def _check_size(self, more: float) -> None:
         if not self.count + more <= MAX_SAMPLES:
-            raise BadInput(f"the drive would have over {MAX_SAMPLES:,} samples; lower --sample-rate, or ask for "
+            raise BadInput(f"the drive would have over {MAX_SAMPLES:,} samples; lower --sample-rate, or use "
                            "shorter or faster waveforms")
 
 
@@ -120,7 +120,7 @@ def make_drive(kind: str, limits: Limits, sweep: bool = True,
     known = {name: parameter.default for name, parameter in list(inspect.signature(draw).parameters.items())[1:]}
     for name in options:
         if name not in known:
-            raise BadInput(f"--{OPTION_NAMES[name]}: has no meaning for {kind}, which takes "
+            raise BadInput(f"--{OPTION_NAMES[name]}: is not valid for {kind}; valid are "
                            + ", ".join(f"--{OPTION_NAMES[other]}" for other in known))
     pen = _Pen(limits, rest_V)
     swept = sweep and kind != "startup"  # which is the sweep itself
@@ -226,7 +226,7 @@ def multisine(pen: _Pen, frequencies_hz: Sequence[float] | None = None, duration
         lines = np.unique([round(_frequency(pen, f) * count / rate) for f in frequencies_hz])
         if lines[0] < 1:
             raise BadInput(f"--frequencies {min(frequencies_hz):g}: no full period fits into half of --duration "
-                           f"{duration_s:g}; ask for a longer duration or higher frequencies")
+                           f"{duration_s:g}; give a longer duration or higher frequencies")
 
         def signal(phases: np.ndarray, samples: int) -> np.ndarray:
             spectrum = np.zeros(samples // 2 + 1, dtype=complex)
@@ -272,7 +272,7 @@ def chirp(pen: _Pen, frequencies_hz: Sequence[float] | None = None, duration_s: 
         highest = min(500.0, _highest_hz(pen, np.pi))
         frequencies_hz = (min(1.0, highest / 10), highest)
     if len(frequencies_hz) != 2 or frequencies_hz[0] == frequencies_hz[1]:
-        raise BadInput("--frequencies: a chirp needs two different ones, e.g. --frequencies 1,500")
+        raise BadInput("--frequencies: a chirp needs two different frequencies, e.g. --frequencies 1,500")
     first, last = (_frequency(pen, f) for f in frequencies_hz)
     count = pen.samples(_positive("duration", duration_s, "s"))
     ratio = np.log(last / first)
@@ -287,11 +287,11 @@ def startup(pen: _Pen, end_V: float | None = None, frequencies_hz: Sequence[floa
     """Oscillation from the whole range down to nothing at the end voltage: wipes out what the hysteresis remembers."""
     frequencies_hz = frequencies_hz or (min(_sweep_hz(pen), _highest_hz(pen, 2)),)
     if len(frequencies_hz) != 1:
-        raise BadInput("--frequencies: the start-up sweep needs exactly one")
+        raise BadInput("--frequencies: the start-up sweep needs exactly one frequency")
     _check_rate(pen, 2 * pen.limits.span_V * _frequency(pen, frequencies_hz[0]))
     end_V = pen.rest_V if end_V is None else end_V
     if not pen.limits.min_V <= end_V <= pen.limits.max_V:
-        raise BadInput(f"--end-V {end_V:g}: outside --min-V {pen.limits.min_V:g} to --max-V {pen.limits.max_V:g}")
+        raise BadInput(f"--end-V {end_V:g}: is outside --min-V {pen.limits.min_V:g} to --max-V {pen.limits.max_V:g}")
     _decay(pen, end_V, _whole("cycles", cycles), frequencies_hz[0])
     return {"end_V": end_V, "frequencies_hz": frequencies_hz}
 
@@ -327,12 +327,12 @@ def _check_limits(limits: Limits) -> float:
         raise BadInput(f"--max-V {limits.max_V:g}: must be above --min-V {limits.min_V:g}")
     rest_V = limits.middle_V if limits.rest_V is None else limits.rest_V
     if not limits.min_V <= rest_V <= limits.max_V:
-        raise BadInput(f"--rest-V {rest_V:g}: outside --min-V {limits.min_V:g} to --max-V {limits.max_V:g}")
+        raise BadInput(f"--rest-V {rest_V:g}: is outside --min-V {limits.min_V:g} to --max-V {limits.max_V:g}")
     rate = limits.sample_rate_hz
     if not RATES_HZ[0] <= rate <= RATES_HZ[1]:
         raise BadInput(f"--sample-rate {rate:g}: give a positive number of Hz, {RATES_HZ[0]:g} to {RATES_HZ[1]:g}")
     if limits.slew_V_per_s is not None and _positive("slew", limits.slew_V_per_s, "V/s") <= 4 * QUANTUM_V * rate:
-        raise BadInput(f"--slew {limits.slew_V_per_s:g}: under a few nanovolts per sample; give a higher slew or a "
+        raise BadInput(f"--slew {limits.slew_V_per_s:g}: is only a few nanovolts per sample; give a higher slew or a "
                        "lower --sample-rate")
     return rest_V
 
@@ -340,19 +340,19 @@ def _check_limits(limits: Limits) -> float:
 def _check_rate(pen: _Pen, rate: float) -> None:
     slew = pen.limits.slew_V_per_s
     if slew is not None and rate > slew:
-        raise BadInput(f"--slew {slew:g}: a wave of {rate:g} V/s is faster; ask for rates up to the slew limit (for a "
+        raise BadInput(f"--slew {slew:g}: a wave of {rate:g} V/s is faster; use rates up to the slew limit (for a "
                        f"triangular wave over the whole range: up to {slew / (2 * pen.limits.span_V):.4g} Hz)")
     fastest = 2 * pen.limits.span_V * pen.limits.sample_rate_hz / SAMPLES_PER_PERIOD
     if rate > fastest * (1 + 1e-9):
-        raise BadInput(f"--rates {rate:g}: under {SAMPLES_PER_PERIOD // 2} samples from --min-V to --max-V; ask for at "
-                       f"most {fastest:g} V/s, or raise --sample-rate")
+        raise BadInput(f"--rates {rate:g}: gives fewer than {SAMPLES_PER_PERIOD // 2} samples from --min-V to --max-V; "
+                       f"use at most {fastest:g} V/s, or raise --sample-rate")
 
 
 def _frequency(pen: _Pen, frequency_hz: float) -> float:
     highest = pen.limits.sample_rate_hz / SAMPLES_PER_PERIOD
     if _positive("frequencies", frequency_hz, "Hz") > highest * (1 + 1e-9):
-        raise BadInput(f"--frequencies {frequency_hz:g}: under {SAMPLES_PER_PERIOD} samples per period; ask for at "
-                       f"most {highest:g} Hz, or raise --sample-rate")
+        raise BadInput(f"--frequencies {frequency_hz:g}: gives fewer than {SAMPLES_PER_PERIOD} samples per period; use "
+                       f"at most {highest:g} Hz, or raise --sample-rate")
     return frequency_hz
 
 

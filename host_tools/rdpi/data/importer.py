@@ -6,9 +6,8 @@ unit. The recording keeps where it came from: `source`, `source_digest`, `source
 
 from __future__ import annotations
 
-import hashlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,10 +15,9 @@ import numpy as np
 
 from ..errors import BadInput
 from . import tables
-from .foreign import Unreadable, read_arrays
-from .recording import (UNFINISHED, Place, Recording, check_metadata, check_rate, check_samples, is_column_name,
-                        line_of_row, parse_rows, read_bytes, sample_times, whole_lines)
+from .recording import UNFINISHED, Recording, check_metadata, check_rate, check_samples, is_column_name, sample_times
 from .resample import resample
+from .sources import Source, open_source
 from .units import UNITS, known_unit, split_unit, units_of
 
 # Letters and digits, lower case, of names of single numbers that give the sample rate, or the sample time in s
@@ -76,35 +74,6 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Cut:
-    """Some rows of some columns: finite float64 numbers, equally long."""
-
-    columns: list[np.ndarray]
-    start: int  # row of the first
-    total: int  # rows of the whole source
-    place: Place  # row of the cut -> where it is in the file
-
-
-@dataclass(frozen=True)
-class Source:
-    """A file's columns before anyone knows what they mean."""
-
-    path: str
-    kind: str
-    names: list[str]  # "" for a column without a name
-    read: Callable[[list[int], slice], Cut]  # column numbers, rows
-    digest: str
-    metadata: dict[str, str] = field(default_factory=dict)
-    scalars: dict[str, float] = field(default_factory=dict)
-
-    def listing(self) -> str:
-        if not any(self.names):
-            return f"there are {len(self.names)} columns without names, 0 to {len(self.names) - 1}"
-        shown = ", ".join(f"{index} {name!r}" for index, name in enumerate(self.names[:24]))
-        return f"there are {shown}" + (f" and {len(self.names) - 24} more" if len(self.names) > 24 else "")
-
-
-@dataclass(frozen=True)
 class Choice:
     """One column of the source taken as one column of the recording: value = raw · factor · 10^exponent."""
 
@@ -145,7 +114,7 @@ def import_recording(path: str, request: Request) -> tuple[Recording, list[str]]
     check_metadata(metadata, key_place)
     if "time_s" not in columns:
         if rate is None:
-            raise BadInput(f"{path}: no column looks like time; say which with --time COLUMN, or give --rate HZ; "
+            raise BadInput(f"{path}: no column looks like time; name it with --time COLUMN, or give --rate HZ; "
                            f"{source.listing()}")
         columns = {"time_s": sample_times(len(cut.columns[0]), rate), **columns}
     where = f"{path}, rows {rows} of {cut.total}"
@@ -164,24 +133,6 @@ def import_recording(path: str, request: Request) -> tuple[Recording, list[str]]
     return recording, lines
 
 
-def open_source(path: str) -> Source:
-    """Recognise the format by its first bytes (a MATLAB 4 file by its suffix). Raises BadInput."""
-    data = whole_lines(read_bytes(path))
-    packed = data.startswith(b"PK\x03\x04")
-    if data.startswith(b"\x93NUMPY") or packed and Path(path).suffix.lower() != ".xlsx":
-        return _arrays(path, data, "NumPy archive" if packed else "NumPy array", "NumPy data",
-                       "save plain numeric arrays with numpy.save or numpy.savez")
-    if packed or data.startswith(b"\xd0\xcf\x11\xe0"):
-        raise BadInput(f"{path}: an Excel workbook; save the sheet as CSV and import that")
-    if data.startswith(b"MATLAB 7.3") or data.startswith(b"\x89HDF"):
-        raise BadInput(f"{path}: a MATLAB 7.3 (HDF5) file; in MATLAB load it and save it again with "
-                       "save('run.mat', ..., '-v7')")
-    if data.startswith(b"MATLAB 5.0") or Path(path).suffix.lower() == ".mat":
-        return _arrays(path, data, "MATLAB file", "a MATLAB file",
-                       "in MATLAB save it again with save('run.mat', ..., '-v7')")
-    return _table(path, data)
-
-
 # --- which column is what ------------------------------------------------------------------------------------------
 
 def _choose(source: Source, request: Request) -> list[Choice]:
@@ -197,12 +148,12 @@ def _choose(source: Source, request: Request) -> list[Choice]:
             if found is not None:
                 chosen.append(found)
             elif key in needed:
-                raise BadInput(f"{source.path}: no column looks like the {key}; say which with --{key} COLUMN; "
+                raise BadInput(f"{source.path}: no column looks like the {key}; name it with --{key} COLUMN; "
                                f"{source.listing()}")
     for name, spec in request.also.items():
         if not is_column_name(name):
-            raise BadInput(f"--also {name!r}: no name for a column; leave out commas, quotation marks, line ends, # in "
-                           "front and what is not UTF-8")
+            raise BadInput(f"--also {name!r}: is not valid as a name of a column; use UTF-8 without commas, quotation "
+                           "marks, line ends or a leading #")
         chosen.append(_asked(source, f"--also {name}", name, None, spec))
     return chosen
 
@@ -218,11 +169,11 @@ def _asked(source: Source, option: str, column: str, unit: str | None, spec: str
     if scale is None:
         _, named = split_unit(source.names[number])
         if unit is None or named is None:
-            return Choice(column, number, unit or "", why="taken as it is" if unit is None else "assumed")
+            return Choice(column, number, unit or "", why="not converted" if unit is None else "assumed")
         dimension, exponent = UNITS.get(named, (None, 0))
         if dimension != unit:
-            raise BadInput(f"{source.path}: {option} {spec}: the name {source.names[number]!r} says {named}, not "
-                           f"{unit}; give the factor to {unit}, e.g. {option} {spec}:0.5")
+            raise BadInput(f"{source.path}: {option} {spec}: the unit in the name {source.names[number]!r} is {named}, "
+                           f"not {unit}; give the factor to {unit}, e.g. {option} {spec}:0.5")
         return Choice(column, number, named, exponent, why="by its name")
     known = known_unit(scale)
     if known is not None:
@@ -236,7 +187,7 @@ def _asked(source: Source, option: str, column: str, unit: str | None, spec: str
     except ValueError:
         factor = np.nan
     if not np.isfinite(factor) or factor == 0:
-        raise BadInput(f"{source.path}: {option} {spec}: {scale!r} is no unit and no factor; give one of "
+        raise BadInput(f"{source.path}: {option} {spec}: {scale!r} is neither a unit nor a factor; give one of "
                        f"{units_of(unit)}, or a number that multiplies the column")
     return Choice(column, number, f"x {factor:g}", factor=factor)
 
@@ -246,7 +197,7 @@ def _scaled(source: Source, request: Request, choice: Choice, raw: np.ndarray) -
         values = choice.scale(raw) * (request.command_gain if choice.column == "command_V" else 1.0)
     if not np.isfinite(values).all():
         raise BadInput(f"{source.path}: {choice.column} becomes infinite when {_name(source, choice.number)} is "
-                       "scaled; give a smaller factor or gain, or leave such rows out with --rows")
+                       "scaled; give a smaller factor or gain, or exclude such rows with --rows")
     return values
 
 
@@ -278,7 +229,7 @@ def _recognised(source: Source, key: str, role: Role, taken: set[int]) -> Choice
         hits.append(choice)
     if len(hits) > 1:
         names = ", ".join(_name(source, choice.number) for choice in hits)
-        raise BadInput(f"{source.path}: {names} all look like the {key}; say which with --{key} COLUMN")
+        raise BadInput(f"{source.path}: {names} all look like the {key}; name one with --{key} COLUMN")
     return hits[0] if hits else _only_time(source, taken) if key == "time" else None
 
 
@@ -321,7 +272,7 @@ def _metadata(source: Source, request: Request, chosen: Sequence[Choice], start:
         metadata.pop("memory", None)  # it was about a sample that is now left out
     for key, text in request.metadata.items():
         if re.search("[\ud800-\udfff]", text):
-            raise BadInput(f"--{key} {text!r}: not UTF-8; set a UTF-8 locale, or use letters without accents")
+            raise BadInput(f"--{key} {text!r}: is not UTF-8; set a UTF-8 locale, or use letters without accents")
     metadata |= request.metadata
     metadata["source"] = Path(source.path).name.encode(errors="replace").decode()
     metadata["source_digest"] = source.digest
@@ -347,107 +298,8 @@ def _describe(source: Source, request: Request, recording: Recording, chosen: Se
     left = [name for number, name in enumerate(source.names) if number not in taken and name]
     if left:
         more = " …" if len(left) > 12 else ""
-        lines.append(f"  left out: {', '.join(left[:12])}{more} (--also NAME=COLUMN keeps one)")
+        lines.append(f"  not used: {', '.join(left[:12])}{more} (keep one with --also NAME=COLUMN)")
     duration = len(recording) * recording.sample_time_s
     lines.append(f"  rows {recording.metadata['rows']}: {len(recording)} samples, {recording.sample_rate_hz:g} per "
                  f"second, {duration:.6g} s")
     return lines
-
-
-# --- MATLAB and NumPy ----------------------------------------------------------------------------------------------
-
-def _arrays(path: str, data: bytes, kind: str, what: str, remedy: str) -> Source:
-    """The columns of a file's arrays; the longer side of a matrix is time."""
-    try:
-        arrays = read_arrays(data)
-    except Unreadable as error:
-        raise BadInput(f"{path}: cannot be read as {what} ({error}); {remedy}") from None
-    names: list[str] = []
-    columns: list[np.ndarray] = []
-    scalars: dict[str, float] = {}
-    for name, value in arrays:
-        if value.size == 1:
-            scalars[name] = float(value.reshape(()))
-            continue
-        matrix = np.squeeze(value)
-        if matrix.ndim == 1:
-            names.append(name)
-            columns.append(matrix)
-        elif matrix.ndim == 2:
-            rows = matrix if matrix.shape[0] < matrix.shape[1] else matrix.T
-            names += [f"{name}.{index}" if name else "" for index in range(len(rows))]
-            columns += list(rows)
-    if not columns:
-        raise BadInput(f"{path}: no numeric vectors in it; save time, command and displacement as plain vectors of "
-                       "numbers (of a MATLAB timeseries: its Time and Data)")
-
-    def read(numbers: list[int], rows: slice) -> Cut:
-        told = [f"{number} {names[number]!r}" if names[number] else str(number) for number in numbers]
-        lengths = [len(columns[number]) for number in numbers]
-        if len(set(lengths)) > 1:
-            raise BadInput(f"{path}: columns of unequal length: "
-                           + ", ".join(f"{name} has {length}" for name, length in zip(told, lengths))
-                           + "; choose columns that were recorded together")
-        start = rows.indices(lengths[0])[0]
-        with np.errstate(over="ignore"):  # what a double does not hold is refused as infinite
-            taken = [np.ascontiguousarray(columns[number][rows], dtype=np.float64) for number in numbers]
-        for name, values in zip(told, taken):
-            bad = ~np.isfinite(values)
-            if bad.any():
-                row = int(np.argmax(bad))
-                raise BadInput(f"{path}, row {start + row}: column {name} is {values[row]}; every sample needs a "
-                               "finite number: leave such rows out with --rows, or interpolate")
-        return Cut(taken, start, lengths[0], lambda row: f"{path}, row {start + row}")
-
-    return Source(path, kind, names, read, _digest(data), scalars=scalars)
-
-
-# --- tables --------------------------------------------------------------------------------------------------------
-
-def _table(path: str, data: bytes) -> Source:
-    text = tables.decode(data)
-    if not text.strip():
-        raise BadInput(f"{path}: empty file; give a table of numbers, a MATLAB .mat or a NumPy .npy or .npz file")
-    found = tables.layout(path, text)
-    names, first, line, clock = found.preamble.names, found.first, found.preamble.line, found.preamble.clock
-    body = text.split("\n", first)[first]
-    if found.decimal == ",":
-        body = body.replace(",", ".")
-    kind = tables.DIALECT_NAMES[found.delimiter] + (", decimal comma" if found.decimal == "," else "")
-    kind += f", names in line {line}" if line else ", no names"
-
-    def read(numbers: list[int], rows: slice) -> Cut:
-        # Cut before parsing: what is wrong elsewhere in the file is then no obstacle.
-        lines = body.split("\n")
-        full = [index for index, line in enumerate(lines) if line.strip()]
-        taken, start = full[rows], rows.indices(len(full))[0]
-        begin, end = (taken[0], taken[-1] + 1) if taken else (0, 0)
-        part, first_line = "\n".join(lines[begin:end]), first + 1 + begin
-        labels = [f"{number} {names[number]!r}" if names[number] else str(number) for number in numbers]
-        try:
-            table = parse_rows(path, part, first_line, labels, found.delimiter, numbers)
-        except BadInput as error:
-            raise _another_table(path, error, lines, taken, start, first + 1, found.delimiter) from None
-        columns = [np.ascontiguousarray(values) for values in table.T]
-        if clock is not None:
-            with np.errstate(over="ignore"):  # times beyond range are refused as they are scaled
-                columns = [clock[0] + clock[1] * values if number == 0 else values
-                           for number, values in zip(numbers, columns)]
-        return Cut(columns, start, len(full), line_of_row(path, part, first_line))
-
-    return Source(path, kind, names, read, _digest(data), found.preamble.metadata, found.preamble.settings)
-
-
-def _another_table(path: str, error: BadInput, lines: list[str], taken: list[int], start: int, first_line: int,
-                   delimiter: str | None) -> BadInput:
-    """What to say of rows that cannot be read: of a line of text amid them, which row it is."""
-    place = re.match(re.escape(path) + r":(\d+): ", str(error))
-    if place is None or not tables.begins_a_preamble(lines[(index := int(place[1]) - first_line):][:9], delimiter):
-        return error
-    row = start + taken.index(index)
-    return BadInput(f"{path}:{place[1]}: text amid the numbers, in row {row}; does another table begin? Take the rows "
-                    f"of one with --rows, e.g. --rows {start}:{row}")
-
-
-def _digest(data: bytes) -> str:
-    return f"sha256:{hashlib.sha256(data).hexdigest()}"

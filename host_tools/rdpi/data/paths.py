@@ -30,13 +30,13 @@ def check_outputs(outputs: Sequence[str], inputs: Collection[str] = (), made: st
     which the caller makes too. Devices may be given several times.
     """
     if made is not None and os.path.exists(made) and not os.path.isdir(made):
-        raise BadInput(f"{made}: is no folder; name another for --report")
+        raise BadInput(f"{made}: is not a directory; give another name for --report")
     for k, name in enumerate(outputs):
         _check_folder(name, made, folders)
         for other in (*inputs, *outputs[:k]):
             if os.path.realpath(name) == os.path.realpath(other) and os.path.basename(name) and not is_device(name):
                 kind = "an input" if other in inputs else "another output"
-                raise BadInput(f"{name}: would be written over {kind}; choose another name")
+                raise BadInput(f"{name}: would be written over {kind}; give another name")
 
 
 def _check_folder(name: str, made: str | None, folders: Collection[str]) -> None:
@@ -45,10 +45,10 @@ def _check_folder(name: str, made: str | None, folders: Collection[str]) -> None
     makes_folder = made is not None and os.path.normpath(folder) == os.path.normpath(made) or \
         name in folders and name.endswith("/")
     if not os.path.isdir(folder) and not makes_folder:
-        raise BadInput(f"{name}: there is no folder {folder}; make it first")
+        raise BadInput(f"{name}: there is no directory {folder}; create it first")
     into = name if os.path.isdir(name) else os.path.dirname(os.path.realpath(name))
     if os.path.isdir(into) and (into == name or not is_device(name)) and not os.access(into, os.W_OK):
-        raise BadInput(f"{name}: the folder {into} cannot be written to; check its permissions")
+        raise BadInput(f"{name}: you may not write to the directory {into}; check its permissions")
 
 
 def targets(sources: Sequence[str], output: str, others: Sequence[str] = (), numbered: bool = False) -> list[Path]:
@@ -61,13 +61,13 @@ def targets(sources: Sequence[str], output: str, others: Sequence[str] = (), num
     if len(sources) == 1 and not folder.is_dir() and not output.endswith("/"):
         found = [folder]
     elif len(sources) > 1 and not folder.is_dir() and (folder.exists() or folder.suffix):
-        raise BadInput(f"-o {output}: several sources need a folder; give one, e.g. -o runs/")
+        raise BadInput(f"-o {output}: several sources need a directory; give one, e.g. -o runs/")
     else:
         found = [folder / f"{Path(source).stem}.csv" for source in sources]
     for index, target in enumerate(found):
         if target in found[:index]:
             first = sources[found.index(target)]
-            raise BadInput(f"{sources[index]} and {first} would both be written to {target}; import them one by one")
+            raise BadInput(f"{sources[index]} and {first} would both be written to {target}; import them separately")
     check_targets(found, sources, others, numbered)
     return found
 
@@ -83,7 +83,7 @@ def check_targets(found: Sequence[Path], inputs: Sequence[str] = (), others: Seq
             for other in (*inputs, *others):
                 if same_file(file, other) and not is_device(other):
                     kind = "an input" if other in inputs else "another output"
-                    raise BadInput(f"{file}: would be written over {kind}; give another name or folder")
+                    raise BadInput(f"{file}: would be written over {kind}; give another name or directory")
 
 
 def _numbered(target: Path, others: Sequence[str]) -> list[Path]:

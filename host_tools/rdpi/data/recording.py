@@ -5,13 +5,9 @@ Column names carry their units. Sampling is uniform, and that is checked, not as
 
 from __future__ import annotations
 
-import errno
 import hashlib
-import io
 import os
 import re
-import stat
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -21,6 +17,8 @@ import numpy as np
 
 from .. import arguments
 from ..errors import BadInput
+from .files import atomic_write, read_bytes, write_all
+from .rows import NUMBER, Place, line_of_row, parse_rows, quoted
 
 MIN_SAMPLES = 16
 UNFINISHED = "unfinished"  # first key of a recording that still grows; what it is set to is for people
@@ -32,14 +30,8 @@ LARGEST = 1e12  # V or um; no actuator has as much, and squares stay far from ov
 LARGEST_OTHER = 1e100  # of covariates, whose units are unknown
 RATES_HZ = (1e-6, 1e8)  # samples per second; times are written in whole nanoseconds
 
-_NUMBER = re.compile(r"[+-]?(\d+(?:\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-_NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 _NAME = re.compile(r'(?!#)[^,"\r\n\ud800-\udfff]+')  # surrogates stand for bytes that are no UTF-8
 _ROWS_PER_WRITE = 1 << 16
-_LINES_PER_BLOCK = 1 << 14
-_CANNOT_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF, errno.EACCES, errno.EPERM)
-
-Place = Callable[[int], str]  # data row, counted from 0 -> "file:line"
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +89,7 @@ def taken(runs: Sequence[Recording], needs: Sequence[str], name: str = "runs", l
                    for key, values in arguments.of_kind(run.columns, dict, f"{run.path}: columns").items()}
         for key in ("time_s", *needs):
             if key not in columns:
-                raise BadInput(f"{run.path}: no column {key}")
+                raise BadInput(f"{run.path}: there is no column {key}")
         for key, values in columns.items():
             if len(values) != len(columns["time_s"]):
                 raise BadInput(f"{run.path}: {key} has {len(values)} values, time_s has {len(columns['time_s'])}")
@@ -105,7 +97,7 @@ def taken(runs: Sequence[Recording], needs: Sequence[str], name: str = "runs", l
         same = all(columns[key] is run.columns[key] for key in columns)
         found.append(run if same else replace(run, columns=columns))
     if len(found) < least:
-        raise BadInput(f"{name}: none given")
+        raise BadInput(f"{name}: give at least one recording")
     return found
 
 
@@ -194,49 +186,6 @@ def whole_lines(data: bytes) -> bytes:
     return data[:data.rfind(b"\n") + 1]
 
 
-def atomic_write(path: str | os.PathLike[str], data: str | bytes) -> None:
-    """Replace a file's content in one step: readers see the old file or the new one, never a part of either.
-
-    So do those who read after a power failure; of what this has returned from, the new one, as far as the file system
-    keeps its word. Text is written as UTF-8 with "\\n". A link is followed; a device or pipe is simply written to.
-    Raises OSError, which names `path`.
-    """
-    try:
-        _replace(Path(path), data.encode() if isinstance(data, str) else data)
-    except OSError as error:
-        error.filename = os.fspath(path)  # the user knows the target, not the temporary file
-        raise
-
-
-def write_all(file: io.RawIOBase, data: bytes) -> None:
-    """Write, and return when it is on disk; to a device or pipe, when it is written."""
-    rest = memoryview(data)
-    while rest:
-        rest = rest[file.write(rest):]
-    _sync(file.fileno())
-
-
-def sync_folder(folder: Path) -> None:
-    """Bring a folder's names to disk, those of its files too: a file that is on disk without its name is lost."""
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:  # may be written to, but not read; on Windows no folder can be opened
-        return
-    try:
-        _sync(handle)
-    finally:
-        os.close(handle)
-
-
-def make_folder(path: str | os.PathLike[str]) -> None:
-    """Make a folder and those above it, where they are not there. A power failure does not undo it."""
-    folder = Path(path)
-    if not folder.is_dir():
-        make_folder(folder.parent)
-        folder.mkdir(exist_ok=True)
-        sync_folder(folder.parent)
-
-
 def is_column_name(name: str) -> bool:
     """Whether a column of a recording can have this name."""
     return name == name.strip() and _NAME.fullmatch(name) is not None
@@ -247,67 +196,14 @@ def sample_times(count: int, rate_hz: float, first: int = 0) -> np.ndarray:
     return np.round(np.arange(first, first + count) / rate_hz, 9)
 
 
-def content(path: str) -> bytes:
-    """Of a file, or of a pipe that is being written to. Raises BadInput for what may have no end, and OSError."""
-    try:
-        mode = os.stat(path).st_mode
-        if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
-            raise BadInput(f"{path}: is a device; give a file")
-        if not stat.S_ISFIFO(mode):
-            return Path(path).read_bytes()
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # else opening waits for a writer, for ever if none comes
-        os.set_blocking(handle, True)
-        with open(handle, "rb") as pipe:
-            data = pipe.read()
-        if not data:
-            raise BadInput(f"{path}: nothing came through this pipe; start what writes to it first")
-        return data
-    except MemoryError:
-        raise BadInput(f"{path}: there is not enough memory for this file; give a shorter one") from None
-
-
-def read_bytes(path: str) -> bytes:
-    """Content of a file. Raises BadInput when it cannot be read."""
-    try:
-        return content(path)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be read ({error.strerror}); check the file name and permissions") from None
-
-
-def parse_rows(path: str, body: str, first_line: int, names: Sequence[str], delimiter: str | None = ",",
-               usecols: Sequence[int] | None = None) -> np.ndarray:
-    """Numbers of a table's body, shape (rows, len(names)).
-
-    `body` starts at line `first_line` of the file; `delimiter` None means white space. `usecols` are the numbers of the
-    columns called `names`; without it the rows must hold exactly these columns.
-    Raises BadInput with the line of the first thing that is not a finite number.
-    """
-    if not body.strip():
-        return np.empty((0, len(names)))
-    table = _load(body, len(names), delimiter, usecols)
-    if table is None:
-        _explain_rows(path, body, first_line, names, delimiter, usecols)
-        raise BadInput(f"{path}: not a table of numbers; save it as CSV again")
-    return table
-
-
-def line_of_row(path: str, body: str, first_line: int) -> Place:
-    """A function that gives the place "file:line" of a data row."""
-
-    def place(row: int) -> str:
-        return next(f"{path}:{line}" for index, (line, _) in enumerate(_lines(body, first_line)) if index == row)
-
-    return place
-
-
 def check_metadata(metadata: Mapping[str, str], key_place: Callable[[str], str]) -> None:
     """Raise BadInput unless `memory` and `sample_rate_hz`, where given, can be used."""
     memory = metadata.get("memory")
     if memory is not None and memory not in MEMORY:
-        raise BadInput(f"{key_place('memory')}: memory is {_show(memory)}; use one of {', '.join(MEMORY)}")
+        raise BadInput(f"{key_place('memory')}: memory is {quoted(memory)}; use one of {', '.join(MEMORY)}")
     rate = metadata.get("sample_rate_hz")
-    if rate is not None and not (_NUMBER.fullmatch(rate) and RATES_HZ[0] <= float(rate) <= RATES_HZ[1]):
-        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {_show(rate)}; give a positive number of "
+    if rate is not None and not (NUMBER.fullmatch(rate) and RATES_HZ[0] <= float(rate) <= RATES_HZ[1]):
+        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {quoted(rate)}; give a positive number of "
                        f"samples per second, {RATES_HZ[0]:g} to {RATES_HZ[1]:g}, or leave it out")
 
 
@@ -326,14 +222,14 @@ def check_samples(path: str, columns: Mapping[str, np.ndarray], place: Place, fi
     sample_time_s, deviation = _grid(time_s)
     if not 1 - RATE_TOLERANCE < sample_time_s * RATES_HZ[1] or not sample_time_s * RATES_HZ[0] < 1 + RATE_TOLERANCE:
         raise BadInput(f"{place(1)}: time_s steps by {sample_time_s:.6g} s; a recording has {RATES_HZ[0]:g} to "
-                       f"{RATES_HZ[1]:g} samples per second: give times in seconds")
+                       f"{RATES_HZ[1]:g} samples per second. Give times in seconds")
     if deviation > GRID_TOLERANCE * sample_time_s:
         usual = float(np.median(steps))
         row = int(np.argmax(np.abs(steps - usual))) + 1
         raise BadInput(f"{place(row)}: sampling is not uniform: time_s steps by {steps[row - 1]:.6g} here and by "
-                       f"{usual:.6g} as a rule; for a clock that jitters `rdpi import --resample`, at a gap cut the "
-                       f"recording (`rdpi import --rows`; this is row {first_row + row}), and rebuild times that are "
-                       "merely inaccurate with `rdpi import --rate`")
+                       f"{usual:.6g} elsewhere. If the clock jitters, use `rdpi import --resample`. If samples are "
+                       f"missing, cut the recording with `rdpi import --rows` (this is row {first_row + row}). If only "
+                       "the times are inexact, rebuild them with `rdpi import --rate`")
 
 
 def check_sizes(columns: Mapping[str, np.ndarray], place: Place) -> None:
@@ -342,8 +238,8 @@ def check_sizes(columns: Mapping[str, np.ndarray], place: Place) -> None:
         limit = LARGEST if name.endswith(("_V", "_um")) else LARGEST_OTHER
         row = int(np.argmax(np.abs(values)))
         if np.abs(values[row]) > limit and name != "time_s":
-            raise BadInput(f"{place(row)}: {name} is {values[row]:g}, beyond ±{limit:g}; check its unit, or cut the "
-                           "recording there, or take the column out")
+            raise BadInput(f"{place(row)}: {name} is {values[row]:g}, beyond ±{limit:g}; check its unit, cut the "
+                           "recording there, or remove the column")
 
 
 def check_count(path: str, samples: Sequence[float] | np.ndarray) -> None:
@@ -359,7 +255,7 @@ def check_rising(time_s: np.ndarray, place: Place) -> None:
         row = int(np.argmax(steps <= 0)) + 1
         what = "repeats" if steps[row - 1] == 0 else "runs backwards"
         raise BadInput(f"{place(row)}: time_s {what} ({time_s[row - 1]:.12g} then {time_s[row]:.12g}); cut the "
-                       "recording there, or write times with more digits, or rebuild them with `rdpi import --rate`")
+                       "recording there, write times with more digits, or rebuild them with `rdpi import --rate`")
 
 
 def check_rate(time_s: np.ndarray, metadata: Mapping[str, str], key_place: Callable[[str], str]) -> None:
@@ -371,8 +267,8 @@ def check_rate(time_s: np.ndarray, metadata: Mapping[str, str], key_place: Calla
         return
     stated, measured = float(metadata["sample_rate_hz"]), 1 / _grid(time_s)[0]
     if abs(stated / measured - 1) > RATE_TOLERANCE + 2 * GRID_TOLERANCE / (len(time_s) - 1):
-        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {stated:.9g} but the times say "
-                       f"{measured:.9g}; correct whichever is wrong (times: `rdpi import --rate`)")
+        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {stated:.9g}, but the times give "
+                       f"{measured:.9g}; correct the wrong one (the times: `rdpi import --rate`)")
 
 
 def _grid(time_s: np.ndarray) -> tuple[float, float]:
@@ -388,8 +284,8 @@ def _decode(path: str, data: bytes) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise BadInput(f"{path}:{line}: not UTF-8 text; save the recording as CSV in UTF-8, "
-                       "or bring another format over with `rdpi import`") from None
+        raise BadInput(f"{path}:{line}: is not UTF-8 text; save the recording as CSV in UTF-8, "
+                       "or convert another format with `rdpi import`") from None
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
@@ -410,75 +306,29 @@ def _split_header(path: str, text: str) -> tuple[dict[str, str], dict[str, int],
         if colon and key:
             metadata[key] = f"{metadata[key]}\n{value}" if key in metadata else value
             key_lines[key] = line_number
-    raise BadInput(f"{path}: {'no column names and no samples' if text.strip() else 'empty file'}; "
-                   f"a recording has a line {','.join(RUN_COLUMNS)} and then one line per sample")
+    raise BadInput(f"{path}: {'contains no column names and no samples' if text.strip() else 'is empty'}; "
+                   f"a recording has a line {','.join(RUN_COLUMNS)}, then one line for each sample")
 
 
 def _column_names(path: str, line: int, header: str, required: Iterable[str]) -> list[str]:
     names = [name.strip().strip('"').strip() for name in header.split(",")]
     place = f"{path}:{line}"
-    if all(_NUMBER.fullmatch(name) for name in names):
-        raise BadInput(f"{place}: numbers where the column names should be; "
-                       "say which column is what with `rdpi import --command … --displacement …`")
+    if all(NUMBER.fullmatch(name) for name in names):
+        raise BadInput(f"{place}: there are numbers where the column names should be; "
+                       "assign the columns with `rdpi import --command … --displacement …`")
     for name in required:
         if name not in names:
-            raise BadInput(f"{place}: no column {name}; there are {_show_list(names)}; "
-                           "rename the column, or use `rdpi import` to say which column is what")
+            raise BadInput(f"{place}: there is no column {name}; the columns are {_show_list(names)}. "
+                           "Rename the column, or assign the columns with `rdpi import`")
     for index, name in enumerate(names):
         if not name:
-            raise BadInput(f"{place}: column {index + 1} has no name; name it or take it out")
+            raise BadInput(f"{place}: column {index + 1} has no name; name it or remove it")
         if name in names[:index]:
-            raise BadInput(f"{place}: column {name} is there twice; rename or take out one of them")
+            raise BadInput(f"{place}: column {name} exists twice; rename or remove one of them")
         if not is_column_name(name):
-            raise BadInput(f"{place}: column {index + 1} is called {_show(name)}; rename it, without quotation marks "
-                           "and without # in front")
+            raise BadInput(f"{place}: column {index + 1} is called {quoted(name)}; use a name without quotation marks "
+                           "and without a leading #")
     return names
-
-
-def _load(body: str, width: int, delimiter: str | None, usecols: Sequence[int] | None) -> np.ndarray | None:
-    """Rows of `width` finite numbers, or None when it is anything else."""
-    # Bytes behind a text layer: a StringIO would hold four bytes per character.
-    stream = io.TextIOWrapper(io.BytesIO(body.encode()), "utf-8")
-    try:
-        table = np.loadtxt(stream, delimiter=delimiter, usecols=usecols, comments=None, quotechar='"', ndmin=2)
-    except ValueError:
-        return None
-    return table if table.shape[1] == width and np.isfinite(table).all() else None
-
-
-def _explain_rows(path: str, body: str, first_line: int, names: Sequence[str], delimiter: str | None,
-                  usecols: Sequence[int] | None) -> None:
-    """Raise BadInput for the first field that is no finite number, or row of the wrong length."""
-    numbers = range(len(names)) if usecols is None else usecols
-    needed = max(numbers) + 1
-    lines = body.split("\n")
-    for start in range(0, len(lines), _LINES_PER_BLOCK):  # reading a good block again is faster than looking at it
-        block = "\n".join(lines[start:start + _LINES_PER_BLOCK])
-        if not block.strip() or _load(block, len(names), delimiter, usecols) is not None:
-            continue
-        for line, text in _lines(block, first_line + start):
-            fields = [value.strip().strip('"') for value in text.split(delimiter)]
-            if len(fields) < needed or (usecols is None and len(fields) > needed):
-                raise BadInput(f"{path}:{line}: {len(fields)} value(s) where there should be {needed}; "
-                               "complete the line or take it out")
-            for name, number in zip(names, numbers):
-                _explain_field(f"{path}:{line}: column {name}", fields[number])
-
-
-def _explain_field(place: str, value: str) -> None:
-    if _NOT_FINITE.fullmatch(value) or _NUMBER.fullmatch(value) and not np.isfinite(float(value)):
-        raise BadInput(f"{place} is {value}; every sample needs a finite number: cut the recording there or "
-                       "interpolate, or take the column out")
-    if not _NUMBER.fullmatch(value):
-        what = f"is {_show(value)}, not a number" if value else "is empty"
-        raise BadInput(f"{place} {what}; correct the value, or take out the line or the column")
-
-
-def _lines(body: str, first_line: int) -> Iterator[tuple[int, str]]:
-    """Line numbers and texts of the lines that are not blank."""
-    for line, text in enumerate(body.split("\n"), first_line):
-        if text.strip():
-            yield line, text
 
 
 def _checked(columns: Mapping[str, np.ndarray]) -> list[np.ndarray]:
@@ -513,47 +363,6 @@ def _format_rows(arrays: Sequence[np.ndarray]) -> Iterator[str]:
         yield "\n".join(map(",".join, zip(*texts))) + "\n"
 
 
-def _replace(path: Path, data: bytes) -> None:
-    try:
-        mode = path.stat().st_mode
-    except FileNotFoundError:
-        mode = None
-    if mode is not None and not stat.S_ISREG(mode):
-        path.write_bytes(data)  # replacing /dev/null by a file would be a disaster; a directory raises here
-        return
-    target = Path(os.path.realpath(path))
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=".rdpi.", suffix=".part")
-    try:
-        with open(handle, "wb", buffering=0) as stream:
-            os.chmod(temporary, _default_mode() if mode is None else stat.S_IMODE(mode))
-            write_all(stream, data)  # before the rename, which may reach the disk first and leave an empty file
-        os.replace(temporary, target)
-    except BaseException:
-        with suppress(FileNotFoundError):  # stopped when it was renamed already
-            os.unlink(temporary)
-        raise
-    sync_folder(target.parent)
-
-
-def _sync(handle: int) -> None:
-    """To disk, if that is a thing that the file system, or the device or pipe, can do."""
-    try:
-        os.fsync(handle)
-    except OSError as error:
-        if error.errno not in _CANNOT_SYNC:
-            raise
-
-
-def _default_mode() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask
-
-
-def _show(text: str) -> str:
-    return repr(text if len(text) <= 40 else text[:40] + "…")
-
-
 def _show_list(names: Sequence[str]) -> str:
-    shown = ", ".join(name if name.isprintable() and len(name) <= 40 else _show(name) for name in names[:12])
+    shown = ", ".join(name if name.isprintable() and len(name) <= 40 else quoted(name) for name in names[:12])
     return shown + (f" and {len(names) - 12} more" if len(names) > 12 else "")

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import BadInput
-from .recording import RATES_HZ, Place, check_count, check_rising, check_sizes
+from .recording import RATES_HZ, check_count, check_rising, check_sizes
+from .rows import Place
 
 GAP = 1.5  # steps of the usual size from which samples are missing
 MOST = 10  # times the recorded rate: more says nothing new
@@ -50,8 +51,9 @@ def resample(path: str, columns: Mapping[str, np.ndarray], rate_hz: float, place
     usual, recorded_hz = float(np.median(steps)), float((len(time_s) - 1) / (time_s[-1] - time_s[0]))
     if steps.max() > GAP * usual:
         row = int(np.argmax(steps > GAP * usual)) + 1
-        raise BadInput(f"{place(row)}: time_s steps by {steps[row - 1]:.6g} s here and by {usual:.6g} as a rule: "
-                       "samples are missing, which --resample does not invent; cut the recording there with --rows")
+        raise BadInput(f"{place(row)}: time_s steps by {steps[row - 1]:.6g} s here and by {usual:.6g} elsewhere: "
+                       "samples are missing there, and --resample does not fill gaps; cut the recording there with "
+                       "--rows")
     if not RATES_HZ[0] <= rate_hz <= min(MOST * recorded_hz, RATES_HZ[1]):
         raise BadInput(f"{path}: --resample {rate_hz:g}: the recording has {recorded_hz:.6g} samples per second; "
                        f"choose a rate of at most {MOST} times that")

@@ -67,7 +67,8 @@ def layout(path: str, text: str) -> Layout:
     head = text.split("\n", SNIFFED_LINES)[:SNIFFED_LINES]
     delimiter, decimal, first, count, filled = _sniff(path, head)
     if count > MAX_COLUMNS:
-        raise BadInput(f"{path}:{first + 1}: {count} columns, at most {MAX_COLUMNS}; write one line per sample")
+        raise BadInput(f"{path}:{first + 1}: has {count} columns; the limit is {MAX_COLUMNS}. Write one line for each "
+                       "sample")
     preamble = _preamble(head[:first], delimiter, decimal, count, filled)
     rows = [row for row in (fields(line, delimiter) for line in head[first:]) if any(row)]
     for column in range(count):
@@ -122,8 +123,8 @@ def _sniff(path: str, head: Sequence[str]) -> tuple[str | None, str, int, int, i
                         first, count, most = below[0], len(below[1]), len(below[1]) + _MAX_EXTRA
                 if count <= len(names) <= most and _any_number(fields(head[first], delimiter), decimal):
                     return delimiter, decimal, first, count, _filled(head[first:], delimiter, decimal, count)
-    raise BadInput(f"{path}:1: no table of numbers in the first {min(len(head), SNIFFED_LINES)} lines; give columns "
-                   "of numbers separated by comma, semicolon, tab or white space")
+    raise BadInput(f"{path}:1: there is no table of numbers in the first {min(len(head), SNIFFED_LINES)} lines; give "
+                   "columns of numbers separated by comma, semicolon, tab or white space")
 
 
 def _filled(lines: Sequence[str], delimiter: str | None, decimal: str, count: int) -> int:

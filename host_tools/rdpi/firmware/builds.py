@@ -26,11 +26,11 @@ def build_notes(model: Model) -> list[str]:
     notes = [f"compile the library and its users with -D{name}={need} (default {DEFAULTS[name]})"
              for name, need in build_options(model).items()]
     if model.rate.window_s:
-        notes.append(f"the rate window spans {model.rate.window_s:g} s times the samples per second; "
-                     f"above {DEFAULTS['RDPI_MAX_WINDOW']} samples compile with -DRDPI_MAX_WINDOW=...")
+        notes.append(f"the rate window is {model.rate.window_s:g} s long; if that is more than "
+                     f"{DEFAULTS['RDPI_MAX_WINDOW']} samples, compile with -DRDPI_MAX_WINDOW=...")
     if model.shortest_sample_s() > USUAL_SAMPLE_S:
-        notes.append(f"at {model.drive.sweep_speed():.4g} V/s the start-up sweep is too slow for more than "
-                     f"{1 / model.shortest_sample_s():.3g} samples per second; rdpi_f32_init refuses them")
+        notes.append(f"the start-up sweep, {model.drive.sweep_speed():.4g} V/s, is too slow for more than "
+                     f"{1 / model.shortest_sample_s():.3g} samples per second; rdpi_f32_init refuses a higher rate")
     return notes
 
 

@@ -8,7 +8,7 @@ import re
 import unicodedata
 from collections.abc import Callable
 from importlib import resources
-from typing import Any
+from typing import Any, NamedTuple
 
 import jinja2
 import numpy as np
@@ -107,11 +107,18 @@ def render(model: Model, name: str = NAME, source: str = "") -> str:
     can hold several actuators. `source` is the model's file, for the banner and for messages.
     Raises BadInput for a name that C cannot use and for a model that 32-bit floats cannot hold.
     """
-    return _render(model, name, source)[0]
+    return _render(model, name, source).text
 
 
-def _render(model: Model, name: str, source: str) -> tuple[str, str]:
-    """The header's text, and why it has no parameters in fixed point, or ""."""
+class Header(NamedTuple):
+    """A header that was rendered."""
+
+    text: str
+    digest: str  # of the model, Model.digest
+    no_fixed_point: str  # why it has no parameters in fixed point; "" if it has
+
+
+def _render(model: Model, name: str, source: str) -> Header:
     _check_name(name)
     where = source or model.where
     model.validate(where)
@@ -120,26 +127,24 @@ def _render(model: Model, name: str, source: str) -> tuple[str, str]:
     except BadInput as error:
         raise BadInput(f"{where}: rounded to single precision, {error}; move the model away from this limit") from None
     numbers, reason = fixed_point(model)
+    model_digest = model.digest()
     text = TEMPLATES.get_template("rdpi_params.h.j2").render(
         name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(file_name(source)),
-        actuator=comment(model.actuator), digest=model.digest(), rate_source=model.rate.source, runs=_runs(model.fit),
+        actuator=comment(model.actuator), digest=model_digest, rate_source=model.rate.source, runs=_runs(model.fit),
         plays=single.plays, deadzones=single.deadzones, dac_bits=single.dac_bits, sweep_cycles=single.sweep_cycles,
         limits_V=(float(model.drive.min_V), float(model.drive.max_V)),
         params_digest=f"0x{digest(single):08X}u",
         tables=[(field, *about, _rows(getattr(single, field), literal)) for field, about in TABLES.items()],
         scalars=[(field, text, literal(getattr(single, field))) for field, text in SCALARS.items()],
         **_q31_parts(numbers, reason))
-    return text, reason
+    return Header(text, model_digest, reason)
 
 
-def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "") -> str:
-    """Render and write atomically. Returns why the header has no parameters in fixed point, "" if it has.
-
-    Raises BadInput as `render` does, OSError when the file cannot be written.
-    """
-    text, reason = _render(model, name, source)
-    atomic_write(path, text)
-    return reason
+def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "") -> Header:
+    """Render and write atomically. Raises BadInput as `render` does, OSError when the file cannot be written."""
+    header = _render(model, name, source)
+    atomic_write(path, header.text)
+    return header
 
 
 def fixed_point(model: Model) -> tuple[Q31 | None, str]:

@@ -29,21 +29,21 @@ def check_run(run: Recording, related: bool = True) -> None:
             raise BadInput(f"{run.path}: {name} reaches {largest:g}; check its unit")
     if np.ptp(command) < LEAST_RANGE:
         raise BadInput(f"{run.path}: command_V is constant at {command[0]:g} V; "
-                       "identification needs a drive that moves: leave this run out, or see `rdpi excite`")
+                       "identification needs a drive that moves: remove this run, or see `rdpi excite`")
     if np.ptp(displacement) < LEAST_RANGE:
         raise BadInput(f"{run.path}: displacement_um is constant at {displacement[0]:g} um; "
                        "check the sensor and its column")
     together = late_correlations(run, displacement)
     if related and np.max(np.abs(together)) < tuned.MIN_CORRELATION:
         raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {together[0]:.2f}); "
-                       "check that both columns are of the same run, and their order and units")
+                       "check their order and units, and that both columns are of the same run")
     if reversals(command, 0.05) == 0:
-        raise BadInput(f"{run.path}: command_V never turns round, so that nothing of the hysteresis shows; "
+        raise BadInput(f"{run.path}: command_V never changes direction, so the run shows no hysteresis; "
                        "record a drive that goes up and down, see `rdpi excite`")
     offset, stroke = float(np.mean(displacement)), float(np.ptp(displacement))
     if abs(offset) > MAX_OFFSET * stroke:
         raise BadInput(f"{run.path}: displacement_um moves by {stroke:.3g} um at {offset:.6g} um; "
-                       "the firmware's single precision cannot carry both: subtract the offset first")
+                       "the firmware's single precision cannot hold both: subtract the offset first")
 
 
 def reversals(command: np.ndarray, share: float, first: int = 0) -> int:
@@ -100,8 +100,8 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
         gain = float(np.ptp(run.displacement_um) / np.ptp(run.command_V))
         times = max(gain / usual, usual / gain)
         if times > tuned.OTHER_UNITS:
-            raise BadInput(f"{run.path}: moves {gain:.3g} um/V, the model {usual:.3g}: these are other units; give "
-                           "volts as at commissioning, and displacement in um (`rdpi import`)")
+            raise BadInput(f"{run.path}: moves {gain:.3g} um/V, the model {usual:.3g}: the units differ; give "
+                           "volts as at commissioning and displacement in um (`rdpi import`)")
         if times > tuned.MODEL_SPREAD and abs(together) > tuned.MIN_CORRELATION:
             notes.append(f"{run.path} moves {gain:.3g} um/V and the model {usual:.3g}: is it the same actuator?")
         stays = stays_at_an_end(run)
@@ -119,10 +119,10 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     fitted = fitted_digests(model)
     known = [run.path for run in runs if run.digest and run.digest in fitted]
     if known:
-        notes.append(f"the model was fitted to {', '.join(known)}: give recordings that it does not know")
+        notes.append(f"the model was fitted to {', '.join(known)}: give other recordings")
     if model.passport is None:
-        notes.append("the model has no passport: what it always missed cannot be told from what is new; "
-                     "fit it again to get one")
+        notes.append("the model has no passport, so its own error cannot be separated from what is new: "
+                     "fit the model again to get one")
     if len(runs) == 1:
         notes.append("one recording only: effects were judged on parts of it that were left out, which promises more "
                      "than other recordings keep; give several with different waveforms")
@@ -134,7 +134,7 @@ def fitted_digests(model: Model) -> list[str]:
     runs = model.fit.get("runs", [])
     if not isinstance(runs, list) or not all(isinstance(run, dict) for run in runs):
         raise BadInput(f"{model.where}: fit.runs: must be a list of objects, as `rdpi fit` writes it; "
-                       "fit the model again, or take fit.runs out")
+                       "fit the model again, or remove fit.runs")
     return [run["digest"] for run in runs if isinstance(run.get("digest"), str)]
 
 
@@ -156,10 +156,10 @@ def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list
                 if apart > tuned.SAME_DRIVE and len(nearest) >= len(run) \
                 else f"which ends after {len(nearest)} of its {len(run)} samples"
             raise BadInput(f"{run.path}: no earlier recording has the same drive all along (nearest is {nearest.path}, "
-                           f"{short}); leave this run out, or give its earlier one after an --earlier of its own")
+                           f"{short}); remove this run, or give its earlier recording after an --earlier of its own")
         lacks = [name for name in run.columns if name.endswith(("_V", "_degC")) and name not in nearest.columns]
         if lacks:
-            raise BadInput(f"{nearest.path}: lacks {', '.join(lacks)} of {run.path}; take it out there, or give "
+            raise BadInput(f"{nearest.path}: lacks {', '.join(lacks)} of {run.path}; remove it there, or give "
                            "another earlier recording")
         found.append(replace(nearest, columns={name: values[:len(run)] for name, values in nearest.columns.items()}))
     return found
@@ -176,7 +176,8 @@ def _check_covariates(run: Recording, related: bool) -> None:
     """Raise BadInput for absurd covariates, and if `related` for a monitor that is not the drive in V."""
     for name, values in run.columns.items():
         if np.max(np.abs(values)) > LARGEST_INPUT and name != "time_s":
-            raise BadInput(f"{run.path}: {name} reaches {np.max(np.abs(values)):g}; check its unit, or take it out")
+            raise BadInput(f"{run.path}: {name} reaches {np.max(np.abs(values)):g}; check its unit, or remove the "
+                           "column")
     monitor = run.columns.get("monitor_V")
     if monitor is None or not related:
         return
@@ -188,7 +189,7 @@ def _check_covariates(run: Recording, related: bool) -> None:
     least, most = tuned.MONITOR_SLOPE
     if not (least < slope < most or slow) or moved > np.ptp(run.command_V):
         raise BadInput(f"{run.path}: monitor_V moves {slope:.3g} V per volt of the command and lies {moved:.3g} V from "
-                       "it; give volts at the actuator, as command_V, or take the column out")
+                       "it; give volts at the actuator, as in command_V, or remove the column")
 
 
 def correlation(run: Recording) -> float:

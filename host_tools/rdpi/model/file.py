@@ -24,16 +24,17 @@ def read_model(path: str | os.PathLike[str]) -> Model:
     try:
         data = content(path)
         if len(data) > MAX_FILE_BYTES:
-            raise BadInput(f"{path}: has {len(data)} bytes; a model has at most {MAX_FILE_BYTES}: is it another file?")
+            raise BadInput(f"{path}: has {len(data)} bytes; a model has at most {MAX_FILE_BYTES}: check that this is a "
+                           "model file")
         text = data.decode("utf-8-sig")
         if not text.lstrip().startswith("{"):
-            raise BadInput(f"{path}: line 1: this is no JSON object; a model file is what `rdpi fit` writes")
+            raise BadInput(f"{path}: line 1: this is not a JSON object; `rdpi fit` writes model files")
         document = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_once_each)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; check the path") from None
     except (ValueError, RecursionError) as error:
         raise BadInput(f"{path}: not a complete JSON document ({error}); "
-                       "the file may be cut short or edited: fit again or restore it") from None
+                       "the file may be incomplete or edited: fit again or restore it") from None
     if _deeper(document, MAX_DEPTH):
         raise BadInput(f"{path}: objects and lists are nested more than {MAX_DEPTH} deep; fit again or restore it")
     model = _Reader(path).model(document)
@@ -56,7 +57,7 @@ def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(document) < len(pairs):
         keys = sorted(key for key, _ in pairs)
         twice = next(one for one, other in zip(keys, keys[1:]) if one == other)
-        raise ValueError(f"the key {twice[:40]!r} is there twice in one object")
+        raise ValueError(f"the key {twice[:40]!r} exists twice in one object")
     return document
 
 
@@ -117,7 +118,7 @@ class _Reader:
     def effects(self, document: dict[str, Any]) -> list[Any]:
         effects = self.section(document, "effects", list, [])
         if len(effects) > MAX_EFFECTS:
-            self.refuse("effects", f"has {len(effects)} entries, at most {MAX_EFFECTS}; take out those too many")
+            self.refuse("effects", f"has {len(effects)} entries, at most {MAX_EFFECTS}; remove some")
         return effects
 
     def model(self, document: dict[str, Any]) -> Model:

@@ -66,7 +66,7 @@ def check_values(model: Model, where: str) -> None:
                                      ("offset_V", model.offset_V, model.drive.max_V - model.drive.min_V, "V")):
         if abs(offset) > MAX_OFFSET * scale:
             refuse(key, f"is {offset:g} {unit}, over {MAX_OFFSET:g} times the range of {scale:g} {unit}: "
-                        "single precision cannot carry both; subtract it before")
+                        "single precision cannot hold both; subtract the offset first")
 
 
 def _check_rate(model: Model, refuse: Refuse) -> None:
@@ -108,7 +108,7 @@ def _check_drive(model: Model, refuse: Refuse) -> None:
     slack = TOLERANCE * (model.thresholds_um[-1] + np.abs(memory.plays_um[1:]))
     if np.any(np.abs(np.diff(memory.plays_um)) > np.diff(model.thresholds_um) + slack):
         refuse("memory.plays_um",
-               "no history leaves these states: neighbours may differ by no more than their thresholds do")
+               "no history leaves these states: neighbours may differ at most by the difference of their thresholds")
     with np.errstate(over="ignore"):
         start_V = model.start_V()
     slack = TOLERANCE * (drive.max_V - drive.min_V)

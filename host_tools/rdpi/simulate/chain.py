@@ -62,8 +62,8 @@ def score(predicted_um: np.ndarray, measured_um: np.ndarray, remove_offset: bool
         error = error - offset
     rms, peak, stroke = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.ptp(measured_um))
     if not stroke > 0 or not rms <= WORST * stroke:  # NaN neither
-        raise BadInput(f"{where}: what was measured spans {stroke:g} and is missed by {rms:g}: "
-                       "no percentage can be given; check the data")
+        raise BadInput(f"{where}: the measured range is {stroke:g} and the rms error {rms:g}: "
+                       "the error cannot be given in percent; check the data")
     scale = 100 / stroke
     return Score(rms, peak, rms * scale, peak * scale, offset)
 
@@ -185,7 +185,7 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
         offset = score(simulate(model, [run])[0].predicted_um, run.displacement_um).offset_um
     if sweep:
         if engine == "numpy":
-            raise BadInput("the engine numpy has no start-up sweep; take f64, which agrees with it, or f32 or q31")
+            raise BadInput("the engine numpy has no start-up sweep; use f64, f32 or q31")
     elif run.memory == "reset":
         model = replace(model, memory=rest_at(model, float(usable[0] - offset)))
     elif recorded:

@@ -31,13 +31,13 @@ def notes(model: Model, run: Recording, prediction: Prediction) -> list[str]:
     low_V, high_V = model.drive.min_V, model.drive.max_V
     beyond = max(low_V - run.command_V.min(), run.command_V.max() - high_V)
     if beyond > WORTH_A_NOTE * (high_V - low_V):
-        found.append(f"{run.path}: the command goes {beyond:.3g} V beyond the model's drive range, "
+        found.append(f"{run.path}: the command goes {beyond:.3g} V beyond the drive range of the model, "
                      f"{low_V:g} to {high_V:g} V")
     guarded = float((prediction.rate_um_per_s > model.rate.max_um_per_s).mean())
     if guarded > WORTH_A_NOTE:
-        found.append(f"{run.path}: in {100 * guarded:.2g} % of the samples the rate was beyond the guard, "
-                     f"{model.rate.max_um_per_s:.4g} um/s, and clamped")
+        found.append(f"{run.path}: in {100 * guarded:.2g} % of the samples the rate exceeded the guard, "
+                     f"{model.rate.max_um_per_s:.4g} um/s, and was clamped")
     if not prediction.settled:
-        found.append(f"{run.path}: the prediction's own rate did not settle; treat it with care, "
-                     "or fit with a longer --rate-window")
+        found.append(f"{run.path}: the rate of the prediction did not settle: the prediction may be wrong. "
+                     "Fit with a longer --rate-window")
     return found
