@@ -16,7 +16,6 @@ from pathlib import Path
 
 import click
 from docutils import nodes
-from sphinx import addnodes
 from sphinx.application import Sphinx
 
 import rdpi

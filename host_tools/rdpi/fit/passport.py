@@ -18,7 +18,7 @@ from ..data import Recording
 from ..model import Passport, records
 from ..simulate import signals
 from . import thresholds as tuned
-from .passport_file import AXES, FITTED, LEFT_OUT, OTHER_RUNS, SHAPE_AXES, SOURCES, TERMS, read
+from .passport_file import AXES, FITTED, LEFT_OUT, OTHER_RUNS, SHAPE_AXES, SOURCES, read
 
 __all__ = ["FITTED", "LEFT_OUT", "OTHER_RUNS", "build", "expected_octaves", "expected_um", "level_um", "octaves",
            "ratio", "read", "repeated"]
