@@ -6,8 +6,9 @@ parameter can be told from what is left of that change once everything that imit
 rate law, bent curves, drift, and the neighbouring effects. An effect counts as shown from SURE standard errors on.
 
 Two things blur it: the sensor's white noise, and what the operator misses. Where the drive moves, that takes about
-PER_BRANCH independent values from one reversal to the next. Behind an edge it takes one value over the first EDGE_SAMPLES
-and one for each further octave of time, so that a long hold tells little more than a short one.
+PER_BRANCH independent values from one reversal to the next, once per rate for triangles, which only repeat. Behind an
+edge it takes one value over the first EDGE_SAMPLES and one for each further octave of time: a hold ten times as long
+tells little more.
 """
 
 from __future__ import annotations
@@ -82,22 +83,25 @@ class _Drive:
         return float(np.diff(self.holds).max()) * self.step_s
 
     def _edges(self) -> np.ndarray:
-        """Samples at which the moves begin that end in a hold."""
+        """First samples of the moves that end in a hold; the first hold may follow the sawtooth directly."""
         first = self.parts["steps"].start
         moving = np.diff(self.u[first:], append=self.u[-1]) != 0
         begin = np.flatnonzero(moving & ~np.append(False, moving[:-1]))
-        return first + begin[1:] if len(begin) > 1 else first + begin
+        return np.unique(np.append(first, first + begin + 1))
 
     def _blur(self) -> np.ndarray:
         """Variance per sample that makes independent samples as good as what is really there."""
         blur = np.full(len(self.u), NOISE**2)
-        for name in ("sweep", "sawtooth", "multisine"):
+        for name in ("sweep", "multisine"):
             if part := self.parts.get(name):
                 values = PER_BRANCH * max(1, np.count_nonzero((self.turns > part.start) & (self.turns < part.stop)))
                 blur[part] += MISFIT**2 * max(1.0, (part.stop - part.start) / values)
-        first = EDGE_SAMPLES + int(self.edge_s * self.rate_hz)
+        part = self.parts["sawtooth"]
+        rates = np.round(np.log(np.maximum(self.speed[part], 1e-9)), 2)
+        _, which, counts = np.unique(rates, return_inverse=True, return_counts=True)
+        blur[part] += MISFIT**2 * np.maximum(1.0, counts[which] / (2 * PER_BRANCH))
         for edge, end in zip(self.edges, self.holds[1:]):
-            move = np.ptp(self.u[edge - 1:end])
+            move, first = np.ptp(self.u[max(0, edge - EDGE_SAMPLES):end]), EDGE_SAMPLES + np.argmax(self.u[edge:end] == self.u[end - 1])
             blur[edge:end] += (MISFIT * move) ** 2 * np.maximum(first, np.arange(end - edge))
         return blur
 
@@ -123,7 +127,7 @@ class _Drive:
         fast = self.speed / self.speed.max()
         columns = [*self.plays.T, self.z**2, self.z**3, t]
         columns += [fast * self.plays[:, k] for k in (0, 2, 4)]
-        edges = [0, self.parts["steps"].start, *self.edges, len(u)]
+        edges = [0, *self.edges, len(u)]
         for first, last in zip(edges, edges[1:]):
             constant = np.zeros(len(u))
             constant[first:last] = 1
