@@ -101,7 +101,8 @@ class _Drive:
         _, which, counts = np.unique(rates, return_inverse=True, return_counts=True)
         blur[part] += MISFIT**2 * np.maximum(1.0, counts[which] / (2 * PER_BRANCH))
         for edge, end in zip(self.edges, self.holds[1:]):
-            move, first = np.ptp(self.u[max(0, edge - EDGE_SAMPLES):end]), EDGE_SAMPLES + np.argmax(self.u[edge:end] == self.u[end - 1])
+            move = 1.0 if edge == self.parts["steps"].start else np.ptp(self.u[edge - 1:end])  # the first ends a triangle
+            first = EDGE_SAMPLES + np.argmax(self.u[edge:end] == self.u[end - 1])
             blur[edge:end] += (MISFIT * move) ** 2 * np.maximum(first, np.arange(end - edge))
         return blur
 
