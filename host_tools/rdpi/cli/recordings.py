@@ -373,8 +373,8 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
                    "50 Hz. chirp: first and last, default 1,500 Hz. startup: one, default 20 Hz. "
                    "Defaults are lowered where --slew or --sample-rate demands it.")
 @click.option("--rates", "rates_V_per_s", type=Numbers(), metavar="V/S,V/S,...",
-              help="sawtooth, commission: rates instead of frequencies, V/s. minor-loops: the pattern at each rate, V/s; default: "
-                   "the whole range in 0.5 s.")
+              help="sawtooth, commission: rates instead of frequencies, V/s. minor-loops: the pattern at each rate, V/s; "
+                   "default: the whole range in 0.5 s.")
 @click.option("--cycles", type=int, help="Periods per wave: sawtooth 3, sine 5, startup 20 by default.")
 @click.option("--levels", type=int, help="minor-loops: amplitudes, default 6. steps: steps up and down, default 4.")
 @click.option("--hold", "hold_s", type=float, metavar="S", help="steps: time on each step, default 5 s.")

@@ -206,8 +206,8 @@ def startup(pen: Pen, end_V: float | None = None, frequencies_hz: Sequence[float
 
 
 KINDS: dict[str, Callable[..., dict[str, object]]] = {
-    "commission": commission, "sawtooth": sawtooth, "minor-loops": minor_loops, "steps": steps, "multisine": multisine, "sine": sine,
-    "chirp": chirp, "startup": startup,
+    "commission": commission, "sawtooth": sawtooth, "minor-loops": minor_loops, "steps": steps,
+    "multisine": multisine, "sine": sine, "chirp": chirp, "startup": startup,
 }
 OPTION_NAMES = {"frequencies_hz": "frequencies", "rates_V_per_s": "rates", "cycles": "cycles", "levels": "levels",
                 "hold_s": "hold", "duration_s": "duration", "seed": "seed", "end_V": "end-V"}

@@ -101,13 +101,14 @@ class _Drive:
         _, which, counts = np.unique(rates, return_inverse=True, return_counts=True)
         blur[part] += MISFIT**2 * np.maximum(1.0, counts[which] / (2 * PER_BRANCH))
         for edge, end in zip(self.edges, self.holds[1:]):
-            move = 1.0 if edge == self.parts["steps"].start else np.ptp(self.u[edge - 1:end])  # the first ends a triangle
+            # The first hold follows a triangle.
+            move = 1.0 if edge == self.parts["steps"].start else np.ptp(self.u[edge - 1:end])
             first = EDGE_SAMPLES + np.argmax(self.u[edge:end] == self.u[end - 1])
             blur[edge:end] += (MISFIT * move) ** 2 * np.maximum(first, np.arange(end - edge))
         return blur
 
     def _rows(self, highest_hz: float) -> tuple[np.ndarray, np.ndarray]:
-        """Samples that are looked at, fewer where all is smooth, and the root of the information that each stands for."""
+        """Samples that are looked at, fewer where all is smooth, and the root of the information in each."""
         every = max(1, int(self.rate_hz / (THIN_PER_PERIOD * highest_hz)))
         rows = [np.arange(0, self.edges[0], every)]
         for edge, end in zip(self.edges, self.holds[1:]):
@@ -200,11 +201,11 @@ def _lag(drive: _Drive) -> Shown:
     times = drive.times_s()
     seen = drive.errors([drive.lagged(time) for time in times], [drive.delayed()]) * SURE <= 1
     if not seen.any():
-        return Shown("lag", None, None, "s", "cannot be told from a delay: no edge is fast enough; allow a higher --slew "
-                     "or --sample-rate")
+        return Shown("lag", None, None, "s", "cannot be told from a delay: no edge is fast enough; allow a higher "
+                     "--slew or --sample-rate")
     low, high = times[seen][[0, -1]]
-    return Shown("lag", float(low), float(high), "s", f"time constants from {_time(low)} to {_time(high)}; a shorter one "
-                 "is seen as a delay of the same time")
+    return Shown("lag", float(low), float(high), "s", f"time constants from {_time(low)} to {_time(high)}; a shorter "
+                 "one is seen as a delay of the same time")
 
 
 def _relaxation(drive: _Drive) -> Shown:
@@ -214,8 +215,8 @@ def _relaxation(drive: _Drive) -> Shown:
     share = SURE * drive.errors([drive.lagged(time) for time in times], rivals)
     seen = share <= RELAXED
     if not seen.any():
-        return Shown("relaxation", None, None, "s", f"a share of {100 * RELAXED:g} % cannot be told from delay, lag and "
-                     "creep; ask for a longer --duration or allow a higher --slew")
+        return Shown("relaxation", None, None, "s", f"a share of {100 * RELAXED:g} % cannot be told from delay, lag "
+                     "and creep; ask for a longer --duration or allow a higher --slew")
     low, high = times[seen][[0, -1]]
     return Shown("relaxation", float(low), float(high), "s",
                  f"shares from {100 * RELAXED:g} % on with time constants from {_time(low)} to {_time(high)} (at best "
@@ -229,8 +230,8 @@ def _creeping(drive: _Drive) -> np.ndarray:
 def _creep(drive: _Drive) -> Shown:
     least = SURE * float(drive.errors([_creeping(drive)], [drive.lagged(0.01)])[0])
     if not least < 20:
-        return Shown("creep", None, None, "%/decade", f"the longest hold of {_time(drive.hold_s)} is too short; ask for a "
-                     "longer --duration")
+        return Shown("creep", None, None, "%/decade", f"the longest hold of {_time(drive.hold_s)} is too short; ask for "
+                     "a longer --duration")
     return Shown("creep", least, 20.0, "%/decade", f"from {least:.2g} % of a move per decade on, up to the decade that "
                  f"ends at {_time(drive.hold_s)}, the longest hold; what comes later is extrapolated")
 
@@ -254,10 +255,12 @@ def _resonance(drive: _Drive) -> Shown:
     if not seen.any():
         return Shown("resonance", None, None, "Hz", "the edges are too slow to make it ring; allow a higher --slew")
     # The edge's spectrum has gaps; above the first one only some resonances would ring.
-    last = len(seen) - 1 if seen[np.argmax(seen):].all() else int(np.argmax(seen) + np.argmin(seen[np.argmax(seen):]) - 1)
-    low, high = float(grid[np.argmax(seen)]), float(grid[last])
+    first = int(np.argmax(seen))
+    last = len(seen) - 1 if seen[first:].all() else first + int(np.argmin(seen[first:])) - 1
+    low, high = float(grid[first]), float(grid[last])
     why = (f"{LEAST_PERIOD:g} samples per period are needed, {2 * high / drive.rate_hz:.2g} of half the sample rate"
-           if last == len(seen) - 1 else f"edges of {_time(drive.edge_s)}, which --slew allows, do not make a higher one ring")
+           if last == len(seen) - 1 else
+           f"edges of {_time(drive.edge_s)}, which --slew allows, do not make a higher one ring")
     return Shown("resonance", low, high, "Hz", f"from {low:.4g} to {high:.4g} Hz (damping {DAMPING:g}); {why}")
 
 
@@ -269,7 +272,8 @@ def _rate_law(drive: _Drive) -> Shown:
     rated = range(len(THRESHOLDS) + 3, len(THRESHOLDS) + 6)
     least = SURE * float(drive.errors(fast_column, [drive.delayed(), drive.lagged(drive.step_s)], list(rated))[0])
     return Shown("rate law", slow, fast, "V/s", f"slopes between {slow:.4g} and {fast:.4g} V/s; changes from "
-                 f"{100 * least:.2g} % on over that range, beside a delay. Rates in um/s are known only once um per V is")
+                 f"{100 * least:.2g} % on over that range, beside a delay. Rates in um/s are known only once "
+                 "um per V is")
 
 
 def _curves(drive: _Drive) -> list[Shown]:
@@ -282,8 +286,8 @@ def _curves(drive: _Drive) -> list[Shown]:
         alone, beside = (SURE * float(drive.errors([column], rivals, [first_bend, first_bend + 1])[0])
                          for rivals in ([], [rival]))
         # 0.25 of a unit coefficient is the height of the bow in the middle of the range
-        texts.append(Shown(what, alone / 4, None, "of the range", f"bows from {25 * alone:.2g} % of the range on; which "
-                           f"of input curve and static curve it is, from {25 * beside:.2g} % on"))
+        texts.append(Shown(what, alone / 4, None, "of the range", f"bows from {25 * alone:.2g} % of the range on; "
+                           f"which of input curve and static curve it is, from {25 * beside:.2g} % on"))
     return texts
 
 
@@ -292,8 +296,8 @@ def _loops(drive: _Drive) -> Shown:
     swings = np.abs(np.diff(heights))
     swings = swings[swings > 0.01]
     small = float(np.percentile(swings, 5))
-    return Shown("loops", small, float(swings.max()), "of the range", f"{len(swings)} half loops, nine tenths of them of "
-                 f"{100 * small:.2g} % of the range or more, up to {100 * swings.max():.3g} %; smaller loops are "
+    return Shown("loops", small, float(swings.max()), "of the range", f"{len(swings)} half loops, nine tenths of them "
+                 f"of {100 * small:.2g} % of the range or more, up to {100 * swings.max():.3g} %; smaller loops are "
                  "extrapolated")
 
 
@@ -301,8 +305,8 @@ def _never(drive: _Drive) -> list[Shown]:
     end = len(drive.u) * drive.step_s
     return [
         Shown("creep beyond the hold", None, None, "s", f"no: nothing rests longer than {_time(drive.hold_s)}"),
-        Shown("where a delay or lag stands", None, None, "s", "no: before or behind the actuator looks the same; record "
-              "monitor_V beside it"),
+        Shown("where a delay or lag stands", None, None, "s", "no: before or behind the actuator looks the same; "
+              "record monitor_V beside it"),
         Shown("warming, other axes", None, None, "", f"no: not within {_time(end)} of one axis; record their columns")]
 
 
