@@ -13,10 +13,13 @@ import click.testing
 import hypothesis
 import numpy as np
 import pytest
+import written
+from captures import WITHOUT_A_FEW
 from ports import Board
+from streams import stream
 
 from rdpi.cli import main
-from rdpi.data import sample_times
+from rdpi.data import Recording, read_recording, sample_times
 
 # No time limit per example, which a busy machine breaks; no folder of examples in the checkout; in CI the same examples
 # every time, so that what lands depends on the code alone. `--hypothesis-profile long` is for fuzzing: see `rounds`.
@@ -24,6 +27,7 @@ hypothesis.settings.register_profile("rdpi", deadline=None, database=None, deran
 hypothesis.settings.register_profile("long", hypothesis.settings.get_profile("rdpi"), max_examples=2000,
                                      derandomize=False)
 hypothesis.settings.load_profile("rdpi")
+written.install()  # what a command writes in this process is checked
 LONG_S = float(os.environ.get("RDPI_FUZZ_SECONDS", 60))
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,6 +53,35 @@ def rounds(long: bool) -> Iterator[Iterator[int]]:
 def rdpi() -> Callable[..., click.testing.Result]:
     """Run the command line in this process."""
     return lambda *arguments: click.testing.CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def run_csv(tmp_path: Path) -> Path:
+    return tmp_path / "run.csv"
+
+
+@pytest.fixture
+def captured(tmp_path: Path) -> Path:
+    """A stream with two gaps, as a serial port gave it."""
+    path = tmp_path / "captured.bin"
+    path.write_bytes(stream(WITHOUT_A_FEW))
+    return path
+
+
+@pytest.fixture
+def imported(rdpi: Callable[..., click.testing.Result], tmp_path: Path) -> Callable[..., tuple[Recording, str]]:
+    """Import content or a file with options; the recording and what was printed."""
+
+    def run(source: str | bytes | Path, *options: str, name: str = "source.csv",
+            required: tuple[str, ...] = ("command_V",)) -> tuple[Recording, str]:
+        if not isinstance(source, Path):
+            (tmp_path / name).write_bytes(source.encode() if isinstance(source, str) else source)
+            source = tmp_path / name
+        result = rdpi("import", source, *options, "-o", tmp_path / "run.csv")
+        assert result.exit_code == 0, result.output
+        return read_recording(tmp_path / "run.csv", required), result.output
+
+    return run
 
 
 @pytest.fixture

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,11 +18,12 @@ from injected import entry
 from models import SEEDS, random_model
 from plants import Plant, changed, marked, model_of, quasi_static, recording, stack, waves
 
+import rdpi as rdpi_package
 from rdpi.data import Recording, read_recording, write_recording
 from rdpi.errors import BadInput
 from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
 from rdpi.simulate import chain, effects
-from rdpi.simulate.effects import CATALOGUE, Acting, Effect, View
+from rdpi.simulate.effects import CATALOGUE, Acting, Effect, Residuals
 
 RATE_HZ = 1000.0
 GAIN = 0.125  # um/V of `straight`
@@ -31,6 +34,7 @@ SIZES: dict[str, dict[str, float]] = {
     "lag": {"time_constant_s": 0.004}, "rail_saturation": {"V_min": 5.0, "V_max": 70.0},
     "initial_memory": {"position_um": 0.0}, "rate_dependence": {"widening": 0.3, "change": -0.1, "exponent": 0.7},
     "hysteresis_change": {"scale": 0.4, "shape": 0.3}, "creep": {"percent_per_decade": 2.0},
+    "relaxation": {"share": 0.1, "time_constant_s": 0.02},
     "gain_change": {"factor": 1.04}, "backlash": {"width_um": 0.3}, "resonance": {"f0_hz": 60.0, "damping": 0.1},
     "cross_coupling": {"um_per_V": 0.1}, "thermal_drift": {"um_per_s": 0.0},
     "periodic_disturbance": {"frequency_hz": 50.0},
@@ -224,6 +228,35 @@ def test_creep_is_so_many_percent_of_a_step_for_every_decade(percent: float) -> 
                                   abs=0.05 * abs(per_decade))
 
 
+@pytest.mark.parametrize("share", [-0.2, 0.05, 0.5])
+@pytest.mark.parametrize("time_s", [1e-4, 0.004, 1.0])
+def test_relaxation_of_a_ramp(share: float, time_s: float) -> None:
+    """A share of it lags, y = s (t - T (1 - exp(-t / T))); the rest does not."""
+    run = drive(np.linspace(0, 80, 401))  # 200 V/s
+    t = shape_of(run)
+    expected = 1 + GAIN * 200 * (t - share * time_s * (1 - np.exp(-t / time_s)))
+    found = shown(straight(), run, entry("relaxation", share=share, time_constant_s=time_s))
+    assert found == pytest.approx(expected, abs=1e-9)
+
+
+def test_relaxation_of_a_step() -> None:
+    """The most of it at once, the share with its time constant."""
+    run = drive(np.r_[np.full(20, 20.0), np.full(400, 60.0)])
+    found = shown(straight(), run, entry("relaxation", share=0.1, time_constant_s=0.05)) - (1 + GAIN * 20)
+    t = (np.arange(400) + 0.5) / RATE_HZ  # the step lasts one sample
+    assert found[20:] == pytest.approx(GAIN * 40 * (1 - 0.1 * np.exp(-t / 0.05)), abs=1e-4 * GAIN * 40)
+
+
+def test_relaxation_is_looked_for_at_its_time_constant() -> None:
+    late = shown(bent(), SHORT, entry("relaxation", share=0.08, time_constant_s=0.012)) - shown(bent(), SHORT)
+    run = changed(SHORT, displacement_um=SHORT.displacement_um + late)
+    starts = CATALOGUE["relaxation"]().starts(residuals_of(run))
+    times = np.array([values["time_constant_s"] for values in starts])
+    assert np.all(np.diff(np.log10(times)) < 0.34) and times[0] == pytest.approx(0.0005) and times[-1] <= 1.0
+    nearest = starts[int(np.argmin(np.abs(np.log(times / 0.012))))]
+    assert nearest["share"] == pytest.approx(0.08, rel=0.3)
+
+
 def test_creep_is_linear_and_rests_at_rest() -> None:
     at_rest = drive(np.full(3000, 40.0))
     assert shown(straight(), at_rest, entry("creep", percent_per_decade=5.0)) == pytest.approx(1 + GAIN * 40, abs=1e-12)
@@ -366,8 +399,8 @@ def test_predictions_are_finite_within_the_bounds(name: str, data: st.DataObject
     assert np.all(np.isfinite(command)) and command.shape == run.command_V.shape
     assert np.all(np.isfinite(changed_model.slopes)) and np.all(changed_model.slopes > 0)
     z = model.gain_um_per_V * run.command_V
-    moved = effects.moved(acting, z, run, model)
-    assert np.all(np.isfinite(moved)) and moved.shape == z.shape
+    shown_um = effects.displaced(acting, z, run, model)
+    assert np.all(np.isfinite(shown_um)) and shown_um.shape == z.shape
     if effect.disturbance:
         assert np.all(np.isfinite(effect.columns(run, values, model)))
 
@@ -391,6 +424,64 @@ def test_every_effect_says_what_a_person_needs_to_know() -> None:
         assert all(one.low <= one.absent <= one.high and one.unit for one in kind.parameters)
         with pytest.raises(ValueError, match=f"{name} does not act at nowhere"):
             kind("nowhere")
+
+
+def test_a_parameters_name_means_one_thing() -> None:
+    for kind in CATALOGUE.values():
+        for one in kind.parameters:
+            other = effects.PARAMETERS[one.name]
+            assert (one.unit, one.internal, one.digits, one.joined) == (
+                other.unit, other.internal, other.digits, other.joined)
+
+
+def test_comparisons_with_others_are_sound() -> None:
+    for kind in CATALOGUE.values():
+        assert kind.contains is None or kind.contains in CATALOGUE.values() and kind.contains.contains is None
+        assert kind.frequency is None or kind.frequency in {one.name for one in kind.parameters}
+        assert len(kind.chance_gain) == 2 and all(0 <= gain < 1 for gain in kind.chance_gain)
+        assert kind.article in ("", "an" if kind.title[0] in "aeiou" else "a")
+
+
+# --- an effect is one file -------------------------------------------------------------------------------------------
+
+PACKAGE = Path(rdpi_package.__file__).parent
+EFFECTS = PACKAGE / "simulate" / "effects"
+
+
+def asked_by_name(source: str) -> set[str]:
+    """Effects that a module asks for: in a string, by an attribute, a class, or anywhere by a name of two words."""
+    classes = {kind.__name__: name for name, kind in CATALOGUE.items()}
+    found = {name for name in CATALOGUE if "_" in name and re.search(rf"\b{name}\b", source)}
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            found |= {node.value} & set(CATALOGUE)
+        for word in (getattr(node, "attr", None), getattr(node, "id", None), getattr(node, "name", None)):
+            found |= {classes[word]} if word in classes else set()
+        if isinstance(node, ast.Attribute) or isinstance(node, ast.alias):
+            found |= {getattr(node, "attr", getattr(node, "name", None))} & set(CATALOGUE)
+    return found
+
+
+@pytest.mark.parametrize("path", [path for path in sorted(PACKAGE.rglob("*.py")) if EFFECTS not in path.parents],
+                         ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_nothing_outside_its_file_asks_for_an_effect_by_name(path: Path) -> None:
+    assert not asked_by_name(path.read_text("utf-8"))
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_an_effect_is_one_file_and_its_registration(name: str) -> None:
+    others = {path.stem: path.read_text("utf-8") for path in EFFECTS.glob("*.py") if path.stem != name}
+    containing = {kind.name for kind in CATALOGUE.values() if kind.contains is CATALOGUE[name]}
+    asking = {stem for stem, source in others.items() if name in asked_by_name(source)}
+    assert (EFFECTS / f"{name}.py").exists() and asking == {"__init__"} | containing
+
+
+@pytest.mark.parametrize(("source", "found"), [
+    ('if one.name == "delay": pass', {"delay"}), ("x = effects.delay", {"delay"}), ("x: Delay", {"delay"}),
+    ("from .effects.lag import Lag", {"lag"}), ("# unlike gain_change", {"gain_change"}),
+    ('"""A delay, with creep."""\nlag = 1', set()), ("GainChange()", {"gain_change"})])
+def test_what_asking_by_name_is(source: str, found: set[str]) -> None:
+    assert asked_by_name(source) == found
 
 
 # --- several ---------------------------------------------------------------------------------------------------------
@@ -514,12 +605,12 @@ def test_keys_that_this_version_does_not_know(parameters: dict) -> None:
 
 # --- what recordings excite ------------------------------------------------------------------------------------------
 
-def view_of(*runs: Recording, model: Model | None = None) -> View:
+def residuals_of(*runs: Recording, model: Model | None = None) -> Residuals:
     model = model or bent()
     predicted = [shown(model, run) for run in runs]
     left = [run.displacement_um - one for run, one in zip(runs, predicted)]
     left = [one - np.mean(one) for one in left]
-    return View(model, runs, predicted, left, left)
+    return Residuals(model, runs, predicted, left, left)
 
 
 def recorded(command_V: np.ndarray, rate_hz: float = RATE_HZ, **options: object) -> Recording:
@@ -528,20 +619,23 @@ def recorded(command_V: np.ndarray, rate_hz: float = RATE_HZ, **options: object)
 
 SHORT = recorded(waves(90, 4, 2, RATE_HZ))
 PLAIN: Plant = stack(plays=0, law=0)
-HIDDEN: dict[str, tuple[Effect, View, View]] = {  # what does not excite it, what does
-    "cross_coupling": (CATALOGUE["cross_coupling"](), view_of(changed(SHORT, other_axis_V=np.full(500, 3.0))),
-                       view_of(changed(SHORT, other_axis_V=np.arange(500.0)))),
-    "creep": (CATALOGUE["creep"](), view_of(SHORT), view_of(recorded(waves(90, 1, 2, RATE_HZ)))),
-    "rate_dependence": (CATALOGUE["rate_dependence"](), view_of(recorded(90 - np.abs(np.linspace(-90, 90, 500)))),
-                        view_of(recorded(np.r_[waves(90, 0.5, 1, RATE_HZ), waves(90, 5, 2, RATE_HZ)]))),
-    "initial_memory": (CATALOGUE["initial_memory"](), view_of(marked(SHORT, memory="unknown")), view_of(SHORT)),
+HIDDEN: dict[str, tuple[Effect, Residuals, Residuals]] = {  # what does not excite it, what does
+    "cross_coupling": (CATALOGUE["cross_coupling"](), residuals_of(changed(SHORT, other_axis_V=np.full(500, 3.0))),
+                       residuals_of(changed(SHORT, other_axis_V=np.arange(500.0)))),
+    "relaxation": (CATALOGUE["relaxation"](), residuals_of(recorded(waves(90, 0.02, 2, 0.4), 0.4)),
+                   residuals_of(SHORT)),
+    "creep": (CATALOGUE["creep"](), residuals_of(SHORT), residuals_of(recorded(waves(90, 1, 2, RATE_HZ)))),
+    "rate_dependence": (CATALOGUE["rate_dependence"](), residuals_of(recorded(90 - np.abs(np.linspace(-90, 90, 500)))),
+                        residuals_of(recorded(np.r_[waves(90, 0.5, 1, RATE_HZ), waves(90, 5, 2, RATE_HZ)]))),
+    "initial_memory": (CATALOGUE["initial_memory"](), residuals_of(marked(SHORT, memory="unknown")),
+                       residuals_of(SHORT)),
     "initial_memory without plays": (
         CATALOGUE["initial_memory"](),
-        view_of(quasi_static(PLAIN, waves(90, 4, 2, RATE_HZ)), model=model_of(PLAIN)), view_of(SHORT)),
+        residuals_of(quasi_static(PLAIN, waves(90, 4, 2, RATE_HZ)), model=model_of(PLAIN)), residuals_of(SHORT)),
     "hysteresis_change without plays": (
         CATALOGUE["hysteresis_change"](),
-        view_of(quasi_static(PLAIN, waves(90, 4, 2, RATE_HZ)), model=model_of(PLAIN)), view_of(SHORT)),
-    "a grid of readings": (CATALOGUE["quantisation"]("sensor"), view_of(SHORT), view_of(
+        residuals_of(quasi_static(PLAIN, waves(90, 4, 2, RATE_HZ)), model=model_of(PLAIN)), residuals_of(SHORT)),
+    "a grid of readings": (CATALOGUE["quantisation"]("sensor"), residuals_of(SHORT), residuals_of(
         changed(SHORT, displacement_um=np.round(SHORT.displacement_um, 1)))),
 }
 
@@ -557,7 +651,7 @@ def test_what_recordings_do_not_excite(case: str) -> None:
 def test_fits_start_within_the_bounds(name: str, stage: str) -> None:
     effect = CATALOGUE[name](stage)
     run = changed(moving(), displacement_um=np.round(moving().displacement_um, 1))
-    starts = effect.starts(view_of(run))
+    starts = effect.starts(residuals_of(run))
     assert starts
     for values in starts:
         assert all(one.low <= values[one.name] <= one.high for one in effect.parameters if one.name in values)
@@ -567,11 +661,12 @@ def test_fits_start_within_the_bounds(name: str, stage: str) -> None:
 def test_hum_is_looked_for_at_its_frequency() -> None:
     t = shape_of(SHORT)
     hum = changed(SHORT, displacement_um=SHORT.displacement_um + 0.05 * np.sin(2 * np.pi * 83.3 * t))
-    assert CATALOGUE["periodic_disturbance"]().starts(view_of(hum))[0]["frequency_hz"] == pytest.approx(83.3, abs=0.6)
+    strongest = CATALOGUE["periodic_disturbance"]().starts(residuals_of(hum))[0]
+    assert strongest["frequency_hz"] == pytest.approx(83.3, abs=0.6)
 
 
 def test_a_grid_is_looked_for_at_its_step() -> None:
     step = 0.07
     coarse = changed(SHORT, displacement_um=step * np.round(SHORT.displacement_um / step))
-    starts = CATALOGUE["quantisation"]("sensor").starts(view_of(coarse))
+    starts = CATALOGUE["quantisation"]("sensor").starts(residuals_of(coarse))
     assert [values["step"] for values in starts] == pytest.approx([step] * len(starts), rel=1e-6) and starts

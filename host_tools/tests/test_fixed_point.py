@@ -137,7 +137,7 @@ REFUSED = {
 @pytest.mark.parametrize(("model", "text"), REFUSED.values(), ids=REFUSED)
 def test_what_32_bits_do_not_hold_is_refused(model: Model, text: str) -> None:
     with pytest.raises(BadInput) as refused:
-        parameters.q31(model, "a.json")
+        parameters.q31(replace(model, where="a.json"))
     assert str(refused.value).startswith(f"a.json: no fixed point: {text}")
 
 

@@ -24,9 +24,8 @@ from rdpi.data import Recording, sample_times
 from rdpi.fit.localise import DIRECTIONS, Axis, Table
 from rdpi.gap import diagnose
 from rdpi.gap.report import numbers as gap_numbers, page as gap_report, pictures as gap_pictures, words as gap_words
-from rdpi.gap.report.page import tables, write
 from rdpi.gap.report.pictures import Pictures
-from rdpi.gap.report.words import promise, sentence
+from rdpi.gap.sections import GapDocument
 from rdpi.simulate.effects import CATALOGUE
 
 RATE_HZ = 5000.0
@@ -37,6 +36,34 @@ USUAL = gap_words.GAP.usually
 VERDICTS = "effect", "ambiguous", "none", "unknown"
 NASTY = ('<script>alert("x")</script>', "a & b ' \" c", "$\\frac{$ _x", "x" * 5000, "a\nb\0\udc80c", "圧電 №7",
          "{{ 7*7 }}{% raw %}")
+
+
+# What is read back from a gap.json is shown: the tests change JSON, and these read it.
+read = GapDocument.from_json
+
+
+def sentence(content: dict[str, Any]) -> str:
+    return gap_words.sentence(read(content))
+
+
+def promise(content: dict[str, Any]) -> str:
+    return gap_words.promise(read(content))
+
+
+def tables(content: dict[str, Any]) -> str:
+    return gap_report.tables(read(content))
+
+
+def write(content: dict[str, Any], shown: Pictures, folder: Path) -> None:
+    gap_report.write(read(content), shown, folder)
+
+
+def page_of(content: dict[str, Any], shown: Pictures) -> str:
+    return gap_report.page(read(content), shown)
+
+
+def rows_of_candidates(content: dict[str, Any]) -> list[dict[str, Any]]:
+    return gap_report._candidates(read(content))
 
 
 def parameter(value: float, low: float, high: float, unit: str) -> dict[str, Any]:
@@ -76,21 +103,23 @@ def document(verdict: str = "effect", **changes: Any) -> dict[str, Any]:
         candidates[1] = candidate("delay", 0.08, 0.02, "gains no more than chance would")
     return {
         "schema": "rdpi-gap/1", "tool": "rdpi 1.4.0", "model": "stack7.json", "model_digest": "sha256:0f1e2d",
-        "verdict": verdict, "detection": 3.41, "effects": [delay] if known else [], "candidates": candidates,
+        "verdict": verdict, "detection": 3.41, "paired": False, "effects": [delay] if known else [], "candidates": candidates,
         "gap": {"rms_um": 0.412 * factor, "percent_of_stroke": 3.14 * factor, "noise_floor_um": NOISE_UM,
-                "explained_um": 0.4 if known else 0.0, "remaining_um": 0.1 if known else 0.412 * factor},
-        "passport": {"ratio": 4.2 * factor, "rms_um": 0.098, "held_out": "left out in turn"},
+                "explained_um": 0.4 if known else 0.0, "remaining_um": 0.1 if known else 0.412 * factor,
+                "whole_um": None},
+        "passport": {"ratio": 4.2 * factor, "rms_um": 0.098, "held_out": "left out in turn", "spread": 0.2},
         "promised": {"shrink": 0.757, "ci90": [0.7, 0.8], "why_no_interval": None} if known else
                     {"shrink": None, "ci90": None, "why_no_interval": "no effect was accepted"},
         "where": {"stage": "timing", "runs": list(NAMES), "axes": axes(factor), "dominant": "rate_um_per_s",
                   "stages": {"before_monitor": 0.93, "after_monitor": 0.07}},
-        "runs": [{"file": f"bench/{name}", "digest": f"sha256:{k}{'ab' * 31}c", "samples": 20000,
+        "runs": [{"file": f"bench/{name}", "digest": f"sha256:{k}{'ab' * 31}c", "samples": 20000, "earlier": None,
                   "rms_um": {"before": float(before[k]), "after": float(after[k])}, "offset_um": 0.031 * k,
                   "noise_floor_um": NOISE_UM, "percent_of_stroke": 7.6 * float(before[k]),
                   "ratio": float(before[k]) / 0.1, "share": float(before[k]**2 / np.sum(before**2))}
                  for k, name in enumerate(NAMES)],
         "numerics": {"engine": "q31", "rms_um": {"q31": 0.00042, "f32": 0.0000031}}, "refit": {"shrink": 0.117},
         "offset_um": {"mean": 0.0465, "low": 0.0, "high": 0.093, "added": 0.0, "moved": False},
+        "leftover": {"ratio": 1.1, "correlation": {"command": 0.01}, "kurtosis": 3.0},
         "notes": ["thermal_drift was estimated anew in each recording"],
         "not_excited": [{"name": "slew_limit", "needs": CATALOGUE["slew_limit"].needs},
                         {"name": "cross_coupling", "needs": CATALOGUE["cross_coupling"].needs}],
@@ -128,7 +157,7 @@ def axes(factor: float = 1.0) -> dict[str, Any]:
     found = {}
     for name, (edges, rms) in grown.items():
         labels = tuple(map(str, edges[1:])) if edges else NAMES if name == "recording" else DIRECTIONS
-        found[name] = axis(name, edges, labels, [factor * value for value in rms]).to_json()
+        found[name] = axis(name, edges, labels, [factor * value for value in rms]).entry().to_json()
     return found
 
 
@@ -199,9 +228,9 @@ class Page(HTMLParser):
 def rendered(content: dict[str, Any], shown: Pictures | None = None) -> Page:
     """The page; without pictures unless they are `shown`, for they take most of the time."""
     if shown:
-        return Page(gap_report.page(content, shown))
+        return Page(page_of(content, shown))
     with WITHOUT_PICTURES:
-        return Page(gap_report.page(content, pictures(samples=2)))
+        return Page(page_of(content, pictures(samples=2)))
 
 
 WITHOUT_PICTURES = patch.multiple(gap_pictures, where=lambda document, pictures: [], recordings=lambda document: "")
@@ -272,7 +301,7 @@ def test_how_much_is_explained() -> None:
         content["effects"][0]["held_out_rms_um"]["after"] = after
         words[after] = re.search(r"explains (.*?):", sentence(content)).group(1)
     assert words == {0.12: "it", 0.25: "most of it", 0.35: "a part of it"}
-    content["passport"] = {"rms_um": 0.33, "ratio": 1.25}
+    content["passport"].update(rms_um=0.33, ratio=1.25)
     assert "explains it:" in sentence(content)
     content["effects"][0]["held_out_rms_um"]["after"] = 0.43
     content["passport"]["rms_um"] = 0.5
@@ -308,7 +337,7 @@ def test_a_comparison_with_earlier_recordings(verdict: str) -> None:
     assert not re.search(r"commissioning|The gap|sim-to-real", page.text + tables(content), re.IGNORECASE)
     assert "Where the change lies" in page.text and ["1 multisine_large.csv", "66 %"] in [row[:2] for row in page.rows]
     assert ["bench/steps.csv", "first/steps.csv"] in [row[:2] for row in page.rows]
-    labels = figure_labels(gap_pictures.runs_figure(content["runs"], False, gap_words.CHANGE.usually))
+    labels = figure_labels(gap_pictures.runs_figure(read(content).runs, False, gap_words.CHANGE.usually))
     assert labels == ["now", "may differ anyway", "noise floor"]
     unjudged = document(verdict, paired=True, passport=None)
     assert sentence(unjudged).endswith(" how much two recordings of the same drive may differ is not known.")
@@ -445,7 +474,7 @@ def test_the_dominant_axis_is_told_and_marked(axis_name: str, words: str) -> Non
     content["where"]["dominant"] = axis_name
     assert f" {words}, " in sentence(content)
     with UNDRAWN:
-        page = gap_report.page(content, pictures(samples=64))
+        page = page_of(content, pictures(samples=64))
     assert page.count('class="dominant"') == page.count("Concentrates the gap most.") == (axis_name != "recording")
     if axis_name != "recording":
         caption = page.partition('class="dominant"')[2].partition("<figcaption>")[2].partition("<")[0]
@@ -562,7 +591,7 @@ def test_the_page(verdict: str, tmp_path: Path) -> None:
 
 def test_candidates_are_ranked_and_judged() -> None:
     """Accepted, as good, rejected by shrink; what was not excited is not among them."""
-    rows = gap_report._candidates(document("ambiguous"))
+    rows = rows_of_candidates(document("ambiguous"))
     assert [(row["id"], row["verdict"]) for row in rows] == [
         ("delay", "explains these recordings best"), ("lag", "explains these recordings as well"),
         ("resonance", "nothing is left to explain once the delay is added"),
@@ -570,7 +599,7 @@ def test_candidates_are_ranked_and_judged() -> None:
     assert [row["kind"] for row in rows] == ["accepted", "rival", "rejected", "rejected"]
     assert rows[1]["size"] == "time constant 0.480 ms" and rows[1]["interval"] == "70 to 77 %"
     assert (rows[3]["shrink"], rows[3]["interval"], rows[3]["refitted"]) == ("3 %", "−1 to 6 %", "0 %")
-    assert gap_report._candidates(document())[0]["verdict"] == "accepted"
+    assert rows_of_candidates(document())[0]["verdict"] == "accepted"
 
 
 def test_a_second_effect_is_told_as_it_was_judged() -> None:
@@ -578,7 +607,7 @@ def test_a_second_effect_is_told_as_it_was_judged() -> None:
     content = document("ambiguous", effects=[document()["effects"][0], hum(confusable_with=["creep"])])
     content["candidates"][2]["rejected_because"] = "delay explains more of the gap"
     content["candidates"].append(candidate("periodic_disturbance", 0.8, 0.0, None, stage="sensor"))
-    rows = gap_report._candidates(content)
+    rows = rows_of_candidates(content)
     assert [(row["id"], row["kind"]) for row in rows] == [
         ("delay", "accepted"), ("periodic_disturbance", "accepted"), ("creep", "rival"), ("lag", "rejected"),
         ("resonance", "rejected")]
@@ -589,7 +618,7 @@ def test_a_second_effect_is_told_as_it_was_judged() -> None:
 
 def test_sizes_of_what_gains_nothing_are_noise() -> None:
     content = document("none")
-    assert [row["size"] for row in gap_report._candidates(content)] == [
+    assert [row["size"] for row in rows_of_candidates(content)] == [
         "f0 413 Hz; damping 0.21", "time constant 0.480 ms", "–", "–"]
 
 
@@ -611,13 +640,13 @@ def test_a_passport_of_fitted_recordings_is_told() -> None:
 def test_coarse_arithmetic_is_told() -> None:
     content = document(numerics={"engine": "q31", "rms_um": {"q31": 0.0824, "f32": None}})
     assert ("The firmware's arithmetic differs from exact numbers by 0.0824 µm rms (q31): up to 20 % of the gap."
-            in gap_words.where(content))
+            in gap_words.where(read(content)))
     for silent in (None, {"engine": "q31", "rms_um": {"q31": None, "f32": None}}):
-        assert "arithmetic" not in " ".join(gap_words.where(document(numerics=silent)))
+        assert "arithmetic" not in " ".join(gap_words.where(read(document(numerics=silent))))
 
 
 def test_recordings_are_ranked_by_share() -> None:
-    rows = gap_report._runs(document())
+    rows = gap_report._runs(read(document()))
     assert [row["file"] for row in rows] == ["multisine_large.csv", "multisine_small.csv", "sawtooth.csv", "steps.csv"]
     assert rows[0] == {
         "number": "1", "file": "multisine_large.csv", "share": "66 %", "before": "0.71 µm", "after": "0.12 µm",
@@ -635,7 +664,7 @@ def foreign(text: str) -> Page:
     runs = [replace(shown.runs[0], path=f"{text}.csv"), *shown.runs[1:]]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        return Page(gap_report.page(content, replace(shown, runs=runs, before_um=[9 * shown.before_um[0],
+        return Page(page_of(content, replace(shown, runs=runs, before_um=[9 * shown.before_um[0],
                                                                                  *shown.before_um[1:]])))
 
 
@@ -657,7 +686,7 @@ def harmless() -> Page:
 
 def test_the_same_input_gives_the_same_page() -> None:
     content = document()
-    assert gap_report.page(content, pictures()) == gap_report.page(copy.deepcopy(content), pictures())
+    assert page_of(content, pictures()) == page_of(copy.deepcopy(content), pictures())
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
@@ -665,7 +694,7 @@ def test_effects_are_drawn_only_where_one_was_added(verdict: str) -> None:
     """Residuals after are given with every verdict."""
     content = document(verdict)
     with UNDRAWN:
-        source = gap_report.page(content, pictures("effect", samples=64))
+        source = page_of(content, pictures("effect", samples=64))
     added = bool(content["effects"])
     assert ("now and with the effects added" in source) == ('data-label="with the effects"' in source) == added
     (band, *others), _ = ([line.get_label() for line in (*panel.collections, *panel.lines)] for panel in
@@ -702,7 +731,7 @@ def test_what_a_diagnosis_says(case: str, verdict: str) -> None:
         runs = [changed(run, displacement_um=0.2 * np.round(run.displacement_um / 0.2)) for run in runs]
     found = diagnose(replace(model, passport=None) if case == "no passport" else model, runs,
                      tuple(CATALOGUE) if case == "none of those known" else ())
-    content = {**found.document, "model": "model.json", "model_digest": model.digest()}
+    content = replace(found.document, model="model.json", model_digest=model.digest()).to_json()
     assert content["verdict"] == verdict
     check_text(sentence(content))
     assert sentence(content).replace("µ", "u").split() == tables(content).split()[:len(sentence(content).split())]
@@ -719,15 +748,15 @@ def figure_labels(figure: Figure) -> list[str]:
 
 
 def all_figures() -> list[Figure]:
-    shown, content = pictures(), document()
-    found = content["where"]["axes"]
+    shown, content = pictures(), read(document())
+    found = content.where.axes
     with gap_pictures._style():
         return [*(gap_pictures.axis_figure(name, found[name], USUAL) for name in gap_words.AXES
                   if name != "frequency_hz"),
                 gap_pictures.spectrum_figure(found["frequency_hz"], shown.spectrum_after, USUAL),
                 gap_pictures.table_figure(shown.table),
                 gap_pictures.time_figure(shown.runs[3], shown.before_um[3], shown.after_um[3], NOISE_UM),
-                gap_pictures.runs_figure(content["runs"], True, USUAL)]
+                gap_pictures.runs_figure(content.runs, True, USUAL)]
 
 
 def test_every_picture_says_what_and_in_which_unit() -> None:
@@ -741,14 +770,14 @@ def test_every_picture_says_what_and_in_which_unit() -> None:
 
 
 def test_bars_now_and_at_commissioning() -> None:
-    content = document()["where"]["axes"]["rate_um_per_s"]
+    content = read(document()).where.axes["rate_um_per_s"]
     panel = gap_pictures.axis_figure("rate_um_per_s", content, USUAL).axes[0]
     heights = [bar.get_height() for bar in panel.patches]
-    assert heights == [*content["rms_um"], *content["expected_um"]]
+    assert heights == [*content.rms_um, *content.expected_um]
     assert [text.get_text() for text in panel.get_legend().get_texts()] == ["now", "at commissioning"]
     assert [text.get_text() for text in panel.get_xticklabels()][:3] == ["0", "3.1", "12"]
-    alone = gap_pictures.axis_figure("rate_um_per_s", {**content, "expected_um": None}, USUAL).axes[0]
-    assert [bar.get_height() for bar in alone.patches] == content["rms_um"] and alone.get_legend() is None
+    alone = gap_pictures.axis_figure("rate_um_per_s", replace(content, expected_um=None), USUAL).axes[0]
+    assert [bar.get_height() for bar in alone.patches] == content.rms_um and alone.get_legend() is None
 
 
 @pytest.mark.parametrize("edges, texts", [
@@ -770,12 +799,12 @@ def test_labels_of_bins_do_not_overlap() -> None:
 
 
 def test_spectrum() -> None:
-    content, after = document()["where"]["axes"]["frequency_hz"], pictures().spectrum_after
+    content, after = read(document()).where.axes["frequency_hz"], pictures().spectrum_after
     panel = gap_pictures.spectrum_figure(content, after, USUAL).axes[0]
     values = [step.get_data().values for step in panel.patches]
-    assert [list(one) for one in values] == [content["rms_um"], content["expected_um"], list(after.rms_um)]
+    assert [list(one) for one in values] == [content.rms_um, content.expected_um, list(after.rms_um)]
     assert panel.get_xscale() == panel.get_yscale() == "log"
-    silent = {**content, "rms_um": [0.0, *content["rms_um"][1:]]}
+    silent = replace(content, rms_um=[0.0, *content.rms_um[1:]])
     gap_pictures.spectrum_figure(silent, None, USUAL).draw_without_rendering()
 
 
@@ -817,14 +846,14 @@ def test_a_short_recording_over_time() -> None:
 
 
 def test_recordings_before_and_after() -> None:
-    runs = document()["runs"]
+    runs = read(document()).runs
     panel = gap_pictures.runs_figure(runs, True, USUAL).axes[0]
     marks = {line.get_label(): line.get_xdata() for line in panel.lines}
-    assert marks["now"] == pytest.approx([run["rms_um"]["before"] for run in runs])
-    assert marks["with the effects"] == pytest.approx([run["rms_um"]["after"] for run in runs])
+    assert marks["now"] == pytest.approx([run.rms_um.before for run in runs])
+    assert marks["with the effects"] == pytest.approx([run.rms_um.after for run in runs])
     assert marks["at commissioning"] == pytest.approx(np.full(4, 0.1))
     assert marks["noise floor"] == pytest.approx(np.full(4, NOISE_UM))
-    alone = gap_pictures.runs_figure([{**run, "ratio": None} for run in runs], False, USUAL)
+    alone = gap_pictures.runs_figure([replace(run, ratio=None) for run in runs], False, USUAL)
     assert figure_labels(alone) == ["now", "noise floor"]
     many = gap_pictures.runs_figure(runs * 10, True, USUAL).axes[0]
     assert len(many.get_yticks()) == gap_pictures.BARS

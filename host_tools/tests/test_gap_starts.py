@@ -13,7 +13,7 @@ from plants import changed, marked, recording, waves
 from rdpi.data import Recording
 from rdpi.errors import BadInput
 from rdpi.gap import candidates, diagnose
-from rdpi.gap.candidates import Bench
+from rdpi.gap.dataset import Dataset
 from rdpi.model import LARGEST, Drive, Model
 from rdpi.simulate import chain, effects
 from rdpi.simulate.effects import CATALOGUE, Acting
@@ -45,7 +45,7 @@ def actuator(name: str, stage: str) -> dict:
 def check_that_nothing_is_lost(model: Model, runs: Sequence[Recording]) -> None:
     """A verdict, and an improved model that simulates and can be diagnosed."""
     found = diagnose(model, runs)
-    assert found.document["verdict"] != "none"
+    assert found.document.verdict != "none"
     chain.simulate(found.improved, runs)
     diagnose(found.improved, runs)
 
@@ -71,16 +71,16 @@ def test_every_effect_ahead_of_the_operator_gets_a_verdict(name: str, stage: str
 @pytest.mark.parametrize("start", STARTS)
 @pytest.mark.parametrize("memory", ["reset", "unknown"])
 @pytest.mark.parametrize("name, stage", PLACES)
-def test_a_rig_starts_where_simulate_does(name: str, stage: str, memory: str, start: str) -> None:
+def test_a_run_starts_where_simulate_does(name: str, stage: str, memory: str, start: str) -> None:
     """Whatever the effect does to the first sample, and to the range."""
     model = plain_model()
     with_it = replace(model, effects=[actuator(name, stage)])
     runs = recorded(model, drives(start, [memory]), *with_it.effects)
-    bench, acting = Bench(model, runs), effects.acting(with_it)
-    bench.predict([])
-    bench.restart(acting)
-    simulated = bench.join([one.predicted_um for one in chain.simulate(with_it, runs)])
-    assert bench.predict(acting) == pytest.approx(simulated, abs=1e-6 * model.stroke_um)
+    dataset, acting = Dataset(model, runs), effects.acting(with_it)
+    dataset.predict([])
+    dataset = dataset.restarted(acting)
+    simulated = dataset.join([one.predicted_um for one in chain.simulate(with_it, runs)])
+    assert dataset.predict(acting) == pytest.approx(simulated, abs=1e-6 * model.stroke_um)
 
 
 def test_a_simulated_actuator_goes_wherever_it_is_driven() -> None:
@@ -91,7 +91,8 @@ def test_a_simulated_actuator_goes_wherever_it_is_driven() -> None:
     simulated = chain.simulate(replace(model, effects=[rails]), [run])[0].predicted_um
     there = chain.simulate(model, [changed(run, command_V=np.full(len(run), 5e4))])[0].predicted_um
     assert simulated == pytest.approx(there) and simulated[0] > 100 * model.stroke_um
-    assert Bench(model, [run]).predict(effects.acting(replace(model, effects=[rails]))) == pytest.approx(0.0, abs=1e-6)
+    acting = effects.acting(replace(model, effects=[rails]))
+    assert Dataset(model, [run]).predict(acting) == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("command_V, words", [
@@ -137,14 +138,14 @@ def test_changed_hysteresis_keeps_the_stroke_of_any_drive(span_V: float) -> None
 def test_an_effect_that_cannot_be_tried_costs_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     search = candidates.search
 
-    def refusing(bench: Bench, effect: effects.Effect, acting: Sequence[Acting], before: np.ndarray) -> object:
+    def refusing(dataset: Dataset, effect: effects.Effect, acting: Sequence[Acting], before: np.ndarray) -> object:
         if effect.name == "delay":
             raise BadInput("the library refuses this one")
-        return search(bench, effect, acting, before)
+        return search(dataset, effect, acting, before)
 
     monkeypatch.setattr(candidates, "search", refusing)
     runs = recorded(plain_model(), drives(STARTS[0], ["reset"]), actuator("lag", "amplifier"))
     document = diagnose(commissioned(), runs).document
-    assert [one["name"] for one in document["effects"]] == ["lag"]
-    delay = next(one for one in document["candidates"] if one["name"] == "delay")
-    assert delay["rejected_because"] == "the library refuses this one" and not delay["excited"]
+    assert [one.name for one in document.effects] == ["lag"]
+    delay = next(one for one in document.candidates if one.name == "delay")
+    assert delay.rejected_because == "the library refuses this one" and not delay.excited

@@ -105,7 +105,7 @@ def test_every_axis_accounts_for_all_of_the_energy(set_of_runs: tuple) -> None:
         assert np.sum(axis.share) == pytest.approx(1) and np.sum(axis.occupancy) == pytest.approx(1)
         weight = 1.0 if axis.name == "frequency_hz" else axis.occupancy
         assert np.sum(weight * axis.rms_um**2) == pytest.approx(mean_square, rel=1e-9)
-        json.dumps(axis.to_json(), allow_nan=False)
+        json.dumps(axis.entry().to_json(), allow_nan=False)
     for name in ("time_s", "position_um", "amplitude_um"):
         assert len(axes[name].labels) <= BINS and np.max(axes[name].occupancy) < 0.5
     assert np.allclose(axes["time_s"].occupancy, 1 / BINS, atol=0.01)

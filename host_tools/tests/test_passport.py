@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import sys
 from collections.abc import Iterator
@@ -19,10 +18,10 @@ from plants import model_of, rate_of, recording, stack, waves
 
 from rdpi.data import Recording, excite, sample_times
 from rdpi.errors import BadInput
-from rdpi.fit import localise, passport
+from rdpi.fit import localise, passport, thresholds
 from rdpi.fit.identify import Fit, fit
 from rdpi.fit.passport import FITTED, LEFT_OUT, OTHER_RUNS, Residual
-from rdpi.model import Model, read_model, write_model
+from rdpi.model import Model, Passport, read_model, write_model
 from rdpi.simulate import chain
 
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
@@ -49,7 +48,7 @@ def noise(samples: int, size_um: float | np.ndarray = 1.0, seed: int = 0) -> np.
 
 
 @lru_cache(maxsize=None)
-def plain(runs: int = 3) -> dict:
+def plain(runs: int = 3) -> Passport:
     """A passport of runs whose residual is a hundredth of how far they move, and that move at all rates."""
     commands = [np.concatenate([waves(30 + 60 * k / runs, hertz, 4, RATE_HZ) for hertz in (1, 3, 10)])
                 for k in range(1, runs + 1)]
@@ -94,15 +93,15 @@ def test_what_a_passport_holds_of_each_run() -> None:
     stepped = replace(one.run, columns={**one.run.columns,
                                         "displacement_um": np.round(one.run.displacement_um / z_step) * z_step})
     known = passport.build([one._replace(run=stepped)])
-    assert known["held_out"] == OTHER_RUNS and known["kurtosis"] == pytest.approx(3, abs=0.3)
-    run, = known["runs"]
-    assert {key: run[key] for key in ("file", "digest", "samples", "held_out", "sample_rate_hz", "fitted_rms_um")} == {
+    assert known.held_out == OTHER_RUNS and known.kurtosis == pytest.approx(3, abs=0.3)
+    run, = known.runs
+    assert {key: getattr(run, key) for key in ("file", "digest", "samples", "held_out", "sample_rate_hz", "fitted_rms_um")} == {
         "file": "a.csv", "digest": "sha256:a.csv", "samples": len(command), "held_out": OTHER_RUNS,
         "sample_rate_hz": RATE_HZ, "fitted_rms_um": None}
-    assert run["rms_um"] == pytest.approx(np.std(left), rel=1e-4)
-    assert run["offset_um"] == pytest.approx(np.mean(left), rel=1e-4)
-    assert run["step_um"] == pytest.approx(z_step, rel=1e-4) and run["noise_um"] == NOISE_UM
-    assert run["stroke_um"] == pytest.approx(np.ptp(stepped.displacement_um), rel=1e-4)
+    assert run.rms_um == pytest.approx(np.std(left), rel=1e-4)
+    assert run.offset_um == pytest.approx(np.mean(left), rel=1e-4)
+    assert run.step_um == pytest.approx(z_step, rel=1e-4) and run.noise_um == NOISE_UM
+    assert run.stroke_um == pytest.approx(np.ptp(stepped.displacement_um), rel=1e-4)
 
 
 @pytest.mark.parametrize("hows, name", [((FITTED,), FITTED), ((FITTED, LEFT_OUT), LEFT_OUT),
@@ -111,12 +110,12 @@ def test_the_best_source_names_the_passport(hows: tuple[str, ...], name: str) ->
     command = waves(90, 2, 5, RATE_HZ)
     known = passport.build([left_of(command, noise(len(command), 0.05, k), f"{k}.csv", how)
                             for k, how in enumerate(hows)])
-    assert known["held_out"] == name and [run["held_out"] for run in known["runs"]] == list(hows)
+    assert known.held_out == name and [run.held_out for run in known.runs] == list(hows)
 
 
 @pytest.mark.parametrize("runs", [1, 8, 25])
 def test_a_passport_is_small_and_is_json(runs: int) -> None:
-    assert len(json.dumps(plain(runs), allow_nan=False)) < 20_000
+    assert len(json.dumps(plain(runs).to_json(), allow_nan=False)) < 20_000
 
 
 @pytest.mark.parametrize("left", [0.0, 1e-9, 1e3])
@@ -158,7 +157,7 @@ def test_a_fast_movement_is_expected_to_leave_much_where_the_model_is_bad_at_rat
 def test_no_less_than_the_noise_is_expected() -> None:
     command = 45 + 0.001 * waves(90, 3, 9, RATE_HZ)
     at = left_of(command, np.zeros(len(command))).coords
-    assert np.all(passport.expected_um(plain(), at) >= plain()["noise_um"])
+    assert np.all(passport.expected_um(plain(), at) >= plain().noise_um)
 
 
 def test_ratio_of_a_residual_that_grew() -> None:
@@ -170,7 +169,7 @@ def test_ratio_of_a_residual_that_grew() -> None:
     both = passport.ratio(plain(), [left, 4 * left], [at, at])
     assert np.allclose(both.ratio, usual.ratio * [1, 4])
     assert both.overall == pytest.approx(usual.overall * np.sqrt(17 / 2))
-    assert both.spread == plain()["spread"]
+    assert both.spread == plain().spread
 
 
 def test_two_recordings_of_the_same_drive_differ_by_less_than_a_model_misses() -> None:
@@ -178,13 +177,13 @@ def test_two_recordings_of_the_same_drive_differ_by_less_than_a_model_misses() -
     known, run = plain(), recording(waves(40, 2, 4, RATE_HZ), None, RATE_HZ)
     z = 0.1 * run.command_V
     coords = localise.coordinates(run, z, rate_of(z, RATE_HZ))
-    quiet, loud = {**known, "noise_um": 0.0}, passport.expected_um(known, coords)
-    assert passport.expected_um(passport.repeated(quiet), coords) == pytest.approx(passport.REPEATS * loud)
-    noisy = {**known, "noise_um": 1.0, "level": {**known["level"], "coefficients": [1.0, 0.0, 0.0, 0.0],
-                                                 "rms_um": [1.0] * len(known["level"]["rms_um"])}}
+    quiet, loud = replace(known, noise_um=0.0), passport.expected_um(known, coords)
+    assert passport.expected_um(passport.repeated(quiet), coords) == pytest.approx(thresholds.REPEATS * loud)
+    noisy = replace(known, noise_um=1.0, level=replace(known.level, coefficients=[1.0, 0.0, 0.0, 0.0],
+                                                       rms_um=[1.0] * len(known.level.rms_um)))
     differ = passport.repeated(noisy)
-    assert passport.level_um(differ, coords) == pytest.approx(np.sqrt(2)) and differ["noise_um"] == np.sqrt(2)
-    assert passport.read(replace(model_of(stack()), passport=json.loads(json.dumps(differ)))) == differ
+    assert passport.level_um(differ, coords) == pytest.approx(np.sqrt(2)) and differ.noise_um == np.sqrt(2)
+    assert passport.read(replace(model_of(stack()), passport=json.loads(json.dumps(differ.to_json())))) == differ
 
 
 def test_expected_spectrum_adds_up_and_follows_the_movement() -> None:
@@ -208,7 +207,7 @@ def test_spread_tells_runs_alike_from_runs_apart() -> None:
 
     def spread(sizes: tuple[float, ...], how: str = LEFT_OUT) -> float:
         return passport.build([left_of(command, noise(len(command), size, k), f"{k}.csv", how)
-                               for k, size in enumerate(sizes)])["spread"]
+                               for k, size in enumerate(sizes)]).spread
 
     assert spread((0.1,) * 8) < 0.25 < 0.6 < spread((0.05, 0.4) * 4)
     assert spread((0.1,), FITTED) > 1.5 * spread((0.1,), OTHER_RUNS)  # nothing says how optimistic it is
@@ -250,7 +249,7 @@ def commissioned(kind: str) -> tuple[Fit, vb.Bench]:
 @pytest.mark.parametrize("kind, scatter, overall", [("preisach", 0.25, 0.2), ("bouc-wen", 0.5, 0.25),
                                                     ("paper", 0.3, 0.2)])
 def test_unchanged_actuators_leave_what_is_expected(kind: str, scatter: float, overall: float) -> None:
-    (result, bench), known = commissioned(kind), commissioned(kind)[0].model.passport
+    (result, bench), known = commissioned(kind), passport.read(commissioned(kind)[0].model)
     runs = [played(bench, name, options, size, f"later {k}.csv") for k, (name, options, size) in enumerate(LATER)]
     predictions = chain.simulate(result.model, runs)
     coords = [localise.coordinates(run, seen.predicted_um, seen.rate_um_per_s)
@@ -260,7 +259,7 @@ def test_unchanged_actuators_leave_what_is_expected(kind: str, scatter: float, o
     misses = np.log(found.ratio)
     assert np.std(misses) < scatter and abs(np.log(found.overall)) < overall
     assert found.spread > 0.5 * np.std(misses)
-    constant = np.log(found.actual_um / known["rms_um"])  # what one number for all recordings would say
+    constant = np.log(found.actual_um / known.rms_um)  # what one number for all recordings would say
     assert np.sqrt(np.mean(misses**2)) < 0.7 * np.sqrt(np.mean(constant**2))
 
 
@@ -270,21 +269,21 @@ def test_a_changed_actuator_leaves_more() -> None:
     prediction, = chain.simulate(result.model, [run])
     coords = [localise.coordinates(run, prediction.predicted_um, prediction.rate_um_per_s)]
     late = np.interp(run.time_s - 1e-3, run.time_s, run.displacement_um)
-    before = passport.ratio(result.model.passport, [run.displacement_um - prediction.predicted_um], coords)
-    after = passport.ratio(result.model.passport, [late - prediction.predicted_um], coords)
+    before = passport.ratio(passport.read(result.model), [run.displacement_um - prediction.predicted_um], coords)
+    after = passport.ratio(passport.read(result.model), [late - prediction.predicted_um], coords)
     assert np.log(before.overall) < 2 * before.spread < np.log(after.overall)
 
 
 # --- in the model file -----------------------------------------------------------------------------------------------
 
 def with_passport(known: object) -> Model:
-    return replace(model_of(stack()), passport=known)
+    return replace(model_of(stack()), passport=known.to_json() if isinstance(known, Passport) else known)
 
 
 def test_survives_the_model_file(tmp_path: Path) -> None:
     write_model(tmp_path / "model.json", with_passport(plain()))
     model = read_model(tmp_path / "model.json")
-    assert passport.read(model, "model.json") == plain()
+    assert passport.read(model) == plain()
     at = left_of(waves(70, 4, 4, RATE_HZ), np.zeros(1000)).coords
     assert np.array_equal(passport.expected_um(passport.read(model), at), passport.expected_um(plain(), at))
 
@@ -315,7 +314,7 @@ def test_a_model_without_passport_has_none() -> None:
     ("level rms_um", [0.0] * 63, "passport.level.rms_um: must be positive"),
 ])
 def test_a_malformed_passport_is_refused(path: str, value: object, key: str) -> None:
-    known = copy.deepcopy(plain())
+    known = plain().to_json()
     place = known
     *parents, last = path.split(" ") if path else [""]
     for name in parents:
@@ -323,7 +322,7 @@ def test_a_malformed_passport_is_refused(path: str, value: object, key: str) -> 
     if path:
         place[last] = value
     with pytest.raises(BadInput) as error:
-        passport.read(with_passport(known if path else value), "m.json")
+        passport.read(replace(with_passport(known if path else value), where="m.json"))
     assert str(error.value).startswith(f"m.json: {key}") and "fit the model again" in str(error.value)
 
 
@@ -336,10 +335,10 @@ def test_every_key_is_needed() -> None:
             if isinstance(value, dict):
                 yield from keys(value, (*path, name))
 
-    found = list(keys(plain()))
+    found = list(keys(plain().to_json()))
     assert len(found) > 25
     for path in found:
-        known = copy.deepcopy(plain())
+        known = plain().to_json()
         place = known
         for name in path[:-1]:
             place = place[name]

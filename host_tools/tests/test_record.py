@@ -1,8 +1,7 @@
-"""`rdpi record` on a pseudo-terminal and a socket, and `rdpi import --telemetry`, as a user types them."""
+"""`rdpi record` on a pseudo-terminal and a socket, as a user types it: when it ends, what it says and refuses."""
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import json
 import os
@@ -14,30 +13,17 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import streams
+from captures import SENT, codes
 from ports import A_MOMENT_S, Board
 from streams import Info, samples, stream
 
 from rdpi import firmware
-from rdpi.board import Decoder, Following
-from rdpi.board.serial import NO_INFO, REPORT_S, SAVE_S, Raw, Safe
+from rdpi.board.serial import NO_INFO, REPORT_S
 from rdpi.data import read_recording, recording
-
-SENT = samples(3000)
-WITHOUT_A_FEW = [sample for sample in SENT if sample.sequence not in (1000, 1001, 1800)]
-
-
-@pytest.fixture
-def run_csv(tmp_path: Path) -> Path:
-    return tmp_path / "run.csv"
-
-
-def codes(path: Path) -> list[float]:
-    return read_recording(path, ("command_V",)).columns["dac_code"].tolist()
 
 
 # ---- record ----
@@ -240,177 +226,7 @@ def test_an_earlier_capture_is_kept_until_the_first_byte(board: Board, run_csv: 
     assert (tmp_path / "raw").read_bytes() == b"earlier"
 
 
-# ---- what is on disk while it goes on ----
-
-def part(run_csv: Path, number: str = "") -> Path:
-    return run_csv.with_name(f"run.csv.part{number}")
-
-
-@pytest.mark.parametrize("body", [b"\2", b"\7"])
-def test_a_frame_of_a_damaged_kind_does_not_cost_the_recording(board: Board, run_csv: Path, rdpi: Callable,
-                                                               body: bytes) -> None:
-    board.later(lambda: board.send(stream(SENT[:1000], finished=0) + streams.frame(body) + stream([])))
-    done = rdpi("record", board.port, "-o", run_csv)
-    assert done.exit_code == 0 and "; 1 corrupt frames" in done.output
-    assert len(codes(run_csv)) == 1000
-
-
-def test_a_fault_of_the_decoder_does_not_cost_what_was_decoded(board: Board, run_csv: Path, rdpi: Callable,
-                                                               monkeypatch: pytest.MonkeyPatch) -> None:
-    feed = Decoder.feed
-
-    def fail(decoder: Decoder, data: bytes) -> None:
-        if decoder.counts.samples == 3000:
-            raise IndexError("of any kind")
-        feed(decoder, data)
-
-    monkeypatch.setattr(Decoder, "feed", fail)
-    board.later(lambda: board.send(stream(SENT, finished=0)))
-    error = rdpi("record", board.port, "-o", run_csv).exception
-    assert isinstance(error, IndexError) and error.__notes__ == [f"What came before is in {part(run_csv)}."]
-    assert len(codes(part(run_csv))) == 3000 and not run_csv.exists()
-
-
-@pytest.mark.parametrize("kilobytes, kept", [(100, 1000), (1, 0)])
-def test_a_full_disk(board: Board, run_csv: Path, kilobytes: int, kept: int) -> None:
-    """Files may grow to so many KB: the recording ends, and says where its samples are."""
-    limited = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({kilobytes << 10},) * 2); " \
-              "from rdpi.cli import main; main()"
-
-    def wait_for_the_first() -> None:
-        while kept and not part(run_csv).exists():
-            time.sleep(0.01)
-
-    board.later(lambda: board.send(stream(SENT[:kept], finished=0)), wait_for_the_first,
-                lambda: board.send(b"".join(sample.frame() for sample in SENT[kept:])))
-    words = [sys.executable, "-B", "-c", limited, "record", board.port, "-o", run_csv]  # -B: no module cached by half
-    process = subprocess.run(words, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, timeout=60)
-    message = process.stderr
-    assert process.returncode == 2 and not run_csv.exists()
-    assert message.startswith(f"rdpi: {run_csv}: File too large; ") and message.count("\n") == 1
-    assert part(run_csv).exists() == bool(kept) == message.endswith(f"; the samples are in {part(run_csv)}\n")
-    if kept:
-        assert part(run_csv).stat().st_size == kilobytes << 10
-        sent = [sample.dac_code for sample in SENT]
-        assert kept <= len(codes(part(run_csv))) and codes(part(run_csv)) == sent[:len(codes(part(run_csv)))]
-
-
-def test_samples_that_cannot_be_saved_end_it(board: Board, run_csv: Path, rdpi: Callable,
-                                             monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recording.GrowingRecording, "append", lambda *_: _full("run.csv.part"))
-    board.later(lambda: board.send(stream(SENT[:1000], finished=0)), lambda: time.sleep(4 * SAVE_S),
-                lambda: board.send(b"".join(sample.frame() for sample in SENT[1000:])))
-    done = rdpi("record", board.port, "-o", run_csv)
-    assert done.exit_code == 2
-    assert done.output.endswith("run.csv.part: No space left on device; what came before has been written\n")
-    assert len(codes(run_csv)) >= 1000 and list(run_csv.parent.iterdir()) == [run_csv]
-
-
-def _full(path: str) -> None:
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), path)
-
-
-@pytest.mark.parametrize("name", ["run.csv.part", "run.csv.part2"])
-def test_what_a_recording_that_was_cut_off_has_left_is_not_written_over(board: Board, run_csv: Path, rdpi: Callable,
-                                                                        name: str) -> None:
-    left = run_csv.with_name(name)
-    left.write_text("left")
-    done = rdpi("record", board.port, "-o", run_csv)
-    assert done.exit_code == 2 and done.output.startswith(f"rdpi: {left}: is what a recording that was cut off has")
-    assert left.read_text() == "left" and list(run_csv.parent.iterdir()) == [left]
-    for option in ("--raw", "--json"):
-        left.unlink(missing_ok=True)
-        done = rdpi("record", board.port, "-o", run_csv, option, left)
-        assert (done.exit_code, done.output) == (
-            2, f"rdpi: {left}: is where samples go while the recording goes on; give another name\n")
-
-
-@pytest.mark.parametrize("name", ["run.csv", "raw"])
-def test_two_recordings_to_one_file(board: Board, run_csv: Path, rdpi: Callable, tmp_path: Path, name: str) -> None:
-    """The second is refused from the beginning, before there is a sample, until the first has ended or was killed."""
-    first, both = Board(), tmp_path / name
-    one = run_csv, tmp_path / "raw"
-    other = [path if path == both else path.with_name("other") for path in one]
-    first.renew()
-    with subprocess.Popen([sys.executable, "-m", "rdpi", "record", first.port, "-o", one[0], "--raw", one[1]],
-                          stdout=subprocess.DEVNULL) as process:
-        first.wait()
-        try:
-            done = subprocess.run([sys.executable, "-m", "rdpi", "record", board.port, "-o", other[0], "--raw",
-                                   other[1]], stderr=subprocess.PIPE, text=True, timeout=20)
-        finally:
-            process.kill()
-    first.unplug()
-    assert (done.returncode, done.stderr) == (2, f"rdpi: {both}: another recording is being written there; end that "
-                                                 "first, or give another name\n")
-    board.later(lambda: board.send(stream(SENT)))
-    assert rdpi("record", board.port, "-o", other[0], "--raw", other[1]).exit_code == 0
-    assert len(codes(other[0])) == len(SENT) and not both.with_name(f".rdpi.{name}.lock").exists()
-
-
-def test_what_came_beside_a_recording_since_it_began_is_not_written_over(run_csv: Path) -> None:
-    decoder = Decoder("board")
-    with Safe(run_csv, True, Following(decoder), {}, Raw(None)) as safe:
-        part(run_csv).write_text("another's")
-        decoder.feed(stream(SENT[:100]))
-        safe.save()
-    assert part(run_csv).read_text() == "another's" and len(codes(run_csv.with_name("run.csv.part2"))) == 100
-
-
-def test_a_recording_to_a_device_has_no_files_beside_it(board: Board, rdpi: Callable) -> None:
-    board.later(lambda: board.send(stream(SENT, finished=0)), lambda: time.sleep(4 * SAVE_S),
-                lambda: board.send(stream([])))
-    before = set(os.listdir("/dev"))
-    assert rdpi("record", board.port, "-o", "/dev/null").exit_code == 0
-    assert not [name for name in set(os.listdir("/dev")) - before if ".part" in name]
-
-
-@pytest.mark.parametrize("every, kept", [(False, [300, 200]), (True, [100, 300, 50, 200])])
-def test_the_longest_and_the_present_stretch_are_kept_or_all(run_csv: Path, every: bool, kept: list[int]) -> None:
-    parts = [SENT[:100], SENT[101:401], SENT[402:452], SENT[453:653]]
-    decoder = Decoder("board")
-    with Safe(run_csv, every, Following(decoder), {"note": "first"}, Raw(None)) as safe:
-        for sent in ([Info()], *parts):
-            decoder.feed(b"".join(one.frame() for one in sent))
-            safe.save()
-    found = [read_recording(path) for path in sorted(run_csv.parent.iterdir())]
-    assert [len(run) for run in found] == kept and {run.metadata["note"] for run in found} == {"first"}
-    safe.remove()
-    assert not list(run_csv.parent.iterdir())
-
-
-def test_a_stretch_without_readings_is_not_kept_for_one_that_has_them(run_csv: Path) -> None:
-    dead = [replace(sample, adc_counts=streams.NO_READING) for sample in SENT]
-    decoder = Decoder("board")
-    with Safe(run_csv, False, Following(decoder), {}, Raw(None)) as safe:
-        for sent in ([Info()], dead[:300], SENT[301:331], SENT[332:352]):
-            decoder.feed(b"".join(one.frame() for one in sent))
-            safe.save()
-    assert [len(read_recording(path)) for path in sorted(run_csv.parent.iterdir())] == [30, 20]
-
-
-def test_a_fault_of_what_saves_does_not_cost_the_recording(board: Board, run_csv: Path, rdpi: Callable,
-                                                           monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Following, "new", lambda one: [1 / 0] if one._decoder.counts.samples >= 1000 else [])
-    board.later(lambda: board.send(stream(SENT, finished=0)))
-    done = rdpi("record", board.port, "-o", run_csv)
-    assert done.exit_code == 2
-    assert done.output.endswith(".part: ZeroDivisionError: division by zero; what came before has been written\n")
-    assert len(codes(run_csv)) >= 1000
-
-
-@pytest.mark.parametrize("option", ["--note", "--actuator"])
-def test_texts_that_no_file_can_hold_are_refused_before_it_begins(captured: Path, refused: Callable,
-                                                                  option: str) -> None:
-    for words in (["record", "/dev/null"], ["import", "--telemetry", captured], ["import", captured]):
-        assert refused(*words, "-o", refused.output, option, "a\udcff").startswith(f"{option} 'a\\udcff': not UTF-8")
-
-
-def test_a_stream_of_a_name_that_is_no_text(captured: Path, run_csv: Path, rdpi: Callable) -> None:
-    name = captured.rename(captured.with_name("a\udcff.bin"))
-    assert rdpi("import", "--telemetry", name, "-o", run_csv).exit_code == 0
-    assert read_recording(run_csv).metadata["source"] == "a\\udcff.bin"
-
+# ---- ports that cannot be used, targets that do not send ----
 
 @pytest.mark.parametrize("option", ["-o", "--raw", "--json"])
 def test_the_port_is_no_file_to_write_to(board: Board, run_csv: Path, rdpi: Callable, option: str) -> None:
@@ -551,152 +367,3 @@ def _read(screen: int) -> bytes:
         return os.read(screen, 4096)
     except OSError:  # the other end is closed
         return b""
-
-
-# ---- import --telemetry ----
-
-@pytest.fixture
-def captured(tmp_path: Path) -> Path:
-    path = tmp_path / "captured.bin"
-    path.write_bytes(stream(WITHOUT_A_FEW))
-    return path
-
-
-def test_the_longest_stretch_of_a_captured_stream(captured: Path, run_csv: Path, rdpi: Callable,
-                                                  tmp_path: Path) -> None:
-    done = rdpi("import", "--telemetry", captured, "-o", run_csv, "--json", tmp_path / "json")
-    assert done.exit_code == 0, done.output
-    assert "2997 samples, 3 lost on the way" in done.output
-    assert codes(run_csv) == [sample.dac_code for sample in SENT[1801:]]
-    assert read_recording(run_csv).metadata.items() >= {"source": "captured.bin", "telemetry_lost": "3"}.items()
-    assert done.output.endswith("\nthe target had finished\n")
-    assert "note: the longest stretch without a gap has 1199 of the 2997 samples received; --stretches writes all 3\n" \
-        in done.output
-    result = json.loads((tmp_path / "json").read_text())
-    assert result["streams"][0]["counts"]["lost"] == 3 and result["streams"][0]["stretches"] == [1000, 798, 1199]
-    assert [row["samples"] for row in result["recordings"]] == [1199]
-
-
-def test_every_stretch_of_it(captured: Path, run_csv: Path, rdpi: Callable) -> None:
-    done = rdpi("import", "--telemetry", captured, "-o", run_csv, "--stretches")
-    assert done.exit_code == 0 and not run_csv.exists() and "note: the longest" not in done.output
-    parts = [codes(run_csv.with_stem(f"run-{k}")) for k in (1, 2, 3)]
-    assert [len(part) for part in parts] == [1000, 798, 1199]
-    assert sum(parts, []) == [sample.dac_code for sample in WITHOUT_A_FEW]
-
-
-@pytest.mark.parametrize("most, status", [(3, 0), (2, 1)])
-def test_the_gate(captured: Path, run_csv: Path, rdpi: Callable, most: int, status: int) -> None:
-    done = rdpi("import", "--telemetry", captured, "-o", run_csv, "--max-lost", most)
-    assert done.exit_code == status and run_csv.exists()
-    assert ("3 samples are missing, more than the 2 allowed by --max-lost" in done.output) == (status == 1)
-
-
-def test_several_streams_to_a_folder(captured: Path, rdpi: Callable, tmp_path: Path) -> None:
-    other = tmp_path / "other.bin"
-    other.write_bytes(stream(SENT[:500]))
-    done = rdpi("import", "--telemetry", captured, other, "-o", f"{tmp_path}/runs/")
-    assert done.exit_code == 0, done.output
-    assert len(codes(tmp_path / "runs/captured.csv")) == 1199 and len(codes(tmp_path / "runs/other.csv")) == 500
-
-
-def test_another_sensor(captured: Path, run_csv: Path, rdpi: Callable) -> None:
-    assert rdpi("import", "--telemetry", captured, "-o", run_csv, "--um-per-count", "-0.5", "--count-0-um",
-                "7").exit_code == 0
-    assert read_recording(run_csv).displacement_um.tolist() == [7 - 0.5 * s.adc_counts for s in SENT[1801:]]
-
-
-@pytest.mark.parametrize("data, message", [
-    (b"", "no telemetry frame in 0 bytes; nothing was sent"),
-    (b"abc" * 100, "no telemetry frame in 300 bytes; is the baud rate right?"),
-    (stream(SENT[:15]), "15 samples, 0 lost on the way, 0 ticks lost by the target; 0 corrupt frames: no 16 samples w"),
-    (Info().frame(), "0 samples, 0 lost on the way, 0 ticks lost by the target; 0 corrupt frames: no 16 samples w"),
-    (Info(streams.REFUSED, -8).frame(), f"the target refuses to run: {firmware.status_text(-8)} (status -8)"),
-    (stream(SENT)[len(Info().frame()):20_000], "samples, but no info frame"),
-])
-def test_streams_without_a_recording(captured: Path, refused: Callable, data: bytes, message: str) -> None:
-    captured.write_bytes(data)
-    assert refused("import", "--telemetry", captured, "-o", refused.output).startswith(f"{captured}: {message}")
-
-
-def test_a_bad_stream_among_good_ones_leaves_nothing(captured: Path, tmp_path: Path, rdpi: Callable) -> None:
-    (tmp_path / "bad.bin").write_bytes(stream(SENT[:5]))
-    assert rdpi("import", "--telemetry", captured, tmp_path / "bad.bin", "-o", f"{tmp_path}/runs/").exit_code == 2
-    assert not (tmp_path / "runs").exists()
-
-
-@pytest.mark.parametrize("words, message", [
-    (["--telemetry", "--rate", "5"], "--rate: has a meaning only without --telemetry"),
-    (["--telemetry", "--command", "1"], "--command: has a meaning only without --telemetry"),
-    (["--stretches"], "--stretches: has a meaning only with --telemetry"),
-    (["--um-per-count", "1"], "--um-per-count: has a meaning only with --telemetry"),
-])
-def test_options_of_the_other_kind(captured: Path, refused: Callable, words: list[str], message: str) -> None:
-    assert refused("import", captured, "-o", refused.output, *words) == message
-
-
-@pytest.mark.parametrize("name", ["run-1.csv", "run-12.csv"])
-def test_stretches_are_not_written_over_what_is_read(captured: Path, rdpi: Callable, tmp_path: Path,
-                                                     name: str) -> None:
-    source = captured.rename(tmp_path / name)
-    as_it_was = source.read_bytes()
-    done = rdpi("import", "--telemetry", source, "-o", tmp_path / "run.csv", "--stretches")
-    assert (done.exit_code, done.output) == (
-        2, f"rdpi: {source}: would be written over an input; give another name or folder\n")
-    link = tmp_path / "other-1.csv"
-    link.symlink_to(source)
-    done = rdpi("import", "--telemetry", source, "-o", tmp_path / "other.csv", "--stretches")
-    assert done.exit_code == 2 and f"{link}: would be written over an input" in done.output
-    assert source.read_bytes() == as_it_was
-
-
-def test_nor_over_what_else_is_written(captured: Path, board: Board, rdpi: Callable, tmp_path: Path) -> None:
-    for words in (["import", "--telemetry", captured, "-o", tmp_path / "run.csv", "--stretches", "--json"],
-                  ["record", board.port, "-o", tmp_path / "run.csv", "--stretches", "--raw"]):
-        done = rdpi(*words, tmp_path / "run-1.csv")
-        assert done.exit_code == 2 and "run-1.csv: would be written over another output" in done.output
-    (tmp_path / "runs").mkdir()
-    done = rdpi("import", "--telemetry", captured, "-o", tmp_path / "runs", "--json", tmp_path / "runs/captured.csv")
-    assert done.exit_code == 2 and "captured.csv: would be written over another output" in done.output
-    assert not list((tmp_path / "runs").iterdir())
-
-
-def test_the_raw_stream_is_not_written_over_the_recording(refused: Callable) -> None:
-    message = refused("record", "/dev/null", "-o", refused.output, "--raw", refused.output)
-    assert "another output" in message
-
-
-def test_the_target_told_what_it_did_not_send(captured: Path, run_csv: Path, rdpi: Callable) -> None:
-    captured.write_bytes(stream(WITHOUT_A_FEW, Info(counts=(3, *[0] * 8))))
-    done = rdpi("import", "--telemetry", captured, "-o", run_csv)
-    assert "note: 3 samples never left the target: its line is too slow" in done.output
-
-
-@pytest.mark.parametrize("sent, note", [
-    (stream(SENT), None),
-    (stream(SENT, finished=0), "note: the stream ends before the target had finished"),
-    (stream(SENT, finished=0) + Info(streams.REFUSED).frame(), "the target refuses to run: the board has no timer for"),
-])
-def test_how_a_stream_ended(captured: Path, run_csv: Path, rdpi: Callable, sent: bytes, note: str | None) -> None:
-    captured.write_bytes(sent)
-    done = rdpi("import", "--telemetry", captured, "-o", run_csv)
-    assert done.exit_code == 0 and len(codes(run_csv)) == 3000
-    assert ("the target had finished\n" in done.output) == (note is None or note.startswith("note"))
-    assert note is None or f"\n{note}" in done.output
-
-
-def test_why_the_memory_is_unknown(captured: Path, run_csv: Path, rdpi: Callable) -> None:
-    sent = [replace(sample, flags=streams.SWEEP, dac_code=0) if sample.sequence < 30 else
-            replace(sample, dac_code=40_000) for sample in SENT]
-    captured.write_bytes(stream(sent))
-    done = rdpi("import", "--telemetry", captured, "-o", run_csv)
-    assert "memory: unknown (the drive jumps at the sweep's end)\n" in done.output
-    done = rdpi("import", "--telemetry", captured, "-o", run_csv, "--memory", "carried")
-    assert "memory: carried\n" in done.output
-
-
-def test_samples_without_readings(captured: Path, run_csv: Path, rdpi: Callable) -> None:
-    captured.write_bytes(stream([replace(sample, adc_counts=streams.NO_READING) for sample in SENT]))
-    done = rdpi("import", "--telemetry", captured, "-o", run_csv)
-    assert done.exit_code == 0 and "note: no displacement_um" in done.output
-    assert read_recording(run_csv, ("command_V",)).displacement_um is None

@@ -12,6 +12,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from written import complaints
 
 pytestmark = pytest.mark.slow
 
@@ -98,12 +99,22 @@ def test_fit_header_compensate(bin_dir: Path, tmp_path: Path) -> None:
     run(rdpi, "compensate", "model.json", "reference.csv", "-o", "drive.csv", "--engine", "f32", cwd=tmp_path)
 
     assert json.loads((tmp_path / "model.json").read_text())["schema"] == "rdpi-model/1"
+    assert complaints(json.loads((tmp_path / "model.json").read_text())) == []
     assert "RDPI_PARAMS_SCHEMA" in (tmp_path / "rdpi_params.h").read_text()
     with open(tmp_path / "drive.csv") as file:
         drive = [float(row["command_V"]) for row in csv.DictReader(line for line in file if not line.startswith("#"))]
     assert len(drive) == len(rows)
     error_V = [asked - given for asked, (_, given, _) in zip(drive, rows)]
     assert math.sqrt(sum(e * e for e in error_V) / len(error_V)) < 1  # of 100 V peak to peak
+
+
+def test_it_holds_the_schemas(bin_dir: Path, tmp_path: Path) -> None:
+    """Of the three documents, and they are those of the checkout."""
+    where = "import pathlib, rdpi; print(*pathlib.Path(rdpi.__file__).parent.glob('*/schemas/*.json'), sep='\\n')"
+    found = {Path(path) for path in run(bin_dir / "python", "-c", where, cwd=tmp_path).splitlines()}
+    assert {path.name for path in found} == {"rdpi-model-1.json", "rdpi-fit-1.json", "rdpi-gap-1.json"}
+    for path in found:
+        assert path.read_bytes() == (HOST_TOOLS / "rdpi" / path.parts[-3] / "schemas" / path.name).read_bytes()
 
 
 def test_the_source_distribution_builds_the_same_wheel(wheel: Path, tmp_path: Path) -> None:

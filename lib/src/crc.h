@@ -1,12 +1,12 @@
-/* The checksum of parameters in flash: CRC-32 as in zlib, Ethernet and PNG. Bit by bit: it runs once, and a table would
- * cost more flash than all of init. */
+/* The checksum of parameters in flash: CRC-32 as in zlib, Ethernet and PNG. It is computed bit by bit: it runs once,
+ * and a table would take more flash than all of init. */
 #ifndef RDPI_CRC_H
 #define RDPI_CRC_H
 
 #include <stddef.h>
 #include <stdint.h>
 
-/* Goes on with `crc`, the result so far (0 to begin), over `size` bytes. */
+/* Continues `crc`, the result so far (0 at the beginning), over `size` bytes. */
 static inline uint32_t rdpi_crc32(uint32_t crc, const void *data, size_t size)
 {
     const unsigned char *bytes = data;

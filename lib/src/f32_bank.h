@@ -1,21 +1,30 @@
-/* The exact inverse of the rate-dependent play bank, and the bank's states that make it cheap.
+/* The bank of rate-dependent plays and its exact inverse: Ang et al., IROS 2003, eq. 9 and 17.
  *
- * The published inverse (Ang et al., IROS 2003, eq. 12 and 18) is exact only while the weights are constant. This one
- * keeps the forward plays' own states and solves f(x) = sum of w_i play_i(x) = v for x (eq. 9 and 17), so it is exact
- * for any sequence of rates.
+ * The published inverse (eq. 12 and 18) is exact only while the weights are constant. This one keeps the states y_i of
+ * the forward plays themselves, and solves
  *
- * As x moves one way, f is continuous, increasing and piecewise linear. Its corners are where the next play engages:
- * rising at x = y_i + r_i, falling at x = y_i - r_i. Both sequences are ordered for states reached from one history, so
- * the plays that move with x are always 0 .. k, the slope is W_k, and
+ *   f(x) = sum of w_i play_i(x) = v
  *
- *   f(x) = W_k x + rest,   rest = sum over i > k of w_i y_i  -/+  P_k      (- rising, + falling),
+ * for x. It is therefore exact for any sequence of rates.
  *
- * where P_k = sum over i <= k of w_i r_i is the loading curve's intercept. Neither x nor rest changes the other until a
- * play engages or x turns round; w and P are linear in the rate, so rest is kept in two parts. Falling is rising seen
- * in a mirror: `side`, +1 or -1, turns it over.
+ * As x moves one way, f is continuous, increasing and piecewise linear. Play i engages, which means that it begins to
+ * move with x, at a corner of f: at x = y_i + r_i while x rises, at x = y_i - r_i while x falls. For states that one
+ * history has led to, both sequences are ordered. The plays that move with x are therefore always 0 .. k, and
  *
- * rest is summed afresh whenever a play engages or x turns round, so rounding cannot pile up. While none engages and
- * the engaged ones do not let go, the solution is one division (rdpi_f32_bank_way). */
+ *   f(x) = W_k x + remainder,   remainder = sum over i > k of w_i y_i  -/+  P_k      (- rising, + falling).
+ *
+ * P_k = sum over i <= k of w_i r_i is the intercept of the loading curve. The remainder stays the same until a play
+ * engages or x turns round. It is kept in two parts, at rate 0 and per unit rate, because w and P are linear in the
+ * rate. Whenever a play engages or x turns round, it is summed afresh, so that rounding does not add up.
+ *
+ * Three ideas keep the code short:
+ *
+ * - Falling is rising seen in a mirror. `side`, +1 or -1, turns one into the other. `climb` is how far f has to climb,
+ *   of either sign; `rise` is the same seen in the mirror, where x rises.
+ * - The engaged plays need no states: x implies them. They are stored when x turns round.
+ * - Looking for a solution (rdpi_f32_bank_walk) moves no play. rdpi_f32_bank_move does that, to what is really output.
+ *
+ * While no play engages or lets go, the solution is one division (rdpi_f32_bank_way). */
 #ifndef RDPI_F32_BANK_H
 #define RDPI_F32_BANK_H
 
@@ -29,14 +38,14 @@ static inline rdpi_real_t rdpi_f32_bank_side(bool falling)
     return falling ? (rdpi_real_t)-1 : (rdpi_real_t)1;
 }
 
-/* State of play i. */
+/* The state of play i. */
 static inline rdpi_real_t rdpi_f32_bank_state(const rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t i)
 {
     rdpi_real_t lag_um = rdpi_f32_bank_side(bank->falling) * play[i].r_um;
     return i <= bank->engaged ? bank->y_um[0] - lag_um : bank->y_um[i];
 }
 
-/* f at any x, as eq. 9 and 17 define it. Summed by parts, f = sum of W_i (y_i - y_(i+1)): no weight is ever formed. */
+/* Eq. 9 and 17: f at any x. It is summed by parts, f = sum of W_i (y_i - y_(i+1)), so that no weight is ever formed. */
 static inline rdpi_real_t rdpi_f32_bank_at(const rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
                                            rdpi_real_t rate_um_per_s, rdpi_real_t x_um)
 {
@@ -50,11 +59,12 @@ static inline rdpi_real_t rdpi_f32_bank_at(const rdpi_f32_bank_t *bank, const rd
     return v_um + rdpi_f32_slope(&play[count - 1u], rate_um_per_s) * y_um;
 }
 
-/* Takes x, where it is heading, to `x_um`: finds out which plays engage, and sums rest afresh over those that do not,
- * by parts as rdpi_f32_bank_at does. The state of the last that is engaged already is implied by x, so its place can
- * end the search. */
+/* Moves x on to `x_um`, in the direction in which it goes. Finds the plays that engage on the way, and sums the
+ * remainder afresh over the others, by parts as rdpi_f32_bank_at does. The search goes from the last play down. It ends
+ * at the place of the last engaged play at the latest: x implies the state of that play, so its place can hold a
+ * sentinel. */
 static inline void rdpi_f32_bank_advance(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
-                                        rdpi_real_t side, rdpi_real_t x_um)
+                                         rdpi_real_t side, rdpi_real_t x_um)
 {
     rdpi_real_t way_um = side * x_um;
     const rdpi_f32_play_t *row = &play[count - 1u];
@@ -78,8 +88,8 @@ static inline void rdpi_f32_bank_advance(rdpi_f32_bank_t *bank, const rdpi_f32_p
     bank->remainder_rate_s = rdpi_f32_fma(-side, row->intercept_rate_s, remainder_rate_s);
 }
 
-/* Takes on `y_um`, states that one history can reach, as they are: x seems to come from below them all, so that none is
- * engaged, however they are rounded. */
+/* Takes the states `y_um`, which one history can lead to, as they are. x seems to come from below all corners, so that
+ * no play is engaged, however the states are rounded. */
 static inline void rdpi_f32_bank_set(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
                                      const rdpi_real_t *y_um)
 {
@@ -93,21 +103,21 @@ static inline void rdpi_f32_bank_set(rdpi_f32_bank_t *bank, const rdpi_f32_play_
     bank->y_um[0] = x_um;
 }
 
-/* How far f has to climb to `v_um`. Where it has to climb away from where x is heading, x turns round. */
+/* How far f has to climb to `v_um`. If that is against the direction in which x goes, x has to turn round. */
 static inline rdpi_real_t rdpi_f32_bank_climb(const rdpi_f32_bank_t *bank, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
     rdpi_real_t left_um = v_um - rdpi_f32_fma(rate_um_per_s, bank->remainder_rate_s, bank->remainder_um);
     return rdpi_f32_fma(-rdpi_f32_slope(bank->last_engaged, rate_um_per_s), bank->y_um[0], left_um);
 }
 
-/* How far x has to go for f to climb by `climb_um` if no play engages or lets go on the way there. */
+/* How far x has to go for f to climb by `climb_um`, if no play engages or lets go on the way. */
 static inline rdpi_real_t rdpi_f32_bank_way(const rdpi_f32_bank_t *bank, rdpi_real_t rate_um_per_s,
                                             rdpi_real_t climb_um)
 {
     return climb_um / rdpi_f32_slope(bank->last_engaged, rate_um_per_s);
 }
 
-/* Notes where x, heading for `side`, has taken the engaged plays: there they stay once it turns round. */
+/* Stores the states of the engaged plays, which x has implied so far. Called where x turns round: they stay there. */
 static inline void rdpi_f32_bank_store(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, rdpi_real_t side)
 {
     rdpi_real_t x_um = bank->y_um[0];
@@ -122,18 +132,18 @@ typedef struct {
     bool turned; /* x has to turn round on the way there, and rdpi_f32_bank_store has been called */
 } rdpi_f32_target_t;
 
-/* `x_um`, from any source. */
+/* `x_um` from any source but rdpi_f32_bank_walk. */
 static inline rdpi_f32_target_t rdpi_f32_bank_target(rdpi_real_t x_um)
 {
     rdpi_f32_target_t target = {x_um, false};
     return target;
 }
 
-/* The x where f has climbed by `climb_um`, to rounding, for slopes that are all > 0 at this rate. No play moves;
- * rdpi_f32_bank_move must follow, to what is really output. Walks from corner to corner, all seen in the mirror, to the
- * last one before that x; where there is none, x goes rdpi_f32_bank_way, to the last bit. */
+/* The x where f has climbed by `climb_um`, to rounding. All slopes must be > 0 at this rate. No play moves: call
+ * rdpi_f32_bank_move with what is really output. The walk goes from corner to corner, seen in the mirror, up to the
+ * last corner before that x. If there is no corner, x goes as far as rdpi_f32_bank_way, to the last bit. */
 static inline rdpi_f32_target_t rdpi_f32_bank_walk(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
-                                                    rdpi_real_t rate_um_per_s, rdpi_real_t climb_um)
+                                                   rdpi_real_t rate_um_per_s, rdpi_real_t climb_um)
 {
     const rdpi_f32_play_t *row = bank->last_engaged, *last = &play[count - 1u];
     const rdpi_real_t *y_um = &bank->y_um[bank->engaged];
@@ -148,7 +158,7 @@ static inline rdpi_f32_target_t rdpi_f32_bank_walk(rdpi_f32_bank_t *bank, const 
         y_um = bank->y_um;
     }
     rdpi_real_t slope = rdpi_f32_slope(row, rate_um_per_s);
-    rdpi_real_t behind_um = -side * bank->y_um[0]; /* less x: one copy less per corner than x itself */
+    rdpi_real_t behind_um = -side * bank->y_um[0]; /* -x: it takes one copy less per corner than x itself */
     while (row != last) {
         y_um++;
         rdpi_real_t corner_um = rdpi_f32_fma(side, *y_um, row[1].r_um);
@@ -172,10 +182,10 @@ static inline rdpi_f32_target_t rdpi_f32_bank_solve(rdpi_f32_bank_t *bank, const
     return rdpi_f32_bank_walk(bank, play, count, rate_um_per_s, rdpi_f32_bank_climb(bank, rate_um_per_s, v_um));
 }
 
-/* Moves every play (eq. 1) to the input target.x_um. Returns the side where x is heading then: it has not turned round if
- * what is output has it stay. */
+/* Moves the input to target.x_um, and every play with it. Returns the side to which x goes then. That side is the old
+ * one if x does not move, even if target.turned. */
 static RDPI_F32_SHARED rdpi_real_t rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
-                                                  rdpi_f32_target_t target)
+                                                      rdpi_f32_target_t target)
 {
     rdpi_real_t side = rdpi_f32_bank_side(bank->falling);
     bool let_go = false;

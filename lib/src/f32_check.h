@@ -1,4 +1,5 @@
-/* What rdpi_f32_init and rdpi_f32_set_memory refuse, and the checksum of the parameters. */
+/* What rdpi_f32_init and rdpi_f32_set_memory refuse, and the checksum of the parameters. The statuses are described at
+ * rdpi_status_t. */
 #ifndef RDPI_F32_CHECK_H
 #define RDPI_F32_CHECK_H
 
@@ -10,13 +11,13 @@
 #include "f32_play.h"
 #include "f32_rate.h"
 
-/* Relative: states and parameters that were printed, parsed or read back must pass although rounded. */
+/* Relative. States and parameters that were printed, parsed or read back are rounded, and must pass. */
 #define ROUNDING ((rdpi_real_t)1e-5)
 
-/* A number beyond this is refused: then no sum or product of the step can overflow. */
+/* The largest magnitude of a number. Below it, no sum or product of the step can overflow. */
 #define MAX_NUMBER ((rdpi_real_t)1e7)
 
-/* Slopes below this are refused: the step divides by them. */
+/* The smallest slope. The step divides by slopes. */
 #define MIN_SLOPE ((rdpi_real_t)1e-7)
 
 /* The narrowest output range, V. */
@@ -24,19 +25,19 @@
 
 #define MAX_SWEEP_CYCLES 10000u
 
-/* ---- what init checks ---- */
-
-/* Of the struct, the part that holds nothing but numbers, and the part that the digest covers. */
+/* The part of the struct that holds nothing but numbers, without those that make codes. */
 #define NUMBERS_BEGIN offsetof(rdpi_f32_params_t, gain_um_per_V)
 #define NUMBERS_END (offsetof(rdpi_f32_params_t, sweep_end_V) + sizeof(rdpi_real_t))
-#define CODES_END (offsetof(rdpi_f32_params_t, V_per_code) + sizeof(rdpi_real_t))
-#define DIGEST_BEGIN offsetof(rdpi_f32_params_t, plays)
 
-/* The same of what makes codes, which may be many and short. */
+/* The part that the digest covers. It ends with the numbers that make codes. */
+#define DIGEST_BEGIN offsetof(rdpi_f32_params_t, plays)
+#define DIGEST_END (offsetof(rdpi_f32_params_t, V_per_code) + sizeof(rdpi_real_t))
+
+/* The largest magnitude of the numbers that make codes: codes may be many and close together. */
 #define MAX_CODE_NUMBER ((rdpi_real_t)1e15)
 
-/* Whether a block of memory that holds nothing but numbers holds no NaN and none larger than `limit`. */
-static bool all_within(rdpi_real_t limit, const void *block, size_t bytes)
+/* Whether no number is NaN or larger than `limit`, in a block of memory that holds nothing but numbers. */
+static bool rdpi_f32_all_within(rdpi_real_t limit, const void *block, size_t bytes)
 {
     for (size_t offset = 0; offset < bytes; offset += sizeof(rdpi_real_t)) {
         rdpi_real_t value;
@@ -48,6 +49,7 @@ static bool all_within(rdpi_real_t limit, const void *block, size_t bytes)
     return true;
 }
 
+/* What must hold before any other check may read. */
 static rdpi_status_t rdpi_f32_check_pointers(uint64_t layout, const rdpi_f32_t *self, const rdpi_f32_params_t *params)
 {
     if (layout != RDPI_F32_LAYOUT) {
@@ -73,16 +75,17 @@ static rdpi_status_t rdpi_f32_check_pointers(uint64_t layout, const rdpi_f32_t *
 static bool rdpi_f32_check_numbers(const rdpi_f32_params_t *params)
 {
     const unsigned char *bytes = (const unsigned char *)params;
-    return all_within(MAX_NUMBER, bytes + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN) &&
-           all_within(MAX_CODE_NUMBER, bytes + NUMBERS_END, CODES_END - NUMBERS_END) &&
-           all_within(MAX_NUMBER, params->play, params->plays * sizeof *params->play) &&
-           all_within(MAX_NUMBER, params->saturation, params->deadzones * sizeof *params->saturation) &&
-           all_within(MAX_NUMBER, params->inverse_saturation, params->deadzones * sizeof *params->inverse_saturation);
+    return rdpi_f32_all_within(MAX_NUMBER, bytes + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN) &&
+           rdpi_f32_all_within(MAX_CODE_NUMBER, bytes + NUMBERS_END, DIGEST_END - NUMBERS_END) &&
+           rdpi_f32_all_within(MAX_NUMBER, params->play, params->plays * sizeof *params->play) &&
+           rdpi_f32_all_within(MAX_NUMBER, params->saturation, params->deadzones * sizeof *params->saturation) &&
+           rdpi_f32_all_within(MAX_NUMBER, params->inverse_saturation,
+                               params->deadzones * sizeof *params->inverse_saturation);
 }
 
 static rdpi_status_t rdpi_f32_check_plays(const rdpi_f32_params_t *params)
 {
-    rdpi_real_t below_um = -1; /* the threshold before; r_0 is 0 */
+    rdpi_real_t below_um = -1; /* the threshold before, which is below r_0 = 0 here */
     if (params->play[0].r_um != 0) {
         return RDPI_ERR_THRESHOLDS;
     }
@@ -94,7 +97,7 @@ static rdpi_status_t rdpi_f32_check_plays(const rdpi_f32_params_t *params)
         if (play->slope < MIN_SLOPE) {
             return RDPI_ERR_SLOPES;
         }
-        /* W_i is linear in the rate: both ends of the range decide. The ratio is compared to rounding. */
+        /* W_i is linear in the rate, so that both ends of its range decide. */
         rdpi_real_t fastest = rdpi_f32_slope(play, params->max_um_per_s);
         if (fastest < MIN_SLOPE || fastest < params->min_slope_ratio * (1 - ROUNDING) * play->slope) {
             return RDPI_ERR_GUARD;
@@ -130,7 +133,7 @@ static rdpi_status_t rdpi_f32_check_drive(const rdpi_f32_params_t *params, rdpi_
         params->dac_bits > RDPI_MAX_DAC_BITS) {
         return RDPI_ERR_DRIVE;
     }
-    /* What the drive moves per sample must survive rounding anywhere in its range, or it would never arrive. */
+    /* The change per sample must survive rounding anywhere in the range, or the sweep would never arrive. */
     rdpi_real_t largest_V = fabs(params->min_V) + fabs(params->max_V);
     rdpi_real_t moved_V = largest_V + params->sweep_V_per_s * sample_time_s / 16;
     if (params->sweep_cycles - 1u >= MAX_SWEEP_CYCLES || params->sweep_end_V < params->min_V ||
@@ -141,8 +144,8 @@ static rdpi_status_t rdpi_f32_check_drive(const rdpi_f32_params_t *params, rdpi_
     return RDPI_OK;
 }
 
-/* Whether one history can have left these states, with a drive inside the range. Comparisons are such that NaN
- * fails, and infinity beside a finite state. */
+/* Whether one history can lead to these states, with a drive inside the range. NaN fails the comparisons, and so does
+ * infinity beside a finite state. */
 static rdpi_status_t rdpi_f32_check_memory(const rdpi_f32_params_t *params, const rdpi_real_t *y_um)
 {
     rdpi_real_t drive_V = rdpi_f32_drive_of_x(params, y_um[0]);
@@ -156,16 +159,18 @@ static rdpi_status_t rdpi_f32_check_memory(const rdpi_f32_params_t *params, cons
     return possible ? RDPI_OK : RDPI_ERR_MEMORY;
 }
 
+/* rdpi_f32_digest, whatever the layout of the caller. */
 static uint32_t rdpi_f32_checksum(const rdpi_f32_params_t *params)
 {
-    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, CODES_END - DIGEST_BEGIN);
+    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, DIGEST_END - DIGEST_BEGIN);
     crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
     crc = rdpi_crc32(crc, params->saturation, params->deadzones * sizeof *params->saturation);
     crc = rdpi_crc32(crc, params->inverse_saturation, params->deadzones * sizeof *params->inverse_saturation);
     return rdpi_crc32(crc, params->memory_um, params->plays * sizeof *params->memory_um);
 }
 
-/* And sets up the rate estimator: check_drive relies on the sample time that it accepts. */
+/* All that needs valid pointers and counts. Also sets up the rate estimator of `self`, which checks the sample time:
+ * rdpi_f32_check_drive relies on it. */
 static rdpi_status_t rdpi_f32_check_params(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
 {
     if (params->digest != rdpi_f32_checksum(params)) {

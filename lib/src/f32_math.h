@@ -1,4 +1,4 @@
-/* Arithmetic of the library in single precision, and how its functions are compiled. */
+/* Arithmetic of the library in single precision, and how its functions are compiled. Sibling: q31_math.h. */
 #ifndef RDPI_F32_MATH_H
 #define RDPI_F32_MATH_H
 
@@ -6,7 +6,8 @@
 
 #include "rdpi/f32.h"
 
-/* Whether steps take a quick way where no play engages or lets go: a third of the instructions, 2 to 3 kB of code. */
+/* Whether the quick way of the step is compiled: see rdpi/f32.h. It takes a third of the instructions, and adds 2 to 3
+ * kB of code. */
 #if !defined(RDPI_QUICK_STEP)
 #if defined(__OPTIMIZE_SIZE__)
 #define RDPI_QUICK_STEP 0
@@ -15,8 +16,11 @@
 #endif
 #endif
 
-/* Of functions: APART from callers whose usual way must not pay for it; WITHIN its callers; SHARED, once in the program
- * where size counts, within its callers where time does. */
+/* How a function is compiled:
+ *
+ * - SELDOM: apart from its callers, whose usual way must not pay for it;
+ * - HOT: within its callers;
+ * - SHARED: once in the program if size counts, within its callers if time does. */
 #if !defined(__GNUC__) || !defined(__OPTIMIZE__)
 #define RDPI_F32_SELDOM
 #define RDPI_F32_HOT inline
@@ -31,7 +35,7 @@
 #define RDPI_F32_SHARED __attribute__((noinline, unused))
 #endif
 
-/* a b + c, in one instruction where the core has one; never a call of libm's. */
+/* a b + c, in one instruction if the core has one. Never a call of libm. */
 static inline rdpi_real_t rdpi_f32_fma(rdpi_real_t a, rdpi_real_t b, rdpi_real_t c)
 {
 #if defined(__FP_FAST_FMAF)

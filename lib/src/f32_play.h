@@ -1,10 +1,10 @@
-/* The play (backlash) operator and its rate-dependent weights: Ang et al., IROS 2003, eq. 1 and 14. */
+/* The play (backlash) operator and its rate-dependent slope: Ang et al., IROS 2003, eq. 1 and 14. */
 #ifndef RDPI_F32_PLAY_H
 #define RDPI_F32_PLAY_H
 
 #include "f32_math.h"
 
-/* Eq. 1: the play of threshold `r_um` (>= 0) moves to where the input `x_um` pushes it from its last output `y_um`. */
+/* Eq. 1: the input `x_um` pushes the play of threshold `r_um` (>= 0) from its last output `y_um`. Returns where to. */
 static inline rdpi_real_t rdpi_f32_play(rdpi_real_t x_um, rdpi_real_t r_um, rdpi_real_t y_um)
 {
     rdpi_real_t low = x_um - r_um;

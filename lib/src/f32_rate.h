@@ -1,5 +1,5 @@
-/* The rate estimator: a difference over a time window, then a first-order low-pass. Both are configured in seconds, so
- * that one parameter set serves any interrupt rate.
+/* The rate estimator: a difference over a window of time, then a first-order low-pass. Both are configured in seconds,
+ * so that one set of parameters serves any sample time T.
  *
  *   rho_k = |z_k - z_(k-N)| / (N T),  N = max(1, round(window_s / T)),  z_0 in place of samples before the first
  *   low-pass: rho'_k = rho'_(k-1) + (1 - exp(-T / filter_s)) (rho_k - rho'_(k-1)),  rho'_0 = 0; none if filter_s = 0 */
@@ -17,8 +17,8 @@ static inline void rdpi_f32_rate_reset(rdpi_f32_rate_t *rate)
     rate->filtered_um_per_s = 0;
 }
 
-/* E = 1 - exp(-u), 0 <= u <= 64: a series at u / 2^16, then E(2 u) = E (2 - E), which cancels nothing. Not expm1 of
- * libm, which is larger than all the rest of the step. */
+/* E = 1 - exp(-u), 0 <= u <= 64: a series at u / 2^16, then 16 times E(2 u) = E (2 - E), where nothing cancels. expm1
+ * of libm would be larger than all the rest of the step. */
 static inline rdpi_real_t rdpi_f32_rate_blend(rdpi_real_t u)
 {
     u /= 65536;
@@ -29,9 +29,12 @@ static inline rdpi_real_t rdpi_f32_rate_blend(rdpi_real_t u)
     return fraction;
 }
 
-/* Sets up `rate` for samples `sample_time_s` apart, no sample seen yet. Returns RDPI_OK, RDPI_ERR_SAMPLE_TIME unless
- * RDPI_MIN_SAMPLE_TIME_S <= sample_time_s <= 1 / RDPI_MIN_SAMPLE_TIME_S, RDPI_ERR_RATE unless window_s >= 0 and
- * filter_s >= 0, or RDPI_ERR_WINDOW iff N > RDPI_MAX_WINDOW. */
+/* Sets up `rate` for samples that are `sample_time_s` apart, with no sample seen yet. Returns
+ *
+ * - RDPI_ERR_SAMPLE_TIME unless RDPI_MIN_SAMPLE_TIME_S <= sample_time_s <= 1 / RDPI_MIN_SAMPLE_TIME_S,
+ * - RDPI_ERR_RATE unless window_s >= 0 and filter_s >= 0,
+ * - RDPI_ERR_WINDOW if N > RDPI_MAX_WINDOW,
+ * - RDPI_OK otherwise. */
 static inline rdpi_status_t rdpi_f32_rate_init(rdpi_f32_rate_t *rate, rdpi_real_t window_s, rdpi_real_t filter_s,
                                                rdpi_real_t sample_time_s)
 {
@@ -52,19 +55,22 @@ static inline rdpi_status_t rdpi_f32_rate_init(rdpi_f32_rate_t *rate, rdpi_real_
     return RDPI_OK;
 }
 
-/* The rate of the sample `z_um` in the plain case, which is the frequent one: N = 1, no low-pass, the sample before it
- * seen and none missed. Takes no note of it. O(1). */
+/* The rate of the sample `z_um` in the direct case, which is the frequent one: N = 1, no low-pass, there is a sample
+ * before it, and none was missed. Does not store the sample. O(1). */
 static inline rdpi_real_t rdpi_f32_rate_direct(const rdpi_f32_rate_t *rate, rdpi_real_t z_um)
 {
     return fabs(z_um - rate->z_um[0]) * rate->per_window_s;
 }
 
-/* Takes the sample `z_um`, after `missed` of which nothing is known but that they lay on the straight line from the one
- * before, and returns the rate in um/s, >= 0. O(missed + 1), or O(1) for N = 1 without low-pass; the first sample O(N).
- * |z_um| <= 2e7.
+/* Takes the sample `z_um`, |z_um| <= 2e7, and returns the rate in um/s, >= 0. Before it, `missed` samples were missed:
+ * they are taken to lie on the straight line from the sample before them. O(missed + 1), or O(1) for N = 1 without
+ * low-pass. The first sample is O(N).
  *
- * A difference is taken of samples wherever there are samples N apart, and of the line's slope where both its ends lie
- * on the line: of a point of the line, which is rounded, only where nothing else is known. */
+ * Points of the line are rounded. The difference over N samples therefore uses, in this order:
+ *
+ * 1. the slope of the line, if both ends of the difference lie on the line;
+ * 2. the samples at both ends, if both are samples;
+ * 3. a point of the line, if there is nothing else. */
 static inline rdpi_real_t rdpi_f32_rate_step(rdpi_f32_rate_t *rate, rdpi_real_t z_um, unsigned missed)
 {
     if (rate->oldest == rate->window || missed > RDPI_MAX_MISSED) {
@@ -77,7 +83,7 @@ static inline rdpi_real_t rdpi_f32_rate_step(rdpi_f32_rate_t *rate, rdpi_real_t 
     }
     rdpi_real_t step_um = z_um - rate->z_um[(rate->oldest > 0u ? rate->oldest : rate->window) - 1u];
     step_um /= (rdpi_real_t)(missed + 1u);
-    if (RDPI_QUICK_STEP && rate->window == 1u && rate->keep <= 0) { /* what the loop below comes to */
+    if (RDPI_QUICK_STEP && rate->window == 1u && rate->keep <= 0) { /* the loop below gives the same */
         rate->z_um[0] = z_um;
         return fabs(step_um) * rate->per_window_s;
     }
@@ -92,7 +98,7 @@ static inline rdpi_real_t rdpi_f32_rate_step(rdpi_f32_rate_t *rate, rdpi_real_t 
         rate->oldest = (uint16_t)(rate->oldest + 1u < rate->window ? rate->oldest + 1u : 0u);
 
         rdpi_real_t raw_um_per_s = fabs(moved_um) * rate->per_window_s;
-        /* Not filtered += (1 - keep) (raw - filtered): a large old value's rounding would stay in a small new one. */
+        /* Not filtered += (1 - keep) (raw - filtered): rounding of a large old value would stay in a small new one. */
         rate->filtered_um_per_s = rdpi_f32_fma(rate->keep, rate->filtered_um_per_s - raw_um_per_s, raw_um_per_s);
     }
     return rate->filtered_um_per_s;

@@ -1,4 +1,4 @@
-/* The saturation stage, a sum of one-sided dead zones: Ang et al., IROS 2003, eq. 7, 8 and 13. */
+/* The saturation stage, a sum of one-sided dead zones, and its inverse: Ang et al., IROS 2003, eq. 7, 8 and 13. */
 #ifndef RDPI_F32_SATURATION_H
 #define RDPI_F32_SATURATION_H
 
@@ -10,8 +10,8 @@ static inline rdpi_real_t rdpi_f32_deadzone(rdpi_real_t v_um, rdpi_real_t d_um)
     return v_um > d_um ? v_um - d_um : 0;
 }
 
-/* Eq. 8: S(v) = sum of ws_j S_dj(v), S_0(v) = v. Thresholds ascend, so beyond the first that v does not exceed there
- * is nothing to add. O(count), count >= 1. */
+/* Eq. 8: S(v) = sum of ws_j S_dj(v), S_0(v) = v. Thresholds ascend: the sum ends at the first that v does not exceed.
+ * O(count), count >= 1. */
 static inline rdpi_real_t rdpi_f32_saturation(const rdpi_f32_deadzone_t *term, size_t count, rdpi_real_t v_um)
 {
     const rdpi_f32_deadzone_t *end = &term[count];
@@ -22,10 +22,10 @@ static inline rdpi_real_t rdpi_f32_saturation(const rdpi_f32_deadzone_t *term, s
     return z_um;
 }
 
-/* Eq. 13: the piece of S^-1 that a reference is on. Beyond the ends of the table the first or last goes on. O(count),
- * count >= 1. */
+/* The piece of S^-1 on which a reference lies. Beyond the ends of the table, the first or the last piece goes on.
+ * O(count), count >= 1. */
 static inline const rdpi_f32_piece_t *rdpi_f32_piece_find(const rdpi_f32_piece_t *piece, size_t count,
-                                                     rdpi_real_t reference_um)
+                                                          rdpi_real_t reference_um)
 {
     while (--count > 0u && reference_um > piece->to_um) {
         piece++;
@@ -33,13 +33,13 @@ static inline const rdpi_f32_piece_t *rdpi_f32_piece_find(const rdpi_f32_piece_t
     return piece;
 }
 
-/* Whether a reference lies on the piece, and not at one of its ends, which belong to one piece only. */
+/* Whether a reference lies inside the piece. Its ends do not: each of them belongs to one of two pieces. */
 static inline bool rdpi_f32_piece_holds(const rdpi_f32_piece_t *piece, rdpi_real_t reference_um)
 {
     return (reference_um - piece->from_um) * (piece->to_um - reference_um) > 0;
 }
 
-/* S^-1 on one piece. */
+/* Eq. 13: S^-1 on one piece. */
 static inline rdpi_real_t rdpi_f32_piece_at(const rdpi_f32_piece_t *piece, rdpi_real_t z_um)
 {
     return rdpi_f32_fma(piece->slope, z_um, piece->intercept_um);

@@ -1,14 +1,15 @@
-/* The exact inverse of the rate-dependent play bank in fixed point. The method is that of f32_bank.h, with f itself, in
- * two parts, in place of its rest:
+/* The bank of rate-dependent plays and its exact inverse in fixed point: Ang et al., IROS 2003, eq. 9 and 17. The
+ * method is that of f32_bank.h, with one difference: in place of the remainder, the bank keeps f itself, in two parts,
  *
  *   2^30 f(x) = f_at_rest + rho / 2^30 f_rate
  *
- * at the x where the plays stand. Both parts are exact integers, so they need not be summed afresh: f does not jump
- * where a play engages or x turns round, and in between it changes by the slope of the last engaged play. `room` is the
- * way that x can go on before anything happens but that: up to where the next play engages, or to the end of the range.
+ * at the x where the plays stand. Both parts are exact integers, so they never have to be summed afresh: f does not
+ * jump where a play engages or x turns round, and in between it changes by the slope of the last engaged play. `room`
+ * is how far x can go on before anything else happens: up to where the next play engages, or to the end of the range.
  *
- * Scaling and overflow: |x|, |y|, r <= 2^29 and neighbouring states differ by no more than their thresholds do, so ways
- * to corners stay within 2^30; slopes <= 2^30, so |f_at_rest|, |f_rate| <= 2^60, and twice that while they are summed. */
+ * Scaling and overflow: |x|, |y|, r <= 2^29, and neighbouring states differ by no more than their thresholds do, so the
+ * distances to corners stay within 2^30. Slopes are <= 2^30, so |f_at_rest| and |f_rate| are <= 2^60, and twice that
+ * while they are summed. */
 #ifndef RDPI_Q31_BANK_H
 #define RDPI_Q31_BANK_H
 
@@ -19,13 +20,13 @@ static inline int32_t rdpi_q31_bank_side(bool falling)
     return falling ? -1 : 1;
 }
 
-/* State of play i. */
+/* The state of play i. */
 static inline int32_t rdpi_q31_bank_state(const rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, size_t i)
 {
     return i <= bank->engaged ? bank->y[0] - rdpi_q31_bank_side(bank->falling) * params->play[i].r : bank->y[i];
 }
 
-/* f at any x, as eq. 9 and 17 define it, summed by parts: v. */
+/* Eq. 9 and 17: v = f at any x, summed by parts. */
 static inline int32_t rdpi_q31_bank_at(const rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t rate,
                                        int32_t x)
 {
@@ -42,13 +43,13 @@ static inline int32_t rdpi_q31_bank_at(const rdpi_q31_bank_t *bank, const rdpi_q
     return (int32_t)(sum >> 30);
 }
 
-/* Where play i, not engaged, is going to engage. */
+/* The corner at which play i, which is not engaged, will engage. */
 static inline int32_t rdpi_q31_bank_corner(const rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, size_t i)
 {
     return bank->y[i] + rdpi_q31_bank_side(bank->falling) * params->play[i].r;
 }
 
-/* Moves x and the engaged plays. */
+/* Moves x and the engaged plays by `way`, on which no play engages or lets go. */
 static inline void rdpi_q31_bank_slide(rdpi_q31_bank_t *bank, int32_t way)
 {
     bank->f_at_rest += rdpi_q31_mul(bank->last_engaged->slope, way);
@@ -56,7 +57,7 @@ static inline void rdpi_q31_bank_slide(rdpi_q31_bank_t *bank, int32_t way)
     bank->y[0] += way;
 }
 
-/* On to `x`, over corners if need be. */
+/* Moves x on to `x`, in the direction in which it goes, over corners if there are any. */
 static inline void rdpi_q31_bank_advance(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t x)
 {
     const int32_t side = rdpi_q31_bank_side(bank->falling);
@@ -75,7 +76,7 @@ static inline void rdpi_q31_bank_advance(rdpi_q31_bank_t *bank, const rdpi_q31_p
     bank->room = room > 0 ? room : 0;
 }
 
-/* Takes on `y`, states that one history can reach. */
+/* Takes the states `y`, which one history can lead to. */
 static inline void rdpi_q31_bank_set(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, const int32_t *y)
 {
     const rdpi_q31_play_t *play = params->play;
@@ -93,7 +94,7 @@ static inline void rdpi_q31_bank_set(rdpi_q31_bank_t *bank, const rdpi_q31_param
     rdpi_q31_bank_advance(bank, params, y[0]);
 }
 
-/* x turns round: the engaged plays stay where it has taken them. Leaves room as it was. */
+/* x turns round. The engaged plays stay where x has taken them: their states are stored. Does not update room. */
 static inline void rdpi_q31_bank_turn(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params)
 {
     const int32_t side = rdpi_q31_bank_side(bank->falling), x = bank->y[0];
@@ -113,17 +114,17 @@ static inline int64_t rdpi_q31_bank_climb(const rdpi_q31_bank_t *bank, int32_t r
     return v - bank->f_at_rest - rdpi_q31_mul_rate((int32_t)(bank->f_rate >> 30), rate);
 }
 
-/* x on its way over corners to where an excess of f is gone. */
+/* x on its way over corners to where f has no excess over the wanted value. */
 typedef struct {
-    int64_t f_at_rest;              /* what has been added to the bank's, and the excess where the way began */
-    int64_t f_rate;              /* what has been added to the bank's */
+    int64_t f_at_rest;           /* the change of the bank's on the way, plus the excess where it began */
+    int64_t f_rate;              /* the change of the bank's on the way */
     int64_t excess;              /* at x */
-    const rdpi_q31_play_t *play; /* the last one engaged, at x */
+    const rdpi_q31_play_t *play; /* the last one that is engaged at x */
     int32_t x;
-    int32_t way; /* from the corner before */
+    int32_t way; /* from the corner before to x */
 } rdpi_q31_walk_t;
 
-/* On to where the next play engages, at `corner`. Whether the solution is still ahead. */
+/* Goes on to `corner`, where the next play engages. Returns whether the solution is still ahead. */
 static RDPI_Q31_HOT bool rdpi_q31_walk_corner(rdpi_q31_walk_t *walk, int32_t rate, int32_t corner, const bool falling)
 {
     walk->way = corner - walk->x;
@@ -135,10 +136,10 @@ static RDPI_Q31_HOT bool rdpi_q31_walk_corner(rdpi_q31_walk_t *walk, int32_t rat
     return (walk->excess >= 0) == falling;
 }
 
-/* rdpi_q31_bank_walk, compiled for either direction: much of what the loop does depends on it. Goes to the first corner
- * behind the solution, which is looked for from there, and then back to the one before. */
-static RDPI_Q31_HOT int32_t rdpi_q31_bank_walk_one_way(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int64_t excess,
-                                           int32_t rate, const bool falling)
+/* rdpi_q31_bank_walk in one direction. It is compiled once for each, because much of the loop depends on it. It goes to
+ * the first corner behind the solution, finds the solution from there, and then takes x back to the corner before. */
+static RDPI_Q31_HOT int32_t rdpi_q31_bank_walk_one_way(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params,
+                                                       int64_t excess, int32_t rate, const bool falling)
 {
     const int32_t side = rdpi_q31_bank_side(falling);
     const int32_t end = falling ? params->min_drive : params->max_drive;
@@ -148,7 +149,7 @@ static RDPI_Q31_HOT int32_t rdpi_q31_bank_walk_one_way(rdpi_q31_bank_t *bank, co
     rdpi_q31_walk_t walk = {excess, 0, excess, bank->last_engaged, bank->y[0], 0};
     const rdpi_q31_play_t *last = &params->play[params->plays - 1u];
     const int32_t *y = &bank->y[params->plays - 1u];
-    while (last != walk.play && side * (*y + side * last->r - end) > 0) { /* engages beyond the range */
+    while (last != walk.play && side * (*y + side * last->r - end) > 0) { /* it engages beyond the range */
         last--;
         y--;
     }
@@ -175,7 +176,7 @@ static RDPI_Q31_HOT int32_t rdpi_q31_bank_walk_one_way(rdpi_q31_bank_t *bank, co
         walk.f_rate -= rdpi_q31_mul(walk.play->slope_rate, walk.way);
         bank->room = side * walk.way;
         int32_t back = rdpi_q31_divide(-rise, rdpi_q31_slope(walk.play, rate));
-        x -= back < bank->room ? side * back : walk.way; /* slopes are rounded, and f is not */
+        x -= back < bank->room ? side * back : walk.way; /* slopes are rounded, f is not */
     }
     bank->y[0] = walk.x;
     bank->engaged = (uint16_t)(walk.play - params->play);
@@ -185,24 +186,24 @@ static RDPI_Q31_HOT int32_t rdpi_q31_bank_walk_one_way(rdpi_q31_bank_t *bank, co
     return x;
 }
 
-/* The x where 2^30 f has climbed by `climb`, or one beyond the range. x itself turns round if it has to, and is moved to
- * where the last play before that engages. */
-static RDPI_Q31_SELDOM int32_t rdpi_q31_bank_walk(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int64_t climb,
-                                           int32_t rate)
+/* The x where 2^30 f has climbed by `climb`, or an x beyond the range. The x of the bank turns round if it has to, and
+ * moves to the last corner before that. */
+static RDPI_Q31_SELDOM int32_t rdpi_q31_bank_walk(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params,
+                                                  int64_t climb, int32_t rate)
 {
     return climb < 0 ? rdpi_q31_bank_walk_one_way(bank, params, -climb, rate, true)
                      : rdpi_q31_bank_walk_one_way(bank, params, -climb, rate, false);
 }
 
-/* The x at which 2^30 f is `v`, within a few units, for slopes that are all > 0 at this rate; the end of the range, and
- * `beyond`, if there is none before. x itself is moved to where the last play before that engages: follow with
- * rdpi_q31_bank_move to what is really output. */
+/* The x at which 2^30 f is `v`, within a few units. All slopes must be > 0 at this rate. If that x is beyond the range,
+ * returns the end of the range and sets `beyond`. The x of the bank moves to the last corner before that: call
+ * rdpi_q31_bank_move with what is really output. */
 static inline int32_t rdpi_q31_bank_solve(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t rate,
                                           int64_t v, bool *beyond)
 {
     int64_t climb = rdpi_q31_bank_climb(bank, rate, v);
     bool falling = climb < 0;
-    int64_t rise = falling ? -climb : climb; /* seen in the direction in which x goes */
+    int64_t rise = falling ? -climb : climb; /* seen in the direction of the climb */
     int32_t slope = rdpi_q31_slope(bank->last_engaged, rate);
     if (falling != bank->falling || rdpi_q31_mul(slope, bank->room) < rise) {
         int32_t x = rdpi_q31_bank_walk(bank, params, climb, rate);
@@ -214,7 +215,7 @@ static inline int32_t rdpi_q31_bank_solve(rdpi_q31_bank_t *bank, const rdpi_q31_
     return bank->y[0] + (falling ? -way : way);
 }
 
-/* Goes on to `x` if nothing happens on the way. */
+/* Moves x on to `x`, if there is room for that. Returns whether there was. */
 static inline bool rdpi_q31_bank_try_slide(rdpi_q31_bank_t *bank, int32_t x)
 {
     int32_t way = x - bank->y[0];
@@ -227,8 +228,8 @@ static inline bool rdpi_q31_bank_try_slide(rdpi_q31_bank_t *bank, int32_t x)
     return true;
 }
 
-/* From the corner where the last play has just engaged back to `x`, over others if need be. Those of the plays engaged
- * before a solution was looked for are not on the way. */
+/* Moves x from the corner where the last play has just engaged back to `x`, over other corners if there are any. `x` is
+ * not before the corners of the plays that were engaged before a solution was looked for. */
 static inline void rdpi_q31_bank_retreat(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t x)
 {
     int32_t side = rdpi_q31_bank_side(bank->falling);
@@ -245,8 +246,10 @@ static inline void rdpi_q31_bank_retreat(rdpi_q31_bank_t *bank, const rdpi_q31_p
     }
 }
 
-/* Moves every play (eq. 1) to the input `x`, |x| <= 2^29; it was `from` before a solution was looked for. */
-static RDPI_Q31_SELDOM void rdpi_q31_bank_move(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t from, int32_t x)
+/* Moves the input to `x`, |x| <= 2^29, and every play with it. `from` was the input before a solution was looked
+ * for. */
+static RDPI_Q31_SELDOM void rdpi_q31_bank_move(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t from,
+                                               int32_t x)
 {
     int32_t side = rdpi_q31_bank_side(bank->falling);
     if (side * (x - from) < 0) {
@@ -256,7 +259,7 @@ static RDPI_Q31_SELDOM void rdpi_q31_bank_move(rdpi_q31_bank_t *bank, const rdpi
         rdpi_q31_bank_retreat(bank, params, x);
         return;
     } else {
-        /* on the way there */
+        /* x is ahead */
     }
     rdpi_q31_bank_advance(bank, params, x);
 }

@@ -1,4 +1,5 @@
-/* What rdpi_q31_init and rdpi_q31_set_memory refuse, and the checksum of the parameters. */
+/* What rdpi_q31_init and rdpi_q31_set_memory refuse, and the checksum of the parameters. The statuses are described at
+ * rdpi_status_t. Sample time and window are checked by rdpi_q31_rate_init. */
 #ifndef RDPI_Q31_CHECK_H
 #define RDPI_Q31_CHECK_H
 
@@ -7,12 +8,11 @@
 
 #define MAX_SWEEP_CYCLES 10000u
 
-/* ---- what init checks ---- */
+/* The part of the struct that the digest covers. */
+#define DIGEST_BEGIN offsetof(rdpi_q31_params_t, slew_per_us)
+#define DIGEST_END (offsetof(rdpi_q31_params_t, sweep_end) + sizeof(int32_t))
 
-/* Of the struct, the part that holds nothing but numbers. */
-#define NUMBERS_BEGIN offsetof(rdpi_q31_params_t, slew_per_us)
-#define NUMBERS_END (offsetof(rdpi_q31_params_t, sweep_end) + sizeof(int32_t))
-
+/* What must hold before any other check may read. */
 static rdpi_status_t rdpi_q31_check_pointers(uint64_t layout, const rdpi_q31_t *self, const rdpi_q31_params_t *params)
 {
     if (layout != RDPI_Q31_LAYOUT) {
@@ -37,7 +37,7 @@ static rdpi_status_t rdpi_q31_check_pointers(uint64_t layout, const rdpi_q31_t *
 
 static rdpi_status_t rdpi_q31_check_plays(const rdpi_q31_params_t *params)
 {
-    int32_t below = -1; /* the threshold before; r_0 is 0 */
+    int32_t below = -1; /* the threshold before, which is below r_0 = 0 here */
     if (params->play[0].r != 0) {
         return RDPI_ERR_THRESHOLDS;
     }
@@ -81,8 +81,9 @@ static rdpi_status_t rdpi_q31_check_saturation(const rdpi_q31_deadzone_t *term, 
     return RDPI_OK;
 }
 
-/* Whether codes go from one end of the range to the other; drive_per_code may be off by what its 31 bits resolve. */
-static bool codes_fit(const rdpi_q31_params_t *params)
+/* Whether codes go from one end of the range to the other. The last drive may be 2 units off, because drive_per_code
+ * has 31 bits only. */
+static bool rdpi_q31_codes_fit(const rdpi_q31_params_t *params)
 {
     if (params->code_shift - 1u > 61u || params->drive_shift - 1u > 61u) {
         return false;
@@ -95,12 +96,13 @@ static bool codes_fit(const rdpi_q31_params_t *params)
 
 static rdpi_status_t rdpi_q31_check_drive(const rdpi_q31_params_t *params)
 {
-    if (params->min_drive >= params->max_drive || !rdpi_q31_in_format(params->min_drive) || !rdpi_q31_in_format(params->max_drive) ||
+    if (params->min_drive >= params->max_drive || !rdpi_q31_in_format(params->min_drive) ||
+        !rdpi_q31_in_format(params->max_drive) ||
         (params->drive_of_code_0 != params->min_drive && params->drive_of_code_0 != params->max_drive) ||
         params->dac_bits > RDPI_MAX_DAC_BITS) {
         return RDPI_ERR_DRIVE;
     }
-    if (params->dac_bits > 0u && !codes_fit(params)) {
+    if (params->dac_bits > 0u && !rdpi_q31_codes_fit(params)) {
         return RDPI_ERR_DRIVE;
     }
     if (params->sweep_cycles - 1u >= MAX_SWEEP_CYCLES || params->sweep_end < params->min_drive ||
@@ -111,7 +113,7 @@ static rdpi_status_t rdpi_q31_check_drive(const rdpi_q31_params_t *params)
     return RDPI_OK;
 }
 
-/* Whether one history can have left these states, with a drive inside the range. */
+/* Whether one history can lead to these states, with a drive inside the range. */
 static rdpi_status_t rdpi_q31_check_memory(const rdpi_q31_params_t *params, const int32_t *y)
 {
     for (size_t i = 0; i < params->plays; i++) {
@@ -124,16 +126,18 @@ static rdpi_status_t rdpi_q31_check_memory(const rdpi_q31_params_t *params, cons
     return y[0] < params->min_drive || y[0] > params->max_drive ? RDPI_ERR_MEMORY : RDPI_OK;
 }
 
+/* rdpi_q31_digest, whatever the layout of the caller. */
 static uint32_t rdpi_q31_checksum(const rdpi_q31_params_t *params)
 {
     size_t deadzones = params->deadzones * sizeof *params->saturation;
-    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN);
+    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, DIGEST_END - DIGEST_BEGIN);
     crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
     crc = rdpi_crc32(crc, params->saturation, deadzones);
     crc = rdpi_crc32(crc, params->inverse_saturation, deadzones);
     return rdpi_crc32(crc, params->memory, params->plays * sizeof *params->memory);
 }
 
+/* All that needs valid pointers and counts. */
 static rdpi_status_t rdpi_q31_check_params(const rdpi_q31_params_t *params)
 {
     if (params->digest != rdpi_q31_checksum(params)) {

@@ -1,14 +1,16 @@
-/* Drives and DAC codes in fixed point. Drives are the plays' input x. */
+/* Conversions between the drive and DAC codes in fixed point. The drive is the input x of the plays. */
 #ifndef RDPI_Q31_DRIVE_H
 #define RDPI_Q31_DRIVE_H
 
 #include "q31_math.h"
 
+/* Whether a drive or threshold fits its format. */
 static bool rdpi_q31_in_format(int32_t drive)
 {
     return drive >= -RDPI_Q31_MAX_DRIVE && drive <= RDPI_Q31_MAX_DRIVE;
 }
 
+/* The drive, or the end of the range that it is beyond. */
 static int32_t rdpi_q31_in_range(const rdpi_q31_params_t *params, int32_t drive)
 {
     return drive < params->min_drive ? params->min_drive : (drive > params->max_drive ? params->max_drive : drive);
@@ -27,20 +29,20 @@ static int64_t rdpi_q31_code_of_drive(const rdpi_q31_params_t *params, int32_t d
     return ((int64_t)(drive - params->drive_of_code_0) * params->codes_per_drive + half) >> params->code_shift;
 }
 
-/* The end of the range that is not code 0's: where max_V is. */
+/* The drive of the last code, at max_V: the end of the range that is not the drive of code 0. */
 static int32_t rdpi_q31_drive_of_last_code(const rdpi_q31_params_t *params)
 {
     return params->min_drive + params->max_drive - params->drive_of_code_0;
 }
 
-/* The largest code. */
+/* The last code, which is the largest. */
 static int32_t rdpi_q31_last_code(const rdpi_q31_params_t *params)
 {
     return (int32_t)(((uint32_t)1 << params->dac_bits) - 1u);
 }
 
-/* Whether codes are 4 drive units or more apart, which makes drive_shift 30 at most, and the numbers of output_direct fit
- * 32 bits. */
+/* Whether codes are 4 drive units or more apart (then drive_shift is 30 at most), and the numbers of output_direct in
+ * rdpi_q31.c fit 32 bits. */
 static bool rdpi_q31_codes_are_coarse(const rdpi_q31_params_t *params)
 {
     return params->dac_bits > 0u && params->code_shift >= 33u && rdpi_q31_last_code(params) >> params->drive_shift == 0;

@@ -1,26 +1,26 @@
-/* Arithmetic of the fixed-point library. On cores with a long multiply these lines are one to three instructions each,
- * on others some twenty; nothing is divided. Right shifts of negative numbers are arithmetic, as every compiler for the
- * targets has it and rdpi_q31.c asserts. */
+/* Arithmetic of the library in fixed point, and how its functions are compiled. Sibling: f32_math.h. Each line is one
+ * to three instructions on cores with a long multiply, and some twenty on others. Nothing is divided. Right shifts of
+ * negative numbers are arithmetic, as on every compiler for the targets; rdpi_q31.c asserts it. */
 #ifndef RDPI_Q31_MATH_H
 #define RDPI_Q31_MATH_H
 
 #include "rdpi/q31.h"
 
-/* Cores that multiply 32 by 32 bits to 32 only; their compilers call a routine for 64 by 64. */
+/* Cores that multiply 32 by 32 bits to 32 bits only. Their compilers call a routine for 64 by 64. */
 #if defined(RDPI_Q31_PORTABLE) || defined(__ARM_ARCH_6M__) || defined(__ARM_ARCH_8M_BASE__)
 #define RDPI_Q31_HALVES 1
 #else
 #define RDPI_Q31_HALVES 0
 #endif
 
-/* Code that most steps do not need is kept out of the way of what they do. */
+/* SELDOM: code that most steps do not need, kept apart from its callers. */
 #if defined(__GNUC__)
 #define RDPI_Q31_SELDOM __attribute__((noinline, unused))
 #else
 #define RDPI_Q31_SELDOM inline
 #endif
 
-/* Code that gains from what the compiler knows where it is used, unless size counts. */
+/* HOT: code that gains from what the compiler knows where it is used; within its callers unless size counts. */
 #if defined(__GNUC__) && !defined(__OPTIMIZE_SIZE__)
 #define RDPI_Q31_HOT inline __attribute__((always_inline))
 #else
@@ -32,8 +32,8 @@ static inline int32_t rdpi_q31_clamp(int64_t value, int32_t low, int32_t high)
     return value < low ? low : (value > high ? high : (int32_t)value);
 }
 
-/* The same number, of which the compiler knows nothing. On cores with a long multiply, gcc widens a factor early,
- * shares that between products, and then multiplies 64 by 64 bits: not one that it has just got to know. */
+/* The same number, as one of which the compiler knows nothing. On cores with a long multiply, gcc would widen a factor
+ * early, share it between products, and then multiply 64 by 64 bits. It does not do so with a new number. */
 static inline int32_t rdpi_q31_fresh(int32_t number)
 {
 #if defined(__ARM_ARCH) && defined(__GNUC__)
@@ -57,7 +57,7 @@ static inline int64_t rdpi_q31_mul(int32_t a, int32_t b)
 #endif
 }
 
-/* a rate for a rate, 0 .. RDPI_Q31_ONE, of which both ends are common. */
+/* a rate, for rates 0 .. RDPI_Q31_ONE. Both ends are common. */
 static inline int64_t rdpi_q31_mul_rate(int32_t a, int32_t rate)
 {
 #if RDPI_Q31_HALVES
@@ -71,7 +71,7 @@ static inline int64_t rdpi_q31_mul_rate(int32_t a, int32_t rate)
     return rdpi_q31_mul(a, rate);
 }
 
-/* High word of a product. */
+/* The high word of a product. */
 static inline uint32_t rdpi_q31_mulh(uint32_t a, uint32_t b)
 {
 #if RDPI_Q31_HALVES
@@ -89,7 +89,7 @@ static inline uint32_t rdpi_q31_mulh(uint32_t a, uint32_t b)
 static inline uint32_t rdpi_q31_part(uint32_t whole, unsigned parts)
 {
 #if RDPI_Q31_HALVES
-#define RDPI_Q31_PER(parts) (UINT32_MAX / (parts) + 1u) /* 2^32 over that, rounded up */
+#define RDPI_Q31_PER(parts) (UINT32_MAX / (parts) + 1u) /* 2^32 / parts, rounded up */
     static const uint32_t per[RDPI_MAX_MISSED + 2u] = {
         0, 0, RDPI_Q31_PER(2u), RDPI_Q31_PER(3u), RDPI_Q31_PER(4u), RDPI_Q31_PER(5u), RDPI_Q31_PER(6u),
         RDPI_Q31_PER(7u), RDPI_Q31_PER(8u), RDPI_Q31_PER(9u), RDPI_Q31_PER(10u), RDPI_Q31_PER(11u), RDPI_Q31_PER(12u),
@@ -97,7 +97,7 @@ static inline uint32_t rdpi_q31_part(uint32_t whole, unsigned parts)
     if (parts == 1u) {
         return whole;
     }
-    uint32_t part = rdpi_q31_mulh(whole, per[parts]); /* or one too many */
+    uint32_t part = rdpi_q31_mulh(whole, per[parts]); /* or 1 too large */
     return whole - part * parts < parts ? part : part - 1u;
 #else
     return whole / parts;
@@ -110,7 +110,7 @@ static inline int64_t rdpi_q31_mul_wide(int64_t a, uint32_t b)
     return (a >> 32) * (int64_t)b + (int64_t)(((uint64_t)(uint32_t)a * b) >> 32);
 }
 
-/* Leading zeros of value > 0. */
+/* The number of leading zeros of a value > 0. */
 static inline unsigned rdpi_q31_clz(uint32_t value)
 {
 #if defined(__GNUC__) && !defined(RDPI_Q31_PORTABLE)
@@ -133,8 +133,8 @@ static inline unsigned rdpi_q31_clz64(uint64_t value)
     return high != 0u ? rdpi_q31_clz(high) : 32u + rdpi_q31_clz((uint32_t)value);
 }
 
-/* 2^63 / divisor for divisor >= 2^31, too small by less than 2^-25 of itself: seven bits from a table, doubled by two
- * steps of Newton's iteration. */
+/* 2^63 / divisor for divisor >= 2^31, too small by less than 2^-25 of itself. Seven bits come from a table; each of two
+ * steps of Newton's iteration doubles them. */
 static inline uint32_t rdpi_q31_reciprocal(uint32_t divisor)
 {
     /* 2^40 / divisor - 256, in the middle of each of 64 intervals */
@@ -145,12 +145,12 @@ static inline uint32_t rdpi_q31_reciprocal(uint32_t divisor)
     uint32_t guess = 256u + table[(divisor >> 25) & 63u];
     int32_t missing = (int32_t)(~(guess * ((divisor >> 9) + 1u)) ^ (uint32_t)1 << 31); /* of 2^31 */
     guess = (guess << 23) + ((uint32_t)(((int32_t)guess * (missing >> 9)) >> 15) << 16);
-    uint32_t still = ~rdpi_q31_mulh(divisor, guess) ^ (uint32_t)1 << 31; /* of 2^31, and not too much */
+    uint32_t still = ~rdpi_q31_mulh(divisor, guess) ^ (uint32_t)1 << 31; /* of 2^31, never too much */
     return guess + rdpi_q31_mulh(guess, still << 1);
 }
 
-/* dividend / divisor for 0 <= dividend <= divisor 2^30, divisor >= 2^24: below the quotient by less than 2 and 2^-25 of
- * itself. */
+/* dividend / divisor for 0 <= dividend <= divisor 2^30 and divisor >= 2^24. Below the quotient by less than 2 and 2^-25
+ * of itself. */
 static inline int32_t rdpi_q31_divide(int64_t dividend, int32_t divisor)
 {
     unsigned shift = rdpi_q31_clz((uint32_t)divisor); /* 1 .. 7 */

@@ -1,5 +1,5 @@
 /* The rate estimator of f32_rate.h in fixed point. It works on distances per window, so that a jump of any size passes
- * through the low-pass undistorted; only what comes out is divided by the guard's distance. */
+ * through the low-pass undistorted. Only the result is divided by the distance at the guard. */
 #ifndef RDPI_Q31_RATE_H
 #define RDPI_Q31_RATE_H
 
@@ -13,9 +13,9 @@ static inline void rdpi_q31_rate_reset(rdpi_q31_rate_t *rate)
     rate->direct = false;
 }
 
-/* The low-pass's blend E = 1 - exp(-u), u = time / filter > 0: a series where u is small, then E(2 u) = E (2 - E). E is
- * mantissa 2^-exponent, so that the mantissa of 2 E is that of E and a doubling is one subtraction. Within
- * 2^-27 of itself. */
+/* The blend of the low-pass, E = 1 - exp(-u), u = time / filter > 0, within 2^-27 of itself: a series where u is small,
+ * then E(2 u) = E (2 - E). E is mantissa 2^-exponent. The mantissa of 2 E is that of E, so a doubling of u is one
+ * subtraction. */
 static inline void rdpi_q31_rate_blend(rdpi_q31_rate_t *rate, uint32_t time_ns, uint32_t filter_ns)
 {
     unsigned zeros = rdpi_q31_clz(time_ns);
@@ -40,7 +40,8 @@ static inline void rdpi_q31_rate_blend(rdpi_q31_rate_t *rate, uint32_t time_ns, 
     rate->blend_shift = (uint8_t)(exponent - 32u);
 }
 
-/* Sets up `rate` for samples `sample_time_ns` apart, no sample seen yet; see rdpi_q31_init for what it refuses. */
+/* Sets up `rate` for samples that are `sample_time_ns` apart, with no sample seen yet. rdpi_q31_init says what it
+ * refuses. */
 static inline rdpi_status_t rdpi_q31_rate_init(rdpi_q31_rate_t *rate, const rdpi_q31_params_t *params,
                                                uint32_t sample_time_ns)
 {
@@ -53,7 +54,7 @@ static inline rdpi_status_t rdpi_q31_rate_init(rdpi_q31_rate_t *rate, const rdpi
     if (window > RDPI_MAX_WINDOW || window_ns > UINT32_MAX) {
         return RDPI_ERR_WINDOW;
     }
-    /* guard distance times 2^31 = guard 2^guard_shift */
+    /* distance per window at the guard, times 2^31: guard 2^guard_shift */
     uint64_t distance = params->guard_mantissa * window_ns;
     unsigned zeros = rdpi_q31_clz64(distance);
     int shift = 63 - (int)zeros + params->guard_exponent;
@@ -74,24 +75,25 @@ static inline rdpi_status_t rdpi_q31_rate_init(rdpi_q31_rate_t *rate, const rdpi
     return RDPI_OK;
 }
 
+/* The distance between two references. */
 static inline uint32_t rdpi_q31_distance(int32_t a, int32_t b)
 {
     return a > b ? (uint32_t)a - (uint32_t)b : (uint32_t)b - (uint32_t)a;
 }
 
-/* The largest distance between neighbours within the guard, where the rate is nothing else. */
+/* The direct case: the largest distance to the sample before that is within the guard. */
 static inline uint32_t rdpi_q31_rate_direct_limit(const rdpi_q31_rate_t *rate)
 {
     return rate->guard >> rate->direct_shift;
 }
 
-/* Of a distance between neighbours, not beyond the guard, where the rate is nothing else. */
+/* The direct case: the rate for a distance to the sample before, at most rdpi_q31_rate_direct_limit. */
 static inline int32_t rdpi_q31_rate_direct(const rdpi_q31_rate_t *rate, uint32_t distance)
 {
     return (int32_t)rdpi_q31_mulh(distance << rate->direct_shift, rate->per_guard);
 }
 
-/* Takes a sample after one that has left rate->direct, none missed: the distance to it. */
+/* The direct case: takes a sample, and returns its distance to the sample before. */
 static inline uint32_t rdpi_q31_rate_direct_distance(rdpi_q31_rate_t *rate, int32_t z)
 {
     uint32_t distance = rdpi_q31_distance(z, rate->z[0]);
@@ -99,8 +101,8 @@ static inline uint32_t rdpi_q31_rate_direct_distance(rdpi_q31_rate_t *rate, int3
     return distance;
 }
 
-/* As rdpi_f32_rate_step; returns the rate, RDPI_Q31_ONE at the guard, and beyond it more than that.
- * Scaling and overflow: distances are < 2^32; in 63 bits they carry 31 bits of fraction. */
+/* As rdpi_f32_rate_step. Returns the rate: RDPI_Q31_ONE at the guard, and more beyond it. Sets `direct` for the next
+ * sample. Scaling and overflow: distances are < 2^32. In 63 bits they carry 31 bits of fraction. */
 static RDPI_Q31_SELDOM int32_t rdpi_q31_rate_step(rdpi_q31_rate_t *rate, int32_t z, unsigned missed)
 {
     if (rate->oldest == rate->window || missed > RDPI_MAX_MISSED) {

@@ -6,16 +6,16 @@
 #error "rdpi tells NaN from numbers: compile it without -ffast-math and -ffinite-math-only"
 #endif
 
-#include "f32_bank.h"
 #include "f32_check.h"
+#include "f32_bank.h"
 #include "f32_drive.h"
 #include "f32_rate.h"
 #include "f32_saturation.h"
 
-/* A drive further outside the range than this many times its width is no drive: rdpi_f32_forward refuses it. */
+/* rdpi_f32_forward refuses a drive that is further outside the range than this many times its width. */
 #define MAX_SPANS 16
 
-/* With x = 0 further than this from code 0, single precision can be more than a code wrong. */
+/* How many codes x = 0 may be away from code 0 for the quick way. Beyond, single precision can be a code wrong. */
 #define MAX_CODE_0 (2 << RDPI_MAX_DAC_BITS)
 
 uint32_t rdpi_f32_digest_layout(uint64_t layout, const rdpi_f32_params_t *params)
@@ -39,7 +39,7 @@ rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi
 
 /* ---- memory ---- */
 
-/* Once: the next step finds out what comes after. */
+/* What `quick` states may no longer hold. The next step takes the long way, and finds out. */
 static void end_quick(rdpi_f32_t *self)
 {
     if (RDPI_QUICK_STEP) {
@@ -47,7 +47,7 @@ static void end_quick(rdpi_f32_t *self)
     }
 }
 
-/* What has happened since the latest sample does not matter to the next. */
+/* The next sample is the first: the rate history is forgotten. */
 static void forget_samples(rdpi_f32_t *self)
 {
     rdpi_f32_rate_reset(&self->rate_estimator);
@@ -55,7 +55,7 @@ static void forget_samples(rdpi_f32_t *self)
     end_quick(self);
 }
 
-/* Takes note of what is output when it is no step that outputs it. */
+/* Takes a drive that no step has output: that of the memory or of another source. Ends a sweep. */
 static void put_drive(rdpi_f32_t *self, rdpi_real_t drive_V)
 {
     self->drive_V = rdpi_f32_clamp(drive_V, self->params->min_V, self->params->max_V);
@@ -65,7 +65,7 @@ static void put_drive(rdpi_f32_t *self, rdpi_real_t drive_V)
     end_quick(self);
 }
 
-/* Takes checked states, as they are: what rdpi_f32_get_memory gave comes back bit for bit. */
+/* Takes checked states as they are, so that those of rdpi_f32_get_memory come back bit for bit. */
 static void put_memory(rdpi_f32_t *self, const rdpi_real_t *y_um)
 {
     const rdpi_f32_params_t *params = self->params;
@@ -111,7 +111,7 @@ static void set_flag(rdpi_f32_t *self, uint32_t flag, uint32_t *count)
     }
 }
 
-/* The input is not usable: the sample passes with everything held. */
+/* The input is not usable. The drive is held, no state changes, and the sample counts as missed. */
 static RDPI_F32_SELDOM rdpi_real_t refuse_input(rdpi_f32_t *self)
 {
     set_flag(self, RDPI_FLAG_INPUT, &self->input_count);
@@ -122,7 +122,7 @@ static RDPI_F32_SELDOM rdpi_real_t refuse_input(rdpi_f32_t *self)
     return self->drive_V;
 }
 
-/* The singularity guard. */
+/* The singularity guard. Stores the rate. */
 static rdpi_real_t limit_rate(rdpi_f32_t *self, rdpi_real_t rate_um_per_s)
 {
     if (rate_um_per_s > self->params->max_um_per_s) {
@@ -133,13 +133,13 @@ static rdpi_real_t limit_rate(rdpi_f32_t *self, rdpi_real_t rate_um_per_s)
     return rate_um_per_s;
 }
 
-/* How much per sample is so much per second. */
+/* A slope per second as a change per sample. */
 static RDPI_F32_SHARED rdpi_real_t per_sample(const rdpi_f32_t *self, rdpi_real_t per_s)
 {
     return per_s / ((rdpi_real_t)self->rate_estimator.window * self->rate_estimator.per_window_s);
 }
 
-/* Range and slew: what may be output of the drive wished for. `quick` as `walk` has it. */
+/* Range and slew limit: what may be output of the drive wished for. `quick` is that of finish_step. */
 static inline rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V, const bool quick)
 {
     const rdpi_f32_params_t *params = self->params;
@@ -159,10 +159,10 @@ static inline rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V, cons
     return drive_V;
 }
 
-/* Outputs a drive inside the range, to a code if there are codes, and moves the plays there: to target.x_um, which
- * belongs to it, or where the code takes it. Returns the side where they are heading then. `quick` as `walk` has it. */
+/* Outputs a drive inside the range, rounded to a code if there are codes, and moves the plays there. target.x_um is the
+ * x of the drive; a code has an x of its own. Returns the side to which x goes then. `quick` is that of finish_step. */
 static RDPI_F32_SHARED rdpi_real_t output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_f32_target_t target,
-                                      const bool quick)
+                                          const bool quick)
 {
     const rdpi_f32_params_t *params = self->params;
     if (!quick) {
@@ -178,19 +178,20 @@ static RDPI_F32_SHARED rdpi_real_t output(rdpi_f32_t *self, rdpi_real_t drive_V,
     return rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
 }
 
-/* Whether samples that follow one another may take the quick way. Without codes dac_code is 0. At an end of the range a
- * drive of someone else's can just have come back, and half a code the other way is beyond it. */
+/* Whether the parameters and the code allow the next step the quick way; see `quick` in rdpi_f32_t. Without codes,
+ * dac_code is 0. The first and the last code do not open it: a drive of another source may just have come back from
+ * outside the range, and half a code to one side is outside. */
 static bool next_is_quick(const rdpi_f32_t *self)
 {
     const rdpi_f32_params_t *params = self->params;
-    return self->rate_estimator.window == 1u && self->rate_estimator.keep <= 0 && params->slew_V_per_s <= 0 && self->dac_code > 0u &&
-           (rdpi_real_t)self->dac_code < params->last_code && fabs(params->code_of_x_0) <= MAX_CODE_0;
+    return self->rate_estimator.window == 1u && self->rate_estimator.keep <= 0 && params->slew_V_per_s <= 0 &&
+           self->dac_code > 0u && (rdpi_real_t)self->dac_code < params->last_code &&
+           fabs(params->code_of_x_0) <= MAX_CODE_0;
 }
 
-/* How far x may go from a code without a play engaging or letting go and with the drive inside the range, whatever
- * they are rounded to: there the quick way leads where the other does, to the last bit. It ends half a code before, at a
- * code, so that rounding does not lead beyond; three quarters before where x is free both ways. That is more than any
- * rounding. `side` is where x is heading. */
+/* Sets bank.edge_um; see `quick` in rdpi_f32_t. x goes to `side`. The edge is at a code, half a code or more before the
+ * next corner and before the end of the range, so that rounding to a code does not lead beyond. Where no play is
+ * engaged and x is free both ways, it is three quarters of a code before. Both margins are larger than any rounding. */
 static RDPI_F32_HOT void set_edge(rdpi_f32_t *self, rdpi_real_t side)
 {
     const rdpi_f32_params_t *params = self->params;
@@ -211,7 +212,7 @@ static RDPI_F32_HOT void set_edge(rdpi_f32_t *self, rdpi_real_t side)
         rdpi_real_t code = (rdpi_real_t)self->dac_code + (rdpi_real_t)codes;
         bank->edge_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
     } else {
-        if (last) { /* one play alone is free in all of the range */
+        if (last) { /* a single play is free in all of the range */
             *next_um = middle_um;
         } else {
             reach_um -= fabs(*next_um - middle_um);
@@ -221,8 +222,9 @@ static RDPI_F32_HOT void set_edge(rdpi_f32_t *self, rdpi_real_t side)
     }
 }
 
-/* Whether x, which turns back, is still rounded to the code that is output, not one at an end of the range, and before
- * the first corner on that way, 2 r_1 off. rdpi_f32_bank_walk and `output` come to the same. */
+/* Whether x turns round, but is still rounded to the code that is output. That code must not be at an end of the range,
+ * and x must be before the first corner on the way back, which is 2 r_1 off. rdpi_f32_bank_walk and `output` would then
+ * give the same code. */
 static inline bool turns_within_code(const rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
     const rdpi_f32_params_t *params = self->params;
@@ -240,9 +242,10 @@ static inline bool turns_within_code(const rdpi_f32_t *self, rdpi_real_t climb_u
     return beyond >= 0 && beyond < 1 && code > 1 && code < params->last_code - 1;
 }
 
-/* The end of any step: x to where the bank's output has climbed by `climb_um`, put out. `quick` is what the compiler
- * knows of self->quick: true, or false if nothing. */
-static RDPI_F32_HOT rdpi_real_t finish_step(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s, const bool quick)
+/* The end of any step: finds the x where the output of the bank has climbed by `climb_um`, and outputs it. `quick` is
+ * what the compiler knows of self->quick: true, or false if it knows nothing. */
+static RDPI_F32_HOT rdpi_real_t finish_step(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s,
+                                            const bool quick)
 {
     const rdpi_f32_params_t *params = self->params;
     rdpi_f32_target_t target = rdpi_f32_bank_walk(&self->bank, params->play, params->plays, rate_um_per_s, climb_um);
@@ -261,19 +264,21 @@ static RDPI_F32_HOT rdpi_real_t finish_step(rdpi_f32_t *self, rdpi_real_t climb_
     return self->drive_V;
 }
 
-/* The end of a step that could have taken the quick way. */
+/* The end of a step that began while `quick` was true. */
 static RDPI_F32_SELDOM rdpi_real_t finish_quick_step(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
     return finish_step(self, climb_um, rate_um_per_s, true);
 }
 
-/* The same for a reference from which x may hardly turn back. */
+/* Taken while `quick` is true, if x would leave bank.edge_um: a play may engage, the range may end, or x turns
+ * round. */
 static RDPI_F32_SELDOM rdpi_real_t step_over_edge(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
-    return turns_within_code(self, climb_um, rate_um_per_s) ? self->drive_V : finish_quick_step(self, climb_um, rate_um_per_s);
+    return turns_within_code(self, climb_um, rate_um_per_s) ? self->drive_V
+                                                            : finish_quick_step(self, climb_um, rate_um_per_s);
 }
 
-/* A step of any kind, and what opens the quick way to the next. */
+/* Taken while `quick` is false. Serves samples of any kind, and may make `quick` true for the next. */
 static RDPI_F32_SELDOM rdpi_real_t step_without_quick(rdpi_f32_t *self, rdpi_real_t reference_um)
 {
     const rdpi_f32_params_t *params = self->params;
@@ -284,7 +289,7 @@ static RDPI_F32_SELDOM rdpi_real_t step_without_quick(rdpi_f32_t *self, rdpi_rea
     if (self->missed > 0u) {
         self->flags = RDPI_FLAG_MISSED;
     }
-    /* From the reference, which is exact, and not from z, which is rounded: the offset cancels. */
+    /* The rate of the reference, which is exact, and not of z, which is rounded: the offset cancels. */
     rdpi_real_t rate_um_per_s = limit_rate(self, rdpi_f32_rate_step(&self->rate_estimator, reference_um, self->missed));
     self->missed = 0;
     const rdpi_f32_piece_t *piece = rdpi_f32_piece_find(params->inverse_saturation, params->deadzones, reference_um);
@@ -295,8 +300,10 @@ static RDPI_F32_SELDOM rdpi_real_t step_without_quick(rdpi_f32_t *self, rdpi_rea
     return finish_step(self, rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um), rate_um_per_s, false);
 }
 
-/* The step of a sample that could take the quick way, were the rate not above the guard or S^-1 on another piece. */
-static RDPI_F32_SELDOM rdpi_real_t step_over_guard_or_piece(rdpi_f32_t *self, rdpi_real_t reference_um, rdpi_real_t rate_um_per_s)
+/* Taken while `quick` is true, if the rate is above the guard or the reference is not inside latest_piece. References
+ * that are not usable come here too. */
+static RDPI_F32_SELDOM rdpi_real_t step_over_guard_or_piece(rdpi_f32_t *self, rdpi_real_t reference_um,
+                                                            rdpi_real_t rate_um_per_s)
 {
     const rdpi_f32_params_t *params = self->params;
     self->flags = 0;
@@ -311,9 +318,15 @@ static RDPI_F32_SELDOM rdpi_real_t step_over_guard_or_piece(rdpi_f32_t *self, rd
     return finish_quick_step(self, rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um), rate_um_per_s);
 }
 
-/* Any step, in a fraction of the instructions while no play engages or lets go, S^-1 does not bend and no limit is met,
- * which is nearly always; to the last bit what step_without_quick comes to. Comparisons are such that NaN fails; nothing is
- * stored before the reference is known to be usable. */
+/* There are four ways into the step, and this function chooses between them:
+ *
+ * - step_without_quick, while `quick` is false;
+ * - step_over_guard_or_piece, if the rate is above the guard or the reference is not inside latest_piece;
+ * - step_over_edge, if x would leave bank.edge_um;
+ * - the quick way otherwise, which is nearly always: the rest of this function.
+ *
+ * All four give the same bits as step_without_quick. Why the quick way may be so short stands at `quick` in rdpi_f32_t.
+ * NaN fails every comparison here. Nothing is stored before the reference is known to be usable. */
 rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
 {
     const rdpi_f32_params_t *params = self->params;
@@ -333,12 +346,12 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
     rdpi_real_t way_um = rdpi_f32_bank_way(bank, rate_um_per_s, climb_um);
     rdpi_real_t x_um = way_um + bank->y_um[0];
-    rdpi_real_t room = bank->engaged == 0u ? bank->edge_um - fabs(x_um - bank->y_um[1])
-                                           : way_um * (bank->edge_um - x_um);
+    rdpi_real_t before_edge = bank->engaged == 0u ? bank->edge_um - fabs(x_um - bank->y_um[1])
+                                                  : way_um * (bank->edge_um - x_um); /* > 0: x stays before it */
     self->flags = 0;
     self->rate_estimator.z_um[0] = reference_um;
     self->rate_um_per_s = rate_um_per_s;
-    if (!(room > 0)) {
+    if (!(before_edge > 0)) {
         return step_over_edge(self, climb_um, rate_um_per_s);
     }
     self->dac_code = (uint32_t)rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0);
@@ -365,12 +378,12 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     if (self->rate_estimator.oldest < self->rate_estimator.window && params->slew_V_per_s <= 0) {
         self->ramp_V = self->drive_V; /* there have been steps: the sweep begins at what they have output */
     }
-    /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to the end */
+    /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to sweep_end_V */
     unsigned cycles_left = self->sweep_turns / 2u;
     rdpi_real_t left = (rdpi_real_t)cycles_left / (rdpi_real_t)params->sweep_cycles;
     rdpi_real_t limit_V = self->sweep_turns % 2u != 0u ? params->max_V : params->min_V;
-    rdpi_real_t turn_V = rdpi_f32_clamp(rdpi_f32_fma(left, limit_V - params->sweep_end_V, params->sweep_end_V), params->min_V,
-                               params->max_V);
+    rdpi_real_t turn_V = rdpi_f32_fma(left, limit_V - params->sweep_end_V, params->sweep_end_V);
+    turn_V = rdpi_f32_clamp(turn_V, params->min_V, params->max_V);
     rdpi_real_t sweep_step_V = per_sample(self, params->sweep_V_per_s);
     rdpi_real_t drive_V = rdpi_f32_clamp(turn_V, self->ramp_V - sweep_step_V, self->ramp_V + sweep_step_V);
 
@@ -392,7 +405,8 @@ rdpi_real_t rdpi_f32_predict(const rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_r
         return (rdpi_real_t)NAN;
     }
     rdpi_real_t rate = rate_um_per_s < params->max_um_per_s ? rate_um_per_s : params->max_um_per_s;
-    rdpi_real_t v_um = rdpi_f32_bank_at(&self->bank, params->play, params->plays, rate, rdpi_f32_x_of_drive(params, drive_V));
+    rdpi_real_t v_um = rdpi_f32_bank_at(&self->bank, params->play, params->plays, rate,
+                                        rdpi_f32_x_of_drive(params, drive_V));
     return rdpi_f32_saturation(params->saturation, params->deadzones, v_um) + params->offset_um;
 }
 

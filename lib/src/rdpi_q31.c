@@ -6,11 +6,12 @@
 #include "q31_rate.h"
 #include "q31_saturation.h"
 
-#define MAX_BANK_OUTPUT RDPI_Q31_ONE /* where it saturates: twice what a drive in range reaches */
+/* Where S^-1 saturates: twice what a drive in range reaches. */
+#define MAX_BANK_OUTPUT RDPI_Q31_ONE
 
 typedef char right_shift_is_arithmetic[(-1 >> 1) == -1 ? 1 : -1];
 
-/* A drive in the fractions that slopes of time need: times 2^32. */
+/* A drive times 2^32: slopes need the fractions. */
 static int64_t widen(int32_t drive)
 {
     return drive * ((int64_t)1 << 32);
@@ -21,11 +22,11 @@ uint32_t rdpi_q31_digest_layout(uint64_t layout, const rdpi_q31_params_t *params
     return layout == RDPI_Q31_LAYOUT ? rdpi_q31_checksum(params) : 0u;
 }
 
-/* What a speed per us is per sample, saturated: no drive is further than 2^30 from another. */
+/* A slope per us as a change per sample. It saturates: no drive is further than 2^30 from another. */
 static int64_t per_sample(uint64_t per_us, uint32_t sample_time_ns)
 {
     const uint64_t most = (uint64_t)1 << 62;
-    uint64_t whole = per_us / 1000u; /* per ns; the product of what is left does not overflow */
+    uint64_t whole = per_us / 1000u; /* per ns; the product of the rest does not overflow */
     return whole >= most / sample_time_ns
                ? (int64_t)most
                : (int64_t)(whole * sample_time_ns + per_us % 1000u * sample_time_ns / 1000u);
@@ -57,14 +58,14 @@ rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi
 
 /* ---- memory ---- */
 
-/* What has happened since the latest sample does not matter to the next. */
+/* The next sample is the first: the rate history is forgotten. */
 static void forget_samples(rdpi_q31_t *self)
 {
     rdpi_q31_rate_reset(&self->rate_estimator);
     self->missed = 0;
 }
 
-/* The drive is what someone else, or the memory, says it is. */
+/* Takes a drive that no step has output: that of the memory or of another source. Ends a sweep. */
 static void put_drive(rdpi_q31_t *self, int32_t drive)
 {
     const rdpi_q31_params_t *params = self->params;
@@ -121,7 +122,7 @@ static void add_missed(rdpi_q31_t *self, uint32_t ticks)
     self->rate_estimator.direct = false;
 }
 
-/* The input is not usable: the sample passes with everything held. */
+/* The input is not usable. The drive is held, no state changes, and the sample counts as missed. */
 static void refuse_input(rdpi_q31_t *self)
 {
     set_flag(self, RDPI_FLAG_INPUT, &self->input_count);
@@ -138,8 +139,8 @@ static int32_t limit_rate(rdpi_q31_t *self, int32_t rate)
     return rate;
 }
 
-/* The rate where it takes more than the latest two samples, or there are none, or the guard is passed. Takes a drive of
- * someone else's that is outside the range to its end, which every output passes. */
+/* The rate if the estimator is not `direct`. Also moves x to the end of the range if another source has left it
+ * outside: every output passes that end. */
 static RDPI_Q31_SELDOM int32_t rate_not_direct(rdpi_q31_t *self, int32_t reference)
 {
     const rdpi_q31_params_t *params = self->params;
@@ -155,6 +156,7 @@ static RDPI_Q31_SELDOM int32_t rate_not_direct(rdpi_q31_t *self, int32_t referen
     return limit_rate(self, rdpi_q31_rate_step(&self->rate_estimator, reference, missed));
 }
 
+/* The rate of a sample, after the guard. */
 static inline int32_t rate_of_sample(rdpi_q31_t *self, int32_t reference)
 {
     if (!self->rate_estimator.direct) {
@@ -167,7 +169,7 @@ static inline int32_t rate_of_sample(rdpi_q31_t *self, int32_t reference)
     return rdpi_q31_rate_direct(&self->rate_estimator, distance);
 }
 
-/* S^-1, times 2^30, where the reference is not on the piece of the latest. */
+/* S^-1, times 2^30, if the reference does not lie on latest_piece. */
 static RDPI_Q31_SELDOM int64_t v_beyond_piece(rdpi_q31_t *self, int32_t reference)
 {
     const rdpi_q31_params_t *params = self->params;
@@ -179,7 +181,8 @@ static RDPI_Q31_SELDOM int64_t v_beyond_piece(rdpi_q31_t *self, int32_t referenc
     return (int64_t)v * RDPI_Q31_ONE;
 }
 
-/* Outputs the ramp, to a code if there are codes, and moves the plays there; `from` as rdpi_q31_bank_move has it. */
+/* Outputs the ramp, rounded to a code if there are codes, and moves the plays there. `from` is that of
+ * rdpi_q31_bank_move. */
 static void output(rdpi_q31_t *self, int32_t from)
 {
     const rdpi_q31_params_t *params = self->params;
@@ -187,13 +190,13 @@ static void output(rdpi_q31_t *self, int32_t from)
     if (params->dac_bits > 0u) {
         int64_t code = rdpi_q31_code_of_drive(params, self->drive);
         self->dac_code = (uint32_t)code;
-        /* clamped because the last code may round past the end of the range */
+        /* clamped, because the last code may round past the end of the range */
         self->drive = rdpi_q31_clamp(rdpi_q31_drive_of_code(params, code), params->min_drive, params->max_drive);
     }
     rdpi_q31_bank_move(&self->bank, params, from, self->drive);
 }
 
-/* Outputs what the slew limit leaves of a drive in range. */
+/* Outputs a drive in range, as far as the slew limit allows. */
 static RDPI_Q31_SELDOM void output_limited(rdpi_q31_t *self, int32_t drive)
 {
     int64_t change = widen(drive) - self->ramp;
@@ -211,7 +214,7 @@ static RDPI_Q31_SELDOM void output_limited(rdpi_q31_t *self, int32_t drive)
     output(self, self->drive);
 }
 
-/* Outputs the code nearest to a drive in range. What `output` does, for codes that `plain` holds of. */
+/* Outputs the code nearest to a drive in range: what `output` does, if `direct_output` holds. */
 static inline void output_direct(rdpi_q31_t *self, int32_t drive)
 {
     const rdpi_q31_params_t *params = self->params;
@@ -223,7 +226,7 @@ static inline void output_direct(rdpi_q31_t *self, int32_t drive)
     self->ramp = widen(drive);
     self->dac_code = (uint32_t)code;
     if (!rdpi_q31_bank_try_slide(&self->bank, rounded)) {
-        /* clamped because the last code may round past the end of the range */
+        /* clamped, because the last code may round past the end of the range */
         rounded = rdpi_q31_in_range(params, rounded);
         rdpi_q31_bank_move(&self->bank, params, self->drive, rounded);
     }
@@ -237,7 +240,7 @@ int32_t rdpi_q31_step(rdpi_q31_t *self, int32_t reference)
     self->flags = 0;
     if (rdpi_q31_piece_holds(&self->latest_piece, reference)) {
         v = rdpi_q31_piece_at(&self->latest_piece, reference);
-    } else if (reference != RDPI_Q31_NO_REFERENCE) { /* which no piece holds */
+    } else if (reference != RDPI_Q31_NO_REFERENCE) { /* no piece holds that one */
         v = v_beyond_piece(self, reference);
     } else {
         refuse_input(self);
@@ -274,7 +277,7 @@ bool rdpi_q31_sweep(rdpi_q31_t *self)
     if (self->rate_estimator.oldest < self->rate_estimator.window && self->slew == 0) {
         self->ramp = widen(self->drive); /* there have been steps: the sweep begins at what they have output */
     }
-    /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to the end */
+    /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to sweep_end */
     int32_t limit = self->sweep_turns % 2u != 0u ? rdpi_q31_drive_of_last_code(params) : params->drive_of_code_0;
     int64_t swing = widen(limit) - widen(params->sweep_end);
     int64_t turn = widen(params->sweep_end) + swing / params->sweep_cycles * (self->sweep_turns / 2u);

@@ -1,5 +1,5 @@
-/* The independent watchdog of the STM32F4 and G4, for a port that includes this after its registers.h, which has IWDG,
- * RCC and RCC_CSR_..., and brings `reached`. Off unless the build asks for it, RDPI_WATCHDOG_MS.
+/* The independent watchdog of the STM32F4 and G4, for a port that includes this after common.h and its registers.h,
+ * which has IWDG, RCC and RCC_CSR_... Off unless the build asks for it, RDPI_WATCHDOG_MS.
  *
  * What feeds it is a tick that has returned, if main has come by rdpi_port_idle since it was fed before: a tick that
  * hangs, one that no longer comes and a main that hangs all end in a reset.
@@ -32,8 +32,6 @@
 
 static volatile bool main_came_by; /* since it was fed */
 static bool watchdog_has_reset;
-
-static bool reached(const uint32_t *reg, uint32_t mask, uint32_t value); /* the port's */
 
 /* Nothing if none is wanted. False for a sample rate that would not feed it often enough, or if it does not start; once
  * started it cannot be stopped. */

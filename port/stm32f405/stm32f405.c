@@ -10,7 +10,8 @@
 #include "../include/rdpi_spi.h"
 #include "registers.h"
 
-#include "../stm32/watchdog.h" /* with those registers */
+#include "../stm32/common.h" /* these two with those registers */
+#include "../stm32/watchdog.h"
 
 #ifndef RDPI_HSE_HZ
 #define RDPI_HSE_HZ 8000000 /* the crystal */
@@ -41,7 +42,6 @@
 #define PRIORITY_SPI 0x40u
 #define PRIORITY_TICK 0x80u
 #define PRIORITY_USART 0xC0u
-#define PATIENCE 100000u /* reads until a bit is given up, some 10 ms; a crystal takes 2 */
 
 void SystemInit(void);
 
@@ -54,24 +54,7 @@ static volatile unsigned spi_left;       /* bytes of this transfer that are not 
 static rdpi_port_tick_t on_tick;
 static volatile uint32_t updates;  /* of TIM2 since the start; wraps */
 static uint32_t served;            /* of them, those that had their tick or were lost */
-static volatile uint32_t overruns; /* written by the tick's interrupt, read anywhere */
 static ring_t telemetry;
-
-static void change(uint32_t *reg, uint32_t clear, uint32_t set)
-{
-    reg_write(reg, (reg_read(reg) & ~clear) | set);
-}
-
-/* Waits until the bits of the mask are `value`, but not for ever. */
-static bool reached(const uint32_t *reg, uint32_t mask, uint32_t value)
-{
-    for (uint32_t k = 0; k < PATIENCE; k++) {
-        if ((reg_read(reg) & mask) == value) {
-            return true;
-        }
-    }
-    return false;
-}
 
 /* At least `ns` at 168 MHz: a read of the AHB takes two cycles and more. */
 static void pause_ns(uint32_t ns)
@@ -281,12 +264,6 @@ bool rdpi_port_write_dac(uint32_t code)
     return dac_start() && rdpi_ad5683r_write(&dac, code);
 }
 
-static void lose(uint32_t ticks)
-{
-    uint32_t room = UINT32_MAX - overruns;
-    overruns += ticks < room ? ticks : room;
-}
-
 static void tim2_interrupt(void)
 {
     reg_write(&TIM2->sr, ~TIM_SR_UIF);
@@ -332,11 +309,6 @@ bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
 int32_t rdpi_port_read_adc(void)
 {
     return (reg_read(&ADC1->sr) & ADC_SR_STRT) != 0u ? (int32_t)reg_read(&ADC1->dr) : RDPI_PORT_NO_READING;
-}
-
-uint32_t rdpi_port_overruns(void)
-{
-    return overruns;
 }
 
 uint32_t rdpi_port_cycles(void)

@@ -5,7 +5,8 @@
 #include "../include/rdpi_port.h"
 #include "registers.h"
 
-#include "../stm32/watchdog.h" /* with those registers */
+#include "../stm32/common.h" /* these two with those registers */
+#include "../stm32/watchdog.h"
 
 #ifndef RDPI_BAUD
 #define RDPI_BAUD 3000000
@@ -22,7 +23,6 @@
 #define LAST_CODE 0xFFFu
 #define PRIORITY_TICK 0x00u
 #define PRIORITY_USART 0xC0u
-#define PATIENCE 100000u /* reads until a bit is given up, some 10 ms: what is waited for takes less than 0.1 ms */
 
 #if RDPI_SAFE_CODE > LAST_CODE
 #error "RDPI_SAFE_CODE: 4095 at most, the DAC has 12 bits"
@@ -33,24 +33,7 @@ void SystemInit(void);
 static rdpi_port_tick_t on_tick;
 static uint32_t period;            /* cycles between ticks */
 static uint32_t due;               /* TIM2's count at the last tick accounted for */
-static volatile uint32_t overruns; /* written by the interrupt, read anywhere */
 static ring_t telemetry;
-
-static void change(uint32_t *reg, uint32_t clear, uint32_t set)
-{
-    reg_write(reg, (reg_read(reg) & ~clear) | set);
-}
-
-/* Waits until the bits of the mask are `value`, but not for ever. */
-static bool reached(const uint32_t *reg, uint32_t mask, uint32_t value)
-{
-    for (uint32_t k = 0; k < PATIENCE; k++) {
-        if ((reg_read(reg) & mask) == value) {
-            return true;
-        }
-    }
-    return false;
-}
 
 /* RM0440 6.1.5, Range 1 normal to boost, and 3.3.3, increasing the frequency. Stops where the chip does not follow. */
 static bool clock_start(void)
@@ -178,12 +161,6 @@ void SystemInit(void)
     usart_start();
 }
 
-static void lose(uint32_t ticks)
-{
-    uint32_t room = UINT32_MAX - overruns;
-    overruns += ticks < room ? ticks : room;
-}
-
 /* Ticks that have become due since this was last asked. */
 static uint32_t ticks_due(void)
 {
@@ -268,11 +245,6 @@ void rdpi_port_safe(void)
 int32_t rdpi_port_read_adc(void)
 {
     return (reg_read(&ADC1->cr) & ADC_CR_ADSTART) != 0u ? (int32_t)reg_read(&ADC1->dr) : RDPI_PORT_NO_READING;
-}
-
-uint32_t rdpi_port_overruns(void)
-{
-    return overruns;
 }
 
 /* From rdpi_port_start on. */

@@ -68,15 +68,16 @@ def print_searches(model: str, runs: list[str]) -> None:
     """Seconds that fitting each effect alone takes, in this process."""
     from rdpi.data import read_recording
     from rdpi.gap import candidates
+    from rdpi.gap.dataset import Dataset
     from rdpi.model import read_model
     from rdpi.simulate import effects
 
-    bench = candidates.Bench(read_model(model), [read_recording(run) for run in runs])
-    before, hidden, seconds = bench.predict([]), [], {}
+    dataset = Dataset(read_model(model), [read_recording(run) for run in runs])
+    before, hidden, seconds = dataset.predict([]), [], {}
     for name, kind in effects.CATALOGUE.items():
         for stage in kind.stages:
             start = time.perf_counter()
-            found = candidates.search(bench, kind(stage), [], before)
+            found = candidates.search(dataset, kind(stage), [], before)
             seconds[f"{name} ({stage})"] = time.perf_counter() - start
             hidden += [] if found else [f"{name} ({stage})"]
     print(f"\nfits of one effect to the gap, the first of up to three rounds, {sum(seconds.values()):.2f} s:")

@@ -27,11 +27,9 @@ SITE = "tests/site"
 HEADERS = [path for folder in ("lib/include/rdpi", "port/include", "port/drivers")
            for path in sorted((ROOT / folder).glob("*.h"))]
 REFERENCE = "c", "commands", "python"
-HELP_WIDTH = 86
 
 project = "rdpi"
 version = release = rdpi.version()
-project_copyright = copyright = "see LICENSE"
 root_doc = "README"
 exclude_patterns = ["build*", ".*", "**/.*", "host_tools/build", "host_tools/*.egg-info"]
 include_patterns = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "*/README.md", "*/*/README.md", f"{SITE}/*.rst"]
@@ -44,6 +42,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 suppress_warnings = ["ref.python"]  # types in signatures: what two packages export has two places, either will do
 highlight_language = "none"
+smartquotes = False  # -- begins an option
 html_theme = "furo"
 html_title = f"rdpi {release}"
 html_copy_source = html_show_sphinx = html_show_copyright = False
@@ -61,13 +60,23 @@ def c() -> Iterator[str]:
 
 
 def commands() -> Iterator[str]:
-    """A section for every command: its help, as in a terminal."""
-    program = click.Context(main, info_name="rdpi", **{**main.context_settings, "terminal_width": HELP_WIDTH})
-    yield from literal(main.get_help(program))
+    """A section for every command: what its --help says."""
+    program = click.Context(main, info_name="rdpi", **main.context_settings)
+    yield from help_of(main, program)
     for name, command in sorted(main.commands.items()):
-        context = click.Context(command, info_name=name, parent=program)
         yield from (f".. _rdpi-{name}:", "", f"rdpi {name}", "-" * 40, "")
-        yield from literal(command.get_help(context))
+        yield from help_of(command, click.Context(command, info_name=name, parent=program))
+
+
+def help_of(command: click.Command, context: click.Context) -> Iterator[str]:
+    yield from literal(f"Usage: {context.command_path} {' '.join(command.collect_usage_pieces(context))}")
+    for paragraph in inspect.cleandoc(command.help or "").split("\n\n"):
+        marked = paragraph.startswith("\b\n")  # click: leave the lines as they are
+        yield from literal(paragraph.removeprefix("\b\n")) if marked else (*plain(paragraph), "")
+    for parameter in command.get_params(context):
+        record = parameter.get_help_record(context)
+        if record:
+            yield from (f"``{record[0]}``", textwrap.indent("\n".join(plain(record[1])), "    "), "")
 
 
 def literal(text: str) -> Iterator[str]:
@@ -186,9 +195,11 @@ def join_paragraphs(app: Sphinx, doctree: nodes.document) -> None:
 
 
 def front_page(app: Sphinx, error: Exception | None) -> None:
+    """index.html leads to README.html, which links between pages name."""
     if error is None:
-        text = '<!DOCTYPE html><meta charset="utf-8"><title>rdpi</title><meta http-equiv="refresh" content="0; url=README.html">\n'
-        (Path(app.outdir) / "index.html").write_text(text + '<a href="README.html">rdpi</a>\n', encoding="utf-8")
+        text = ('<!DOCTYPE html>\n<meta charset="utf-8"><meta http-equiv="refresh" content="0; url=README.html">\n'
+                '<title>rdpi</title><a href="README.html">rdpi</a>\n')
+        (Path(app.outdir) / "index.html").write_text(text, encoding="utf-8")
 
 
 def setup(app: Sphinx) -> None:

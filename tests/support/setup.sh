@@ -71,7 +71,8 @@ tests)
     furo                module   furo
     python3-pytest      module   pytest
     python3-pytest-xdist  module  xdist
-    python3-hypothesis  module   hypothesis'
+    python3-hypothesis  module   hypothesis
+    python3-jsonschema  module   jsonschema'
     ;;
 *)
     sed -n '2,7s/^# \{0,1\}//p' "$0" >&2

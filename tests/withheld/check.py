@@ -5,7 +5,7 @@
     .venv/bin/python tests/withheld/check.py --withhold all --cases 160 -o build/withheld-one-out
 
 1. Generate. Machines of actuators.py are recorded and identified with `rdpi fit`; then they are recorded again, under
-   random names, with other waveforms and fresh noise, with or without an effect in them: one of the sixteen that the
+   random names, with other waveforms and fresh noise, with or without an effect in them: one of sixteen that the
    tool knows, one that it does not, two at once, or none; at severities from 0.3 to 10 times what the model misses
    anyway; on rich recordings and on poor ones (a tracking profile and a sine); with the amplifier's monitor and
    without. Mostly the effect appears after the model was identified; where it is "born in", it was there before. What

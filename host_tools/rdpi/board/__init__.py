@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from . import emulator, profile, telemetry
-from .serial import Raw, Safe, is_part, record, refusal, reserved, stop_signals
-from .telemetry import FINISHED, NO_READING, OFF_THE_MIDDLE, REFUSED, STILL, Decoder, Following, amid, displacement_um
+from .compensation import Compensation, compensate
+from .recordings import (Recorded, Stream, Written, check_recording_outputs, how_it_ended, how_it_goes, read_stream,
+                         record_file, write_stream)
+from .sweep import memory_after
+from .telemetry import Decoder, Following
 
-__all__ = ["FINISHED", "NO_READING", "OFF_THE_MIDDLE", "REFUSED", "STILL", "Decoder", "Following", "Raw", "Safe",
-           "amid", "displacement_um", "emulator", "is_part", "profile", "record", "refusal", "reserved", "stop_signals",
-           "telemetry"]
+__all__ = ["Compensation", "Decoder", "Following", "Recorded", "Stream", "Written", "check_recording_outputs",
+           "compensate", "emulator", "how_it_ended", "how_it_goes", "memory_after", "profile", "read_stream",
+           "record_file", "telemetry", "write_stream"]

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..data import Recording
 from ..errors import BadInput
-from ..firmware import NO_REFERENCE, FixedPoint, Steps, engine, write_header
+from ..firmware import NO_REFERENCE, FixedPoint, Steps, build_options, engine, write_header
 from ..model import Model
 from . import profile, telemetry
 from .serial import refusal
@@ -31,7 +31,6 @@ MACHINES = {"qemu-m0": "microbit", "qemu-m3": "mps2-an385", "qemu-m4f": "mps2-an
 BOARDS = MACHINES | {"stm32f405": "netduinoplus2"}  # whose timers are not its own: for tests only
 TOOLS = {"cmake": "cmake", "make": "make", "arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi",
          "qemu-system-arm": "qemu-system-arm"}  # and the Debian packages that have them
-DEFAULTS = {"RDPI_MAX_PLAYS": 16, "RDPI_MAX_DEADZONES": 8, "RDPI_MAX_WINDOW": 16}  # lib/include/rdpi/types.h
 PER_SAMPLE, PER_SAMPLE_SOFT = 16_000, 64_000  # instructions, at least; the second where floats are software
 SOFT = "qemu-m0", "qemu-m3"
 SILENT_S = 30.0
@@ -69,11 +68,9 @@ def build(model: Model, reference_um: np.ndarray, run: Recording, board: str, fi
     else:
         references = profile.literals(reference_um)
     (folder / "rdpi_profile.h").write_text(profile.render(run, rate_hz, references))
-    needs = {"RDPI_MAX_PLAYS": len(model.slopes), "RDPI_MAX_DEADZONES": len(model.deadzones_um),
-             "RDPI_MAX_WINDOW": math.ceil(model.rate.window_s * rate_hz) + 1}
     options = [f"-DRDPI_PARAMS_DIR={folder}", f"-DRDPI_TRACK_RATE_HZ={rate_hz}",
                f"-DRDPI_TRACK_SWEEP={'ON' if sweep else 'OFF'}", f"-DRDPI_TRACK_Q31={'ON' if fixed_point else 'OFF'}",
-               *(f"-D{name}={need}" for name, need in needs.items() if need > DEFAULTS[name])]
+               *(f"-D{name}={need}" for name, need in build_options(model, rate_hz).items())]
     _make([["cmake", "--preset", board, "-S", str(home), "-B", str(folder / "build"), *options],
            ["cmake", "--build", str(folder / "build"), "--target", "track"]], board, len(reference_um))
     return folder / "build" / "track"

@@ -22,6 +22,7 @@ import numpy as np
 
 from ..data import MIN_SAMPLES, sample_times
 from ..errors import BadInput
+from .sweep import OFF_THE_MIDDLE, STILL, amid
 
 VERSION = 1
 SAMPLE, INFO = 1, 2  # frame types
@@ -35,8 +36,6 @@ INFO_BODY = struct.Struct("<BBBbIBB7d10I")
 
 LONGEST = 254  # bytes of a frame of this kind of COBS without its zero: one block
 NEAR_TICKS = 1000  # more ticks than this are not lost between neighbours
-STILL = 1e-3  # of the DAC's range: a drive that moves no more has stayed where the sweep ended
-AMID = 0.05  # of a sweep's range: from its middle, where a sweep has decayed from both sides
 MOST = 0.8  # of the samples received: a recording with fewer is worth a word
 LARGEST = 1e9  # of volts and scales, either sign: far beyond any, and all sums of them are finite
 SCALES = {"um_per_reference": "the parameters", "reference_0_um": "the parameters",
@@ -44,8 +43,6 @@ SCALES = {"um_per_reference": "the parameters", "reference_0_um": "the parameter
           "count_0_um": "RDPI_COUNT_0_UM"}  # of an info, and what in the firmware's build sets them
 UNKNOWN = ", which this version of rdpi does not know; use the one that the firmware was built with"
 CHANCE = 10_000  # of this many good frames, one of an unknown kind may be a damaged one
-
-OFF_THE_MIDDLE = "the sweep ends off the middle"
 
 _CRC_TABLE = np.array([binascii.crc_hqx(bytes([byte]), 0) for byte in range(256)], np.uint16)
 
@@ -486,11 +483,6 @@ def _output(samples: np.ndarray) -> np.ndarray:
     """The codes that the DAC was at: where it held one, that of the last sample which it took."""
     held = samples["flags"] & HELD != 0
     return samples["dac_code"][np.maximum.accumulate(np.where(held, 0, np.arange(len(samples))))]
-
-
-def amid(end: float, lowest: float, highest: float) -> bool:
-    """Whether a decaying sweep over this range has left every play at x: near an edge the larger are left behind."""
-    return abs(end - (lowest + highest) / 2) <= AMID * (highest - lowest)
 
 
 def _columns(samples: np.ndarray, output: np.ndarray, info: Info, um_per_count: float | None,

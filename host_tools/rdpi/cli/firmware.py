@@ -9,12 +9,12 @@ import click
 from ..errors import BadInput
 from .program import command
 from .progress import progress
-from .types import Dac
+from .types import Dac, Output
 
 
 @command("header")
 @click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
-@click.option("-o", "--output", required=True, metavar="rdpi_params.h", type=click.Path(dir_okay=False),
+@click.option("-o", "--output", required=True, metavar="rdpi_params.h", type=Output(),
               help="The header.")
 @click.option("--name", default="rdpi_params", show_default=True, metavar="NAME",
               help="C name of the parameters, for several actuators in one firmware.")
@@ -27,42 +27,32 @@ def header(model: str, output: str, name: str, **sweep: float | None) -> dict[st
     """Generate the C header that the firmware compiles in. The same model gives the same bytes."""
     from dataclasses import replace
 
-    from ..firmware import fixed_point, write_header
+    from ..firmware import build_notes, write_header
     from ..model import read_model
 
     parameters = read_model(model)
     parameters.drive = replace(parameters.drive, **{key: value for key, value in sweep.items() if value is not None})
-    write_header(parameters, output, name, source=model)
+    no_fixed_point = write_header(parameters, output, name, source=model)
     _tell_effects(parameters)
     click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones, "
-               f"starts from {parameters.memory.x_um / parameters.gain_um_per_V + parameters.offset_V:.6g} V, "
-               f"start-up sweep ends at {parameters.sweep_end():.6g} V")
-    for need, default, maximum in ((len(parameters.slopes), 16, "RDPI_MAX_PLAYS"),
-                                   (len(parameters.deadzones_um), 8, "RDPI_MAX_DEADZONES")):
-        if need > default:
-            click.echo(f"note: compile the library and its users with -D{maximum}={need} (default {default})")
-    if parameters.rate.window_s:
-        click.echo(f"note: the rate window spans {parameters.rate.window_s:g} s times the samples per second; "
-                   "above 16 samples compile with -DRDPI_MAX_WINDOW=...")
-    if parameters.shortest_sample_s() > 1e-6:
-        click.echo(f"note: at {parameters.drive.sweep_speed():.4g} V/s the start-up sweep is too slow for more than "
-                   f"{1 / parameters.shortest_sample_s():.3g} samples per second; rdpi_f32_init refuses them")
-    q31, reason = fixed_point(parameters)
-    if q31 is None:
-        click.echo(f"note: single precision only, not fixed point: {reason}")
-    return {"file": output, "name": name, "digest": parameters.digest(), "q31": q31 is not None}
+               f"starts from {parameters.start_V():.6g} V, start-up sweep ends at {parameters.sweep_end():.6g} V")
+    for note in build_notes(parameters):
+        click.echo(f"note: {note}")
+    if no_fixed_point:
+        click.echo(f"note: single precision only, not fixed point: {no_fixed_point}")
+    return {"file": output, "name": name, "digest": parameters.digest(), "q31": not no_fixed_point}
 
 
 def _tell_effects(model: Any) -> None:
-    """The inverse has none of the effects that `gap` adds: say so wherever it is made of a model that has."""
-    names = [str(effect.get("name")) for effect in model.effects if isinstance(effect, dict)]
-    if names:
+    from ..firmware import effects_left_out
+
+    if names := effects_left_out(model):
         click.echo(f"note: effects that only the simulation knows, not the inverse: {', '.join(names)}", err=True)
 
 
 @command("profile")
 @click.argument("source", metavar="FILE.csv", type=click.Path(dir_okay=False))
-@click.option("-o", "--output", required=True, metavar="rdpi_profile.h", type=click.Path(dir_okay=False),
+@click.option("-o", "--output", required=True, metavar="rdpi_profile.h", type=Output(),
               help="The header.")
 @click.option("--reference-column", metavar="COLUMN", help="Column to follow, um. Default: reference_um.")
 @click.option("--dac", type=Dac(), metavar="BITS:MIN_V:MAX_V",
@@ -101,7 +91,7 @@ def profile(source: str, output: str, reference_column: str | None,
 @command("compensate")
 @click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
 @click.argument("reference", metavar="REFERENCE.csv", type=click.Path(dir_okay=False))
-@click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=click.Path(dir_okay=False),
+@click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=Output(),
               help="The reference's columns and command_V, rate_um_per_s, flags and, with --dac-bits, dac_code.")
 @click.option("--engine", default="f32", show_default=True,
               type=click.Choice(["f32", "q31", "f64", "numpy", "qemu-m0", "qemu-m3", "qemu-m4f", "qemu-m7"]),
@@ -133,13 +123,9 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     project's checkout (set RDPI_HOME where the tools are installed apart from it) and arm-none-eabi-gcc.
     """
     from dataclasses import replace
-    from functools import partial
 
-    import numpy as np
-
-    from ..board import OFF_THE_MIDDLE, STILL, amid
+    from .. import board
     from ..data import read_recording, write_recording
-    from ..firmware import q31
     from ..model import read_model
     from ..simulate import chain
 
@@ -147,52 +133,26 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     _tell_effects(parameters)
     if dac_bits is not None:
         parameters.drive = replace(parameters.drive, dac_bits=dac_bits)
-        parameters.validate(model)
-    emulated = engine.startswith("qemu-")
-    if fixed_point and not emulated:
-        raise BadInput(f"--fixed-point: is for the engines qemu-...; with --engine {engine} it has no meaning")
-    if engine == "q31" or fixed_point:
-        q31(parameters, model)  # refuses by the file's name
+        parameters.validate()
     run = read_recording(reference, required=("time_s", reference_column))
     with progress("compensating") as report:
-        how: str | chain.Engine = engine
-        if emulated:
-            from ..board import emulator
-
-            how = partial(emulator.step, run=run, board=engine, fixed_point=fixed_point, sweep=sweep, report=report)
-        steps, offset = chain.follow(parameters, run, reference_column, how, remove_offset, sweep)
-    columns = {name: values for name, values in run.columns.items() if name != "command_V"}
-    columns["reference_um"] = run.columns[reference_column]
-    columns.update(command_V=steps.drive_V.astype(float), rate_um_per_s=steps.rate_um_per_s.astype(float),
-                   flags=steps.flags.astype(float))
-    if parameters.drive.dac_bits:
-        columns["dac_code"] = steps.dac_code.astype(float)
-    result: dict[str, Any] = {"file": output, "engine": engine, "sweep": sweep, "samples": len(run)}
-    for name, bit in (("guard", 1), ("range", 2), ("slew", 4), ("input", 8), ("missed", 16)):
-        result[f"{name}_count"] = int(((steps.flags & bit) > 0).sum())
-    flagged = ", ".join(f"{result[f'{name}_count']} {name}" for name in ("guard", "range", "slew", "input"))
-    if result["range_count"]:
-        low, high = chain.reachable_um(parameters)
-        reference_um = columns["reference_um"][np.isfinite(columns["reference_um"])] - offset
-        click.echo(f"note: the drive was clipped; reachable {low:.5g} to {high:.5g} um, "
-                   f"asked for {reference_um.min():.5g} to {reference_um.max():.5g} um")
-    click.echo(f"{output}: {len(run)} samples, {steps.drive_V.min():.6g} to {steps.drive_V.max():.6g} V, "
-               f"flagged: {flagged}")
-    if run.command_V is not None:
-        columns["recorded_V"] = run.command_V
-    if run.command_V is not None and np.ptp(run.command_V) > 0:
-        score = chain.score(steps.drive_V.astype(float), run.command_V, where=reference)
+        found = board.compensate(parameters, run, reference_column, engine, fixed_point=fixed_point, sweep=sweep,
+                                 remove_offset=remove_offset, report=report)
+    result: dict[str, Any] = {"file": output, "engine": engine, "sweep": sweep, "samples": len(run),
+                              **{f"{name}_count": count for name, count in found.flag_counts.items()}}
+    if found.flag_counts["range"]:
+        low_um, high_um = chain.reachable_um(parameters)
+        click.echo(f"note: the drive was clipped; reachable {low_um:.5g} to {high_um:.5g} um, "
+                   f"asked for {found.asked_um[0]:.5g} to {found.asked_um[1]:.5g} um")
+    drive_V = found.steps.drive_V
+    flagged = ", ".join(f"{found.flag_counts[name]} {name}" for name in ("guard", "range", "slew", "input"))
+    click.echo(f"{output}: {len(run)} samples, {drive_V.min():.6g} to {drive_V.max():.6g} V, flagged: {flagged}")
+    if score := found.score:
         click.echo(f"against the recorded command: rms {score.rms_percent:.3f} %, max {score.max_percent:.3f} % of its "
-                   f"peak-to-peak" + (f" (offset of {offset:.4g} um removed)" if remove_offset else ""))
+                   f"peak-to-peak" + (f" (offset of {found.offset_um:.4g} um removed)" if remove_offset else ""))
         result["recorded"] = {"rms_V": score.rms_um, "max_V": score.max_um, "rms_percent": score.rms_percent,
-                              "max_percent": score.max_percent, "removed_um": offset}
-    metadata = run.metadata
-    if sweep:  # what the drive's first sample remembers
-        low_V, high_V, end_V = parameters.drive.min_V, parameters.drive.max_V, parameters.sweep_end()
-        stays = abs(float(steps.drive_V[0]) - end_V) <= STILL * (high_V - low_V)
-        reset = stays and amid(end_V, low_V, high_V)
-        metadata = {**metadata, "memory": "reset" if reset else "unknown"}
-        if stays and not reset:
-            click.echo(f"memory: unknown ({OFF_THE_MIDDLE})")
-    write_recording(output, columns, metadata)
+                              "max_percent": score.max_percent, "removed_um": found.offset_um}
+    if found.why_unknown:
+        click.echo(f"memory: unknown ({found.why_unknown})")
+    write_recording(output, found.columns, found.metadata)
     return result

@@ -19,7 +19,8 @@ import click
 
 from .. import version
 from ..__main__ import stopped
-from ..errors import BadInput
+from ..errors import BadInput, printable
+from .types import Output, Report
 
 
 class Program(click.Group):
@@ -84,7 +85,7 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
                 where = f"{error.filename}: " if error.filename else ""
                 _fail(f"{where}{error.strerror or error}; check the path and permissions")
 
-        run.params.append(click.Option(["--json", "json_path"], type=click.Path(dir_okay=False), metavar="FILE",
+        run.params.append(click.Option(["--json", "json_path"], type=Output(), metavar="FILE",
                                        help="Also write the result as JSON. -: to standard output, and the rest "
                                             "to standard error."))
         return run
@@ -106,48 +107,36 @@ def _print_json(text: str) -> None:
 
 def _check_paths(context: click.Context) -> None:
     """Refuse, before any work, outputs that cannot be written or that are inputs or each other."""
-    paths: dict[str, list[str]] = {"in": [], "out": []}
+    inputs: list[str] = []
+    outputs: list[str] = []
+    folders: list[str] = []
+    made = None
     for parameter in context.command.params:
-        if isinstance(parameter.type, click.Path) and (value := context.params.get(parameter.name)):
-            kind = "out" if parameter.name in ("output", "json_path", "report", "raw") else "in"
-            if value == "-" and parameter.name == "json_path":
-                if getattr(sys.stdout, "name", None) == os.devnull:
-                    raise BadInput("--json -: standard output is closed; name a file")
-                continue
-            if value == "-" and kind == "out":
-                raise BadInput(f"{parameter.opts[0]} -: standard output is only for --json; name a file")
-            names = [value] if isinstance(value, str) else list(value)
-            if parameter.name == "report":
-                files = ("gap.json", "index.html") if context.command.name == "gap" else ("fit.json",)
-                names = [os.path.join(value, file) for file in files]
-            paths[kind] += names
-            if parameter.name == "report" and os.path.exists(value) and not os.path.isdir(value):
-                raise BadInput(f"{value}: is no folder; name another for --report")
-    for k, name in enumerate(paths["out"]):
-        folder = os.path.dirname(name) or "."
-        report = context.params.get("report")
-        makes_folder = bool(report) and os.path.normpath(folder) == os.path.normpath(report) or \
-            context.command.name == "import" and name.endswith("/")
-        if not os.path.isdir(folder) and not makes_folder:
-            raise BadInput(f"{name}: there is no folder {folder}; make it first")
-        if "port" in context.params and os.path.realpath(name) == os.path.realpath(context.params["port"]):
-            raise BadInput(f"{name}: is the port; give a file to write to")
-        into = name if os.path.isdir(name) else os.path.dirname(os.path.realpath(name))
-        if os.path.isdir(into) and (into == name or not is_device(name)) and not os.access(into, os.W_OK):
-            raise BadInput(f"{name}: the folder {into} cannot be written to; check its permissions")
-        for other in (*paths["in"], *paths["out"][:k]):
-            if os.path.realpath(name) == os.path.realpath(other) and os.path.basename(name) and not is_device(name):
-                kind = "an input" if other in paths["in"] else "another output"
-                raise BadInput(f"{name}: would be written over {kind}; choose another name")
+        kind, value = parameter.type, context.params.get(parameter.name)
+        if not isinstance(kind, click.Path) or not value:
+            continue
+        if isinstance(kind, Report):
+            made = value
+            outputs += [os.path.join(value, file) for file in kind.files]
+        elif not isinstance(kind, Output):
+            inputs += [value] if isinstance(value, str) else value
+        elif value != "-":
+            outputs.append(value)
+            folders += [value] if kind.dir_okay else []
+        elif parameter.name != "json_path":
+            raise BadInput(f"{parameter.opts[0]} -: standard output is only for --json; name a file")
+        elif getattr(sys.stdout, "name", None) == os.devnull:
+            raise BadInput("--json -: standard output is closed; name a file")
+    if outputs:
+        from ..data import check_outputs
+
+        check_outputs(outputs, inputs, made, folders)
 
 
-def is_device(path: str) -> bool:
-    return os.path.exists(path) and not os.path.isfile(path)
-
-
-def printable(name: str) -> str:
-    """Names of files need not be text; what is printed and written must."""
-    return name.encode("utf-8", "backslashreplace").decode()
+def other_outputs() -> list[str]:
+    """Files that the running command writes beside its -o."""
+    given = click.get_current_context().params
+    return [given[name] for name in ("json_path", "raw") if given.get(name)]
 
 
 def _fail(message: str) -> NoReturn:

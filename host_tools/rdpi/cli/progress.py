@@ -58,23 +58,13 @@ def recording_line() -> Iterator[Callable[[Any], None]]:
         return
     from rich.console import Console
 
-    from ..board import FINISHED, NO_READING, displacement_um
+    from ..board import how_it_goes
 
     status = Console(stderr=True).status("waiting for the first frame; Ctrl-C ends")
 
     def report(decoder: Any) -> None:
-        latest, info, counts = decoder.latest, decoder.info, decoder.counts
-        if not counts.samples:
-            over = info is not None and info.state == FINISHED
-            what = "a reset: the target had finished before" if over else "the first frame"
-            text = f"waiting for {what}; Ctrl-C ends"
-        else:
-            at = ""
-            if info is not None and latest is not None and latest["adc_counts"] != NO_READING:
-                at = f", {displacement_um(info, latest['adc_counts']):.4g} um"
-            text = f"{counts.samples} samples, {counts.missing} lost{at}; Ctrl-C ends"
         with suppress(OSError):  # the terminal is gone, the recording is not
-            status.update(text)
+            status.update(how_it_goes(decoder))
 
     try:
         with suppress(OSError):

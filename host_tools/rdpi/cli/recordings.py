@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from ..errors import BadInput
-from .program import command, is_device, printable
+from ..errors import BadInput, printable
+from .program import command, other_outputs
 from .progress import progress, recording_line
-from .types import Number, Numbers, Rows, pairs
+from .types import Number, Numbers, Output, Rows, pairs
 
-_STREAM_CHUNK = 1 << 20  # bytes
 _COLUMN = "COLUMN[:UNIT]"
 
 
@@ -55,98 +52,35 @@ def _check_telemetry_options(context: click.Context, telemetry: bool) -> None:
 
 
 def _import_telemetry(sources: tuple[str, ...], output: str, texts: dict[str, str],
-                      scale: tuple[float | None, float | None], **options: Any) -> dict[str, Any]:
-    from ..board import Decoder
-    from ..data import read_bytes
+                      scale: tuple[float | None, float | None], stretches: bool,
+                      max_lost: int | None) -> dict[str, Any]:
+    from ..board import how_it_ended, read_stream, write_stream
+    from ..data import targets
 
-    targets = _targets(sources, output, options["stretches"])
-    decoders = [Decoder(source) for source in sources]
-    with progress("importing") as report:
-        for index, decoder in enumerate(decoders):
-            stream = read_bytes(decoder.where)
-            for start in range(0, len(stream), _STREAM_CHUNK):
-                decoder.feed(stream[start:start + _STREAM_CHUNK])
-                report((index + start / len(stream)) / len(sources))
-            decoder.finish()
-        # Only now, so that a bad source leaves nothing behind.
-        found = [_stretches(decoder, scale) for decoder in decoders]
-    results = []
-    for decoder, parts, target in zip(decoders, found, targets):
-        result, lines = _write_telemetry(decoder, parts, target, Path(decoder.where).name, texts, **options)
-        click.echo("\n".join([*lines, _how_it_ended(decoder)]))
-        _tell_gate(result, options["max_lost"])
-        results.append(result)
-    return {"recordings": [recording for result in results for recording in result["recordings"]],
-            "streams": [{key: value for key, value in result.items() if key != "recordings"} for result in results],
-            "gate_failed": any(result["gate_failed"] for result in results)}
+    files = targets(sources, output, other_outputs(), stretches)
+    with progress("importing") as report:  # all of them first, so that a bad source leaves nothing behind
+        streams = [read_stream(source, scale, lambda fraction, index=index: report((index + fraction) / len(sources)))
+                   for index, source in enumerate(sources)]
+    recordings, told = [], []
+    for source, stream, file in zip(sources, streams, files):
+        written = write_stream(stream, file, Path(source).name, stretches, texts)
+        click.echo("\n".join([*written.lines, how_it_ended(stream.decoder)]))
+        recordings += written.recordings
+        told.append({**written.stream, "gate_failed": _too_many_lost(written.missing, max_lost)})
+    return {"recordings": recordings, "streams": told, "gate_failed": any(stream["gate_failed"] for stream in told)}
 
 
-def _stretches(decoder: Any, scale: tuple[float | None, float | None]) -> list[Any]:
-    from ..board import telemetry
-
-    found = telemetry.stretches(decoder, *scale)
-    if not found:
-        if decoder.info is not None and decoder.info.state >= telemetry.REFUSED:
-            raise BadInput(f"{decoder.where}: {_how_it_ended(decoder)}")
-        raise BadInput(f"{decoder.where}: {telemetry.summary(decoder.counts)}: no {telemetry.MIN_SAMPLES} samples "
-                       "without a gap after the start-up sweep; record for longer, or see to the line")
-    return found
-
-
-def _how_it_ended(decoder: Any) -> str:
-    """What the end of a stream tells of its target."""
-    from ..board import REFUSED, refusal
-
-    if decoder.runs[-1].finished:
-        return "the target had finished"
-    if decoder.info is not None and decoder.info.state >= REFUSED:
-        return f"the target refuses to run: {refusal(decoder.info)}"
-    return "note: the stream ends before the target had finished"
-
-
-def _write_telemetry(decoder: Any, found: list[Any], target: Path, source: str, texts: dict[str, str],
-                     stretches: bool, max_lost: int | None) -> tuple[dict[str, Any], list[str]]:
-    """Write what a stream holds; returns it for `--json`, and the lines that tell it and what it does not hold.
-
-    Nothing is printed here: a terminal that is gone must not cost the recording.
-    """
-    from dataclasses import asdict
-
-    from ..board import telemetry
-    from ..data import make_folder, write_recording
-
-    counts = decoder.counts
-    files = [(target.with_stem(f"{target.stem}-{number}"), stretch) for number, stretch in enumerate(found, 1)]
-    if not stretches:
-        files = [(target, max(found, key=lambda stretch: stretch.samples))]
-    lines = [f"{decoder.where}: {telemetry.summary(counts)}",
-             *(f"note: {note}" for note in telemetry.notes(decoder, found, [stretch for _, stretch in files]))]
-    recordings = []
-    make_folder(target.parent)
-    for file, stretch in files:
-        metadata = {"source": printable(source), **stretch.metadata, **texts}
-        write_recording(file, stretch.columns, metadata)
-        why = f" ({stretch.why_unknown})" if stretch.why_unknown and "memory" not in texts else ""
-        lines.append(f"  {file}: {stretch.samples} samples at {metadata['sample_rate_hz']} per second from tick "
-                     f"{metadata['first_tick']}, memory: {metadata['memory']}{why}")
-        recordings.append({"file": str(file), "source": decoder.where, "samples": stretch.samples,
-                           "sample_rate_hz": metadata["sample_rate_hz"], "columns": list(stretch.columns),
-                           "metadata": metadata})
-    return {"recordings": recordings, "source": decoder.where, "counts": asdict(counts),
-            "stretches": [stretch.samples for stretch in found], "finished": decoder.runs[-1].finished,
-            "target": decoder.info_of(decoder.runs[-1])._asdict(),
-            "gate_failed": max_lost is not None and counts.missing > max_lost}, lines
-
-
-def _tell_gate(result: dict[str, Any], max_lost: int | None) -> None:
-    if result["gate_failed"]:
-        missing = result["counts"]["lost"] + result["counts"]["ticks_lost"]
+def _too_many_lost(missing: int, max_lost: int | None) -> bool:
+    """Whether the gate of --max-lost failed, which is told."""
+    failed = max_lost is not None and missing > max_lost
+    if failed:
         click.echo(f"rdpi: {missing} samples are missing, more than the {max_lost} allowed by --max-lost", err=True)
+    return failed
 
 
 @command("import")
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...", type=click.Path())
-@click.option("-o", "--output", required=True, metavar="RUN.csv", type=click.Path(),
+@click.option("-o", "--output", required=True, metavar="RUN.csv", type=Output(dir_okay=True),
               help="The recording; for several sources a folder, which gets one NAME.csv per source.")
 @click.option("--time", metavar=_COLUMN, help="Time. Units: s (default), ms, us.")
 @click.option("--rate", "rate_hz", metavar="HZ", type=click.FloatRange(min=0, min_open=True),
@@ -195,21 +129,19 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
     rdpi import monday/*.mat -o runs/
     rdpi import --telemetry captured.bin -o run.csv
     """
-    from ..data import ROLES, Request, import_recording, make_folder, write_recording
+    from ..data import ROLES, Request, import_recording, make_folder, targets, write_recording
 
     _check_telemetry_options(click.get_current_context(), telemetry)
-
     reserved = {role.column: key for key, role in ROLES.items()}
     for name in set(also) & set(reserved):
         raise BadInput(f"--also {name}: this column has its own option, --{reserved[name]}")
     texts = _texts(actuator=actuator, memory=memory, note=note)
     if telemetry:
-        return _import_telemetry(sources, output, texts, stretches=stretches, max_lost=max_lost,
-                                 scale=(um_per_count, count_0_um))
+        return _import_telemetry(sources, output, texts, (um_per_count, count_0_um), stretches, max_lost)
     request = Request(columns={key: spec for key, spec in columns.items() if spec is not None}, also=also,
                       rate_hz=rate_hz, rows=rows, command_gain=command_gain, purpose=purpose, resample_hz=resample_hz,
                       metadata=texts)
-    targets = _targets(sources, output)
+    files = targets(sources, output, other_outputs())
     results = []
     with progress("importing") as report:
         imported = []
@@ -217,61 +149,19 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
             imported.append(import_recording(source, request))
             report((index + 0.5) / len(sources))
         # Only now, so that a bad source leaves nothing behind.
-        for target, (recording, lines) in zip(targets, imported):
-            make_folder(target.parent)
-            write_recording(target, recording.columns, recording.metadata)
-            click.echo("\n".join([*lines, f"  written to {target}"]))
-            results.append({"file": str(target), "source": recording.path, "samples": len(recording),
+        for file, (recording, lines) in zip(files, imported):
+            make_folder(file.parent)
+            write_recording(file, recording.columns, recording.metadata)
+            click.echo("\n".join([*lines, f"  written to {file}"]))
+            results.append({"file": str(file), "source": recording.path, "samples": len(recording),
                             "sample_rate_hz": recording.sample_rate_hz, "columns": list(recording.columns),
                             "metadata": recording.metadata})
     return {"recordings": results}
 
 
-def _targets(sources: tuple[str, ...], output: str, stretches: bool = False) -> list[Path]:
-    """What to write: with `stretches` each is a family of numbered files."""
-    folder = Path(output)
-    if len(sources) == 1 and not folder.is_dir() and not output.endswith("/"):
-        _refuse_overwriting([folder], stretches)
-        return [folder]
-    if len(sources) > 1 and not folder.is_dir() and (folder.exists() or folder.suffix):
-        raise BadInput(f"-o {output}: several sources need a folder; give one, e.g. -o runs/")
-    targets = [folder / f"{Path(source).stem}.csv" for source in sources]
-    for index, target in enumerate(targets):
-        if target in targets[:index]:
-            first = sources[targets.index(target)]
-            raise BadInput(f"{sources[index]} and {first} would both be written to {target}; import them one by one")
-    _refuse_overwriting(targets, stretches)
-    return targets
-
-
-def _refuse_overwriting(targets: list[Path], stretches: bool) -> None:
-    """Refuse targets that are, or of which a stretch may be, an input or another output of this command."""
-    options = click.get_current_context().params
-    inputs = [Path(source) for source in options.get("sources", ())]
-    outputs = [Path(options[name]) for name in ("json_path", "raw") if options.get(name)]
-    for target in targets:
-        files = [target]
-        if stretches:
-            member = re.compile(re.escape(target.stem) + "-[0-9]+" + re.escape(target.suffix))
-            there = target.parent.iterdir() if target.parent.is_dir() else ()
-            files = [file for file in (*there, *outputs) if member.fullmatch(file.name)]
-            files = [target.with_name(file.name) for file in files]
-        for file in files:
-            for other in (*inputs, *outputs):
-                if _same_file(file, other) and not is_device(str(other)):
-                    kind = "an input" if other in inputs else "another output"
-                    raise BadInput(f"{file}: would be written over {kind}; give another name or folder")
-
-
-def _same_file(one: Path, other: Path) -> bool:
-    if one.exists() and other.exists():
-        return one.samefile(other)
-    return os.path.realpath(one) == os.path.realpath(other)
-
-
 @command("record")
 @click.argument("port", metavar="PORT")
-@click.option("-o", "--output", required=True, metavar="RUN.csv", type=click.Path(dir_okay=False),
+@click.option("-o", "--output", required=True, metavar="RUN.csv", type=Output(),
               help="The recording.")
 @click.option("--baud", type=click.IntRange(min=1), default=3_000_000, show_default=True, metavar="BAUD",
               help="Bits per second on the line.")
@@ -281,7 +171,7 @@ def _same_file(one: Path, other: Path) -> bool:
               metavar="S", help="Give up after so many seconds without a frame, once the first has come: that is "
                                 "waited for without limit. So many seconds of bytes that are no telemetry, or of infos "
                                 "without a sample, end it too.")
-@click.option("--raw", type=click.Path(dir_okay=False), metavar="FILE",
+@click.option("--raw", type=Output(), metavar="FILE",
               help="Also keep every byte as it came, for `rdpi import --telemetry`.")
 @click.option("--actuator", metavar="TEXT", help="Kept in the recording.")
 @click.option("--memory", type=click.Choice(["reset", "carried", "unknown"]),
@@ -306,57 +196,26 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
     recording: a last line that was cut is left out. The longest and the present one are kept, with --stretches all.
     They are removed when RUN.csv is written.
     """
-    from ..board import REFUSED, Decoder, Following, Raw, Safe, is_part, record, reserved, stop_signals
+    from ..board import check_recording_outputs, record_file
 
-    _refuse_overwriting([Path(output)], stretches)
-    target = Path(os.path.realpath(output))
-    for other in filter(None, (raw, click.get_current_context().params["json_path"])):
-        if is_part(Path(os.path.realpath(other)), target):
-            raise BadInput(f"{other}: is where samples go while the recording goes on; give another name")
+    check_recording_outputs(port, output, other_outputs(), stretches)
     texts = _texts(actuator=actuator, memory=memory, note=note)
-    scale = um_per_count, count_0_um
-    decoder, copy = Decoder(port), Raw(raw)
-    with stop_signals() as stopped, reserved(output), reserved(raw):  # until all is written
-        safe = Safe(None if is_device(output) else target, stretches, Following(decoder, *scale),
-                    {"source": printable(port), **texts}, copy)
-        with safe, recording_line() as report:
-            end = record(decoder, baud, duration_s, timeout_s, safe, report, stopped)
-        copied = [f"--raw {copy.failure}"] if copy.failure else []
-        why = "" if end.good else end.why
-        try:
-            if not decoder.counts.samples:
-                refuses = decoder.info is not None and decoder.info.state >= REFUSED
-                decoder.check()
-                raise BadInput(f"{port}: {end.why}" if refuses else f"{port}: no samples: {end.why}")
-            try:
-                decoder.finish()
-            except BadInput as error:  # what came before may be good
-                if decoder.info is None:
-                    raise
-                why = str(error).removeprefix(f"{port}: ")
-            found = _stretches(decoder, scale)
-        except BadInput as error:
-            besides = [why] if why not in str(error) else []
-            raise BadInput("; ".join([str(error), *besides, *copied])) from None
-        try:
-            result, lines = _write_telemetry(decoder, found, Path(output), port, texts, stretches, max_lost)
-        except OSError as error:
-            if not safe.where:
-                raise
-            raise BadInput(f"{error.filename}: {error.strerror or error}; the samples are in {safe.where}") from None
-        safe.remove()
-    click.echo("\n".join(lines))
-    _tell_gate(result, max_lost)
-    if failures := ([f"{why}; what came before has been written"] if why else []) + copied:
-        raise BadInput(f"{port}: {'; '.join(failures)}")
-    click.echo(f"  {end.why}")
-    return {**result, "ended": end.why}
+    with recording_line() as report:
+        recorded = record_file(port, output, baud=baud, duration_s=duration_s, timeout_s=timeout_s, raw=raw,
+                               every=stretches, scale=(um_per_count, count_0_um), texts=texts, report=report)
+    click.echo("\n".join(recorded.written.lines))
+    failed = _too_many_lost(recorded.written.missing, max_lost)
+    if recorded.failures:
+        raise BadInput(f"{port}: {'; '.join(recorded.failures)}")
+    click.echo(f"  {recorded.why}")
+    return {"recordings": recorded.written.recordings, **recorded.written.stream, "gate_failed": failed,
+            "ended": recorded.why}
 
 
 @command("excite")
 @click.argument("kind", type=click.Choice(["commission", "sawtooth", "minor-loops", "steps", "multisine", "sine",
                                            "chirp", "startup"]))
-@click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=click.Path(dir_okay=False), help="The drive.")
+@click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=Output(), help="The drive.")
 @click.option("--min-V", "min_V", type=float, default=0.0, show_default=True, help="Lowest voltage, V.")
 @click.option("--max-V", "max_V", type=float, default=10.0, show_default=True, help="Highest voltage, V.")
 @click.option("--rest-V", "rest_V", type=float,

@@ -9,6 +9,21 @@ import click
 LARGEST = 1e9
 
 
+class Output(click.Path):
+    """A file that the command writes."""
+
+    def __init__(self, dir_okay: bool = False) -> None:
+        super().__init__(dir_okay=dir_okay)
+
+
+class Report(click.Path):
+    """A folder that the command makes, and the files that it writes there."""
+
+    def __init__(self, *files: str) -> None:
+        super().__init__(file_okay=False)
+        self.files = files
+
+
 class Percent(click.ParamType):
     """A positive finite number."""
 

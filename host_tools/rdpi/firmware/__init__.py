@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from .header import TEMPLATES, comment, file_name, fixed_point, write_header
-from .library import DTYPES, ENGINES, Firmware, FixedPoint, Steps, digest, engine, plays, rate, status_text
-from .parameters import NO_REFERENCE, q31
+from .builds import build_notes, build_options, effects_left_out
+from .header import TEMPLATES, comment, file_name, write_header
+from .library import (DTYPES, ENGINES, FLAGS, Firmware, FixedPoint, Steps, digest, engine, flag_counts, plays, rate,
+                      status_text)
+from .parameters import NO_REFERENCE
 
-__all__ = ["DTYPES", "ENGINES", "NO_REFERENCE", "TEMPLATES", "Firmware", "FixedPoint", "Steps", "comment",
-           "digest", "engine", "file_name", "fixed_point", "plays", "q31", "rate", "status_text", "write_header"]
+__all__ = ["DTYPES", "ENGINES", "FLAGS", "NO_REFERENCE", "TEMPLATES", "Firmware", "FixedPoint", "Steps", "build_notes",
+           "build_options", "comment", "digest", "effects_left_out", "engine", "file_name", "flag_counts", "plays",
+           "rate", "status_text", "write_header"]

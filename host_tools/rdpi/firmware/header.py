@@ -17,7 +17,6 @@ from .. import version
 from ..data import atomic_write
 from ..errors import BadInput
 from ..model import Model
-from . import parameters
 from .library import Firmware, FixedPoint, digest
 from .parameters import INT32_MAX, Q31
 
@@ -108,15 +107,20 @@ def render(model: Model, name: str = NAME, source: str = "") -> str:
     can hold several actuators. `source` is the model's file, for the banner and for messages.
     Raises BadInput for a name that C cannot use and for a model that 32-bit floats cannot hold.
     """
+    return _render(model, name, source)[0]
+
+
+def _render(model: Model, name: str, source: str) -> tuple[str, str]:
+    """The header's text, and why it has no parameters in fixed point, or ""."""
     _check_name(name)
-    where = source or "model"
+    where = source or model.where
     model.validate(where)
     try:
-        Firmware(model, _sample_time_s(model), "f32")
+        single = Firmware(model, _sample_time_s(model), "f32").parameters
     except BadInput as error:
         raise BadInput(f"{where}: rounded to single precision, {error}; move the model away from this limit") from None
-    single = parameters.f32(model)
-    return TEMPLATES.get_template("rdpi_params.h.j2").render(
+    numbers, reason = fixed_point(model)
+    text = TEMPLATES.get_template("rdpi_params.h.j2").render(
         name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(file_name(source)),
         actuator=comment(model.actuator), digest=model.digest(), rate_source=model.rate.source, runs=_runs(model.fit),
         plays=single.plays, deadzones=single.deadzones, dac_bits=single.dac_bits, sweep_cycles=single.sweep_cycles,
@@ -124,12 +128,18 @@ def render(model: Model, name: str = NAME, source: str = "") -> str:
         params_digest=f"0x{digest(single):08X}u",
         tables=[(field, *about, _rows(getattr(single, field), literal)) for field, about in TABLES.items()],
         scalars=[(field, text, literal(getattr(single, field))) for field, text in SCALARS.items()],
-        **_q31_parts(*fixed_point(model)))
+        **_q31_parts(numbers, reason))
+    return text, reason
 
 
-def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "") -> None:
-    """Render and write atomically. Raises BadInput as `render` does, OSError when the file cannot be written."""
-    atomic_write(path, render(model, name, source))
+def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "") -> str:
+    """Render and write atomically. Returns why the header has no parameters in fixed point, "" if it has.
+
+    Raises BadInput as `render` does, OSError when the file cannot be written.
+    """
+    text, reason = _render(model, name, source)
+    atomic_write(path, text)
+    return reason
 
 
 def fixed_point(model: Model) -> tuple[Q31 | None, str]:

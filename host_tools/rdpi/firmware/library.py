@@ -1,4 +1,5 @@
-"""The compiled firmware library, called sample by sample in C: rdpi.firmware._f32 as flashed, rdpi.firmware._f64 the same in double.
+"""The compiled firmware library, called sample by sample in C: rdpi.firmware._f32 as flashed, rdpi.firmware._f64 the
+same in double.
 
 The fixed-point half is integers alone, so that both hold the same.
 """
@@ -20,6 +21,7 @@ from .parameters import F32, NO_REFERENCE, Q31
 DTYPES = {"f32": np.float32, "f64": np.float64}
 ENGINES = *DTYPES, "q31"
 COUNTS = "guard", "clip", "input", "missed"
+FLAGS = {"guard": 1, "range": 2, "slew": 4, "input": 8, "missed": 16}  # RDPI_FLAG_... in lib/include/rdpi/types.h
 SWEEP_CHUNK = 100_000  # samples
 
 
@@ -30,6 +32,11 @@ class Steps(NamedTuple):
     rate_um_per_s: np.ndarray  # after the guard
     flags: np.ndarray  # uint32, RDPI_FLAG_...
     dac_code: np.ndarray  # uint32, 0 without dac_bits
+
+
+def flag_counts(flags: np.ndarray) -> dict[str, int]:
+    """Number of samples with each of FLAGS set; `flags` are integers, shape (samples,)."""
+    return {name: int(np.count_nonzero(flags & bit)) for name, bit in FLAGS.items()}
 
 
 def engine(model: Model, sample_time_s: float, name: str) -> Firmware | FixedPoint:

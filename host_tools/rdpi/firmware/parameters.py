@@ -150,13 +150,13 @@ class Q31:
     scale: Scale
 
 
-def q31(model: Model, where: str = "model") -> Q31:
+def q31(model: Model) -> Q31:
     """Parameters in fixed point, of a valid model. Raises BadInput, naming key and remedy, where 32 bits do not do."""
-    model.validate_lengths(where)
+    model.validate_lengths()
     rate, drive = model.rate, model.drive
 
     def refuse(key: str, what: str) -> None:
-        raise BadInput(f"{where}: no fixed point: {key}: {what}")
+        raise BadInput(f"{model.where}: no fixed point: {key}: {what}")
 
     # drives: the operator's input x, thresholds and states share one unit
     range_um = sorted(float(model.x_of(volt)) for volt in (drive.min_V, drive.max_V))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from . import checks, identify, localise, passport, report
+from . import checks, identify, localise, passport, report, summary
+from .document import FitDocument
 from .identify import Options, fit
-from .localise import Axis, Table
+from .localise import Axis, AxisEntry, Table
 from .passport import FITTED
 
-__all__ = ["FITTED", "Axis", "Options", "Table", "checks", "fit", "identify", "localise", "passport", "report"]
+__all__ = ["FITTED", "Axis", "AxisEntry", "FitDocument", "Options", "Table", "checks", "fit", "identify",
+           "localise", "passport", "report", "summary"]

@@ -11,18 +11,10 @@ from .. import firmware
 from ..data import RATE_TOLERANCE, Recording
 from ..errors import BadInput
 from ..model import MAX_OFFSET, Model
+from . import thresholds as tuned
 
 LARGEST_INPUT = 1e6  # V or um
 LEAST_RANGE = 1e-12  # V or um; below, it is rounding that moves
-MONITOR_SLOPE = 0.3, 2.0  # V of monitor per V of command
-AT_ONCE = 0.8  # correlation of a monitor with the command from which it is not slow
-LATEST_S = 0.05  # by which a displacement may follow and still be of this drive
-MIN_CORRELATION = 0.5  # between command and displacement
-GAIN_SPREAD = 5.0  # between the runs' um per volt
-MODEL_SPREAD = 3.0  # between the model's um per volt and a recording's
-UNITS = 200.0  # ... from which it is a matter of units
-SAME_DRIVE = 0.005  # of its range: how far two commands of the same drive differ at most; a converter's step, jitter
-CLIPPED_SHARE = 0.01  # of the samples at the very highest or lowest reading while the command moves
 
 
 def check_run(run: Recording, related: bool = True) -> None:
@@ -42,7 +34,7 @@ def check_run(run: Recording, related: bool = True) -> None:
         raise BadInput(f"{run.path}: displacement_um is constant at {displacement[0]:g} um; "
                        "check the sensor and its column")
     together = late_correlations(run, displacement)
-    if related and np.max(np.abs(together)) < MIN_CORRELATION:
+    if related and np.max(np.abs(together)) < tuned.MIN_CORRELATION:
         raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {together[0]:.2f}); "
                        "check that both columns are of the same run, and their order and units")
     if reversals(command, 0.05) == 0:
@@ -70,7 +62,7 @@ def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> 
                 ", and one that is fitted is not held out")
     gains = [float(np.ptp(run.displacement_um) / np.ptp(run.command_V)) for run in runs]
     low, high = int(np.argmin(gains)), int(np.argmax(gains))
-    if gains[high] > GAIN_SPREAD * gains[low]:
+    if gains[high] > tuned.GAIN_SPREAD * gains[low]:
         raise BadInput(f"{runs[high].path} moves {gains[high]:.3g} um/V and {runs[low].path} {gains[low]:.3g}: "
                        "they are not in the same units, or not of the same actuator; "
                        "check --command-gain and units of `rdpi import`")
@@ -103,14 +95,14 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     for run in runs:
         together = correlation(run)
         late = late_correlations(run, run.displacement_um) * np.sign(model.gain_um_per_V)
-        if np.min(late) < -MIN_CORRELATION and np.max(late) < MIN_CORRELATION:
+        if np.min(late) < -tuned.MIN_CORRELATION and np.max(late) < tuned.MIN_CORRELATION:
             raise BadInput(f"{run.path}: moves opposite to the model; check the sign of command and displacement")
         gain = float(np.ptp(run.displacement_um) / np.ptp(run.command_V))
         times = max(gain / usual, usual / gain)
-        if times > UNITS:
+        if times > tuned.OTHER_UNITS:
             raise BadInput(f"{run.path}: moves {gain:.3g} um/V, the model {usual:.3g}: these are other units; give "
                            "volts as at commissioning, and displacement in um (`rdpi import`)")
-        if times > MODEL_SPREAD and abs(together) > MIN_CORRELATION:
+        if times > tuned.MODEL_SPREAD and abs(together) > tuned.MIN_CORRELATION:
             notes.append(f"{run.path} moves {gain:.3g} um/V and the model {usual:.3g}: is it the same actuator?")
         stays = stays_at_an_end(run)
         if stays:
@@ -137,11 +129,11 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     return notes
 
 
-def fitted_digests(model: Model, where: str = "model") -> list[str]:
+def fitted_digests(model: Model) -> list[str]:
     """Digests of the runs that the model was fitted to. Raises BadInput, naming the key, where they cannot be read."""
     runs = model.fit.get("runs", [])
     if not isinstance(runs, list) or not all(isinstance(run, dict) for run in runs):
-        raise BadInput(f"{where}: fit.runs: must be a list of objects, as `rdpi fit` writes it; "
+        raise BadInput(f"{model.where}: fit.runs: must be a list of objects, as `rdpi fit` writes it; "
                        "fit the model again, or take fit.runs out")
     return [run["digest"] for run in runs if isinstance(run.get("digest"), str)]
 
@@ -159,8 +151,9 @@ def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list
         if not alike:
             raise BadInput(f"{run.path}: no earlier recording has its {run.sample_rate_hz:g} samples per second")
         apart, nearest = min(((_apart(run, one), one) for one in alike), key=lambda pair: pair[0])
-        if apart > SAME_DRIVE or len(nearest) < len(run):
-            short = f"up to {100 * apart:.3g} % of the range away" if apart > SAME_DRIVE and len(nearest) >= len(run) \
+        if apart > tuned.SAME_DRIVE or len(nearest) < len(run):
+            short = f"up to {100 * apart:.3g} % of the range away" \
+                if apart > tuned.SAME_DRIVE and len(nearest) >= len(run) \
                 else f"which ends after {len(nearest)} of its {len(run)} samples"
             raise BadInput(f"{run.path}: no earlier recording has the same drive all along (nearest is {nearest.path}, "
                            f"{short}); leave this run out, or give its earlier one after an --earlier of its own")
@@ -191,8 +184,9 @@ def _check_covariates(run: Recording, related: bool) -> None:
     moved = abs(float(np.mean(monitor - run.command_V)))
     late = np.abs(late_correlations(run, monitor))
     # An amplifier too slow for the drive follows it by little, and late; in other units, at once.
-    slow = late[0] < AT_ONCE and np.max(late) > MIN_CORRELATION
-    if not (MONITOR_SLOPE[0] < slope < MONITOR_SLOPE[1] or slow) or moved > np.ptp(run.command_V):
+    slow = late[0] < tuned.AT_ONCE and np.max(late) > tuned.MIN_CORRELATION
+    least, most = tuned.MONITOR_SLOPE
+    if not (least < slope < most or slow) or moved > np.ptp(run.command_V):
         raise BadInput(f"{run.path}: monitor_V moves {slope:.3g} V per volt of the command and lies {moved:.3g} V from "
                        "it; give volts at the actuator, as command_V, or take the column out")
 
@@ -208,7 +202,7 @@ def late_correlations(run: Recording, signal: np.ndarray) -> np.ndarray:
     A fast drive and an actuator that is late by half its period go against each other.
     """
     samples = len(run)
-    lags = max(1, min(samples // 4, round(LATEST_S / run.sample_time_s)))
+    lags = max(1, min(samples // 4, round(tuned.LATEST_S / run.sample_time_s)))
     u, z = (values - np.mean(values) for values in (run.command_V, signal))
     size = 1 << (2 * samples - 1).bit_length()
     product = np.fft.irfft(np.conj(np.fft.rfft(u, size)) * np.fft.rfft(z, size), size)[:lags]
@@ -220,4 +214,4 @@ def stays_at_an_end(run: Recording) -> int:
     z, moving = run.displacement_um, np.gradient(run.command_V) != 0
     stays = max(int(np.count_nonzero((z == end) & moving)) for end in (z.min(), z.max()))
     grid = len(np.unique(z)) < len(z) / 20  # a coarse sensor has many equal readings everywhere
-    return stays if stays > CLIPPED_SHARE * len(z) and not grid else 0
+    return stays if stays > tuned.CLIPPED_SHARE * len(z) and not grid else 0

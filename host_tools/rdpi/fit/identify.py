@@ -24,28 +24,16 @@ from .. import arguments, firmware
 from ..data import RUN_COLUMNS, Recording, taken
 from ..errors import BadInput
 from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, guarded,
-                     operators)
+                     Passport, operators, records)
 from ..simulate import chain, signals
 from . import localise, passport
+from . import thresholds as tuned
 from .checks import LARGEST_INPUT, check_run, check_together, correlation, reversals, stays_at_an_end
+from .document import FitDocument, RateBand
 
-SLOPE_FLOOR = 0.05  # no slope of a loading curve falls below this within the identified rates
-PIECE_RANGE = (0.2, 5.0)  # bounds of the inverse saturation's slopes U_j
 GRID = np.linspace(0.12, 0.88, 20)  # candidate dead zones, as shares of the displacement's range
-GRID_GAP = 3  # dead zones closer than this many candidates cannot be told apart
-# The prior: what the model cannot explain must not bend the slopes, so its strength follows the residual. Each weight
-# times the relative residual times a slope's departure (bend along the curve, bend and size of the rate law, saturation
-# away from a straight line) weighs as much as that residual in every sample. Chosen on the measured record's second
-# file and on the virtual benches, where they lie on a wide plateau.
-PRIOR_BEND, PRIOR_RATE_BEND, PRIOR_RATE, PRIOR_SATURATION = 2.5, 25.0, 0.75, 2.5
 MAX_RATE_TIME_S = 1e3
-MIN_SAMPLES_PER_UNKNOWN = 5
-POOR_PERCENT = 3.0  # rms of the stroke, from which a run is remarked on
-RESET_DOUBT = 0.7  # error of a run's beginning with the best state, relative to that at rest; below it reset is doubted
-RATE_HEADROOM = 1.25  # the guard never lies beyond the highest identified rate times this
-OTHER_SOURCE = 0.6  # residual with the other rate source, relative to this one's, from which it is worth a remark
 RATE_BINS = 8
-BAND_OFFSET = 3.0  # weight that keeps the offset of a band of rate near the model's
 CHUNK = 1 << 12  # samples held as columns at a time: what fits into a processor's cache
 FOLDS = 8  # at most so many groups of runs are left out in turn for the passport
 THIN = 8  # of the samples, every how many are used to compare rate sources
@@ -77,9 +65,10 @@ class RateSlopes(NamedTuple):
     slopes: np.ndarray  # (bands, n + 1); NaN where the band's data do not reach the interval
     samples: np.ndarray  # (bands,)
 
-    def to_json(self) -> list[dict]:
-        return [{"rate_um_per_s": float(rate), "slopes": [None if np.isnan(w) else float(w) for w in slopes],
-                 "samples": int(samples)} for rate, slopes, samples in zip(*self)]
+    def bands(self) -> list[RateBand]:
+        """A section of the document for each band."""
+        return [RateBand(rate_um_per_s=rate, slopes=[None if np.isnan(w) else w for w in slopes], samples=samples)
+                for rate, slopes, samples in zip(*self)]
 
 
 class RunScore(NamedTuple):
@@ -99,6 +88,20 @@ class Fit:
     rate_slopes: RateSlopes
     noise_um: float
     warnings: list[str] = field(default_factory=list)
+
+    def record(self) -> records.FitRecord:
+        """The key `fit` of the model file."""
+        return records.FitRecord(
+            runs=[records.FittedRun(file=run.recording.path, digest=run.recording.digest, samples=len(run.recording),
+                                    held_out=run.held_out, memory=run.memory, **run.score._asdict())
+                  for run in self.scores],
+            noise_um=self.noise_um, warnings=list(self.warnings))
+
+    def document(self, path: str, gate_failed: bool) -> FitDocument:
+        """The document of `rdpi fit --json`; `path` is that of the model file."""
+        known = self.record()
+        return FitDocument(runs=known.runs, noise_um=known.noise_um, warnings=known.warnings, model=path,
+                           gate_failed=gate_failed, rate_slopes=self.rate_slopes.bands())
 
 
 @dataclass
@@ -159,7 +162,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     reduced = _reduce(prepared, columns, stroke, lambda share: progress(0.6 * share))
     factor, samples = _joined(reduced)
     unknowns = columns.plays + options.deadzones + len(runs)
-    if samples < MIN_SAMPLES_PER_UNKNOWN * unknowns:
+    if samples < tuned.MIN_SAMPLES_PER_UNKNOWN * unknowns:
         raise BadInput(f"{runs[0].path}: {samples} samples after warm-up for {unknowns} unknowns; "
                        "record longer, state the memory, or use fewer --operators")
     plant = _search(factor, columns, options.deadzones, samples)
@@ -191,15 +194,16 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     predictions = chain.simulate(model, [*runs, *hold_out])
     scores = _scores(runs, hold_out, predictions, warnings)
     _remark(plant, scores, warnings)
-    model.fit = _record(scores, noise, warnings)
     left_out = _leave_out(model, prepared, predictions, reduced, columns, options.deadzones)
-    model.passport = _passport(runs, hold_out, predictions, left_out, noises)
+    model.passport = _passport(runs, hold_out, predictions, left_out, noises).to_json()
     bands = _rate_slopes(model, prepared)
     progress(1.0)
     without = plant
     if not options.rate_independent:
         without = _search(*_without_rate(factor, columns), options.deadzones, samples)
-    return Fit(model, (plant.residual, without.residual), scores, bands, noise, warnings)
+    found = Fit(model, (plant.residual, without.residual), scores, bands, noise, warnings)
+    model.fit = found.record().to_json()
+    return found
 
 
 def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], columns: _Columns, options: Options,
@@ -213,7 +217,7 @@ def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], column
     residual = plant.residual
     for _ in range(3):  # the prior follows the residual
         residual = _solve(factor, columns, plant.picks, samples, residual).residual
-    if residual < OTHER_SOURCE * plant.residual:
+    if residual < tuned.OTHER_SOURCE * plant.residual:
         warnings.append(f"the rate of the {other} explains these recordings better ({100 * residual:.2g} % rms of the "
                         f"stroke against {100 * plant.residual:.2g} %): try --rate-source {other}")
 
@@ -223,7 +227,7 @@ def _check_reset(model: Model, runs: Sequence[Recording], warnings: list[str]) -
     for run in runs:
         if run.memory == "reset":
             _, at_rest, best = chain.start_states(model, run)
-            if best < RESET_DOUBT * at_rest and at_rest - best > 0.003 * model.stroke_um:
+            if best < tuned.RESET_DOUBT * at_rest and at_rest - best > 0.003 * model.stroke_um:
                 warnings.append(f"{run.path}: marked memory: reset, but its beginning is explained better by another "
                                 f"state ({best:.2g} um rms against {at_rest:.2g}); did the sweep decay from both "
                                 "sides? Else mark it unknown")
@@ -387,11 +391,11 @@ def _prior(n: int, plays: int, m: int) -> tuple[np.ndarray, np.ndarray]:
     For n slopes in as many columns, `plays`, or with a rate law twice as many, and m dead zones.
     """
     bend, none = np.diff(np.eye(n), 2, axis=0), np.zeros
-    rows = [PRIOR_BEND * np.hstack([bend, none((len(bend), plays + m - n))])]
+    rows = [tuned.PRIOR_BEND * np.hstack([bend, none((len(bend), plays + m - n))])]
     if plays > n:
-        rows.append(PRIOR_RATE_BEND * np.hstack([-bend, bend, none((len(bend), m))]))
-        rows.append(PRIOR_RATE * np.hstack([-np.eye(n), np.eye(n), none((n, m))]))
-    straight = PRIOR_SATURATION * np.hstack([none((m, plays)), np.eye(m)])
+        rows.append(tuned.PRIOR_RATE_BEND * np.hstack([-bend, bend, none((len(bend), m))]))
+        rows.append(tuned.PRIOR_RATE * np.hstack([-np.eye(n), np.eye(n), none((n, m))]))
+    straight = tuned.PRIOR_SATURATION * np.hstack([none((m, plays)), np.eye(m)])
     rows.append(straight)
     return np.vstack(rows), np.r_[none(sum(map(len, rows)) - m), straight.sum(axis=1)]
 
@@ -403,8 +407,8 @@ def _solve(factor: np.ndarray, columns: _Columns, picks: tuple[int, ...], sample
     n, m = len(columns.thresholds_um), len(picks)
     design, target = _assemble(factor, columns, picks)
     prior, wish = (residual * np.sqrt(samples) * part for part in _prior(n, columns.plays, m))
-    low = np.r_[np.full(columns.plays, SLOPE_FLOOR), np.full(m, PIECE_RANGE[0])]
-    high = np.r_[np.full(columns.plays, np.inf), np.full(m, PIECE_RANGE[1])]
+    low = np.r_[np.full(columns.plays, tuned.SLOPE_FLOOR), np.full(m, tuned.PIECE_RANGE[0])]
+    high = np.r_[np.full(columns.plays, np.inf), np.full(m, tuned.PIECE_RANGE[1])]
     both = np.vstack([design, prior]), np.r_[target, wish]
     found = np.linalg.lstsq(*both, rcond=None)[0]
     if np.any(found < low) or np.any(found > high):
@@ -425,8 +429,8 @@ def _search(factor: np.ndarray, columns: _Columns, m: int, samples: int) -> _Pla
         plant = _solve(factor, columns, plant.picks, samples, residual)
         before = plant.picks
         for j in range(m):
-            lowest = plant.picks[j - 1] + GRID_GAP if j else 0
-            highest = plant.picks[j + 1] - GRID_GAP if j + 1 < m else len(columns.grid_um) - 1
+            lowest = plant.picks[j - 1] + tuned.GRID_GAP if j else 0
+            highest = plant.picks[j + 1] - tuned.GRID_GAP if j + 1 < m else len(columns.grid_um) - 1
             for place in range(lowest, highest + 1):
                 picks = (*plant.picks[:j], place, *plant.picks[j + 1:])
                 plant = min(plant, _solve(factor, columns, picks, samples, residual), key=lambda p: p.cost)
@@ -474,7 +478,7 @@ def _of_plant(model: Model, plant: _Plant, columns: _Columns, runs: Sequence[_Ru
     change = (plant.fast - plant.rest) / top
     found = replace(model, offset_um=offset_um, slopes=plant.rest, slope_rate_s_per_um=change, deadzones_um=deadzones,
                     deadzone_weights=deadzone_weights)
-    return guarded(found, 1 - model.rate.min_slope_ratio, RATE_HEADROOM * top)
+    return guarded(found, 1 - model.rate.min_slope_ratio, tuned.RATE_HEADROOM * top)
 
 
 def _leave_out(model: Model, runs: Sequence[_Run], predictions: Sequence[chain.Prediction],
@@ -486,7 +490,7 @@ def _leave_out(model: Model, runs: Sequence[_Run], predictions: Sequence[chain.P
     found: list[np.ndarray | None] = [None] * len(runs)
     for group in np.array_split(np.arange(len(runs)), min(len(runs), FOLDS)):
         rest = [k for k in range(len(runs)) if k not in group]
-        if sum(reduced[k].samples for k in rest) < MIN_SAMPLES_PER_UNKNOWN * (columns.plays + m + len(rest)):
+        if sum(reduced[k].samples for k in rest) < tuned.MIN_SAMPLES_PER_UNKNOWN * (columns.plays + m + len(rest)):
             continue
         left = [reduced[k] for k in rest]
         try:
@@ -502,7 +506,7 @@ def _leave_out(model: Model, runs: Sequence[_Run], predictions: Sequence[chain.P
 
 
 def _passport(runs: Sequence[Recording], hold_out: Sequence[Recording], predictions: Sequence[chain.Prediction],
-              left_out: Sequence[np.ndarray | None], noises: Sequence[float]) -> dict:
+              left_out: Sequence[np.ndarray | None], noises: Sequence[float]) -> Passport:
     residuals = []
     for k, (run, prediction) in enumerate(zip([*runs, *hold_out], predictions)):
         left = run.displacement_um - prediction.predicted_um
@@ -565,10 +569,11 @@ def _rate_slopes(model: Model, runs: Sequence[_Run]) -> RateSlopes:
         residual = 1e-3
         for _ in range(3):  # the prior follows the residual, as in the fit itself
             bend = residual * np.pad(_prior(n, n, 0)[0], ((0, 0), (1, 0)))
-            bound = np.eye(1, n + 1) * BAND_OFFSET  # runs drift, but hardly from one rate to the next
+            bound = np.eye(1, n + 1) * tuned.BAND_OFFSET  # runs drift, but hardly from one rate to the next
             design = np.vstack([factor[:, :-1], bend, bound])
             target = np.r_[factor[:, -1], np.zeros(len(bend) + 1)]
-            found = lsq_linear(design, target, (np.r_[-np.inf, np.full(n, SLOPE_FLOOR)], np.inf), method="bvls").x
+            lowest = np.r_[-np.inf, np.full(n, tuned.SLOPE_FLOOR)]
+            found = lsq_linear(design, target, (lowest, np.inf), method="bvls").x
             residual = float(np.linalg.norm(factor[:, :-1] @ found - factor[:, -1]))
         reached = np.linalg.norm(factor[:, 1:-1], axis=0) > 0.1 / n  # an interval the band hardly enters says nothing
         slopes[band, reached] = found[1:][reached]
@@ -577,8 +582,8 @@ def _rate_slopes(model: Model, runs: Sequence[_Run]) -> RateSlopes:
 
 def _remark(plant: _Plant, scores: Sequence[RunScore], warnings: list[str]) -> None:
     slopes = np.r_[plant.rest, plant.fast]
-    if np.any(slopes <= SLOPE_FLOOR * 1.0001):
-        warnings.append(f"a slope lies on its floor of {SLOPE_FLOOR:g}: the recordings do not determine it; "
+    if np.any(slopes <= tuned.SLOPE_FLOOR * 1.0001):
+        warnings.append(f"a slope lies on its floor of {tuned.SLOPE_FLOOR:g}: the recordings do not determine it; "
                         "use fewer --operators or record more amplitudes and rates")
     actuators = sorted({run.recording.metadata["actuator"] for run in scores if "actuator" in run.recording.metadata})
     if len(actuators) > 1:
@@ -591,16 +596,7 @@ def _remark(plant: _Plant, scores: Sequence[RunScore], warnings: list[str]) -> N
         if stays:
             warnings.append(f"{path}: {stays} samples stand at the very highest or lowest reading "
                             "while the command moves: is the sensor clipped?")
-        if run.score.rms_percent > POOR_PERCENT:
+        if run.score.rms_percent > tuned.POOR_PERCENT:
             warnings.append(f"{path}: explained only to {run.score.rms_percent:.2g} % rms of its stroke: "
                             "is it the same actuator, in the same units, without drift, delay or ringing? "
                             "The model may not be fit for use")
-
-
-def _record(scores: Sequence[RunScore], noise: float, warnings: Sequence[str]) -> dict:
-    return {
-        "runs": [{"file": run.recording.path, "digest": run.recording.digest, "samples": len(run.recording),
-                  "held_out": run.held_out, "memory": run.memory, **run.score._asdict()} for run in scores],
-        "noise_um": noise,
-        "warnings": list(warnings),
-    }

@@ -6,15 +6,17 @@ mean away first, because a sensor's zero is no gap. Energies are given with the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from .. import firmware
 from ..data import Recording
+from ..model import Document, json_key
 from . import passport
-from .passport import bin_of, quantile_edges
+from .passport import Passport, bin_of, quantile_edges
 
 Coordinates = dict[str, np.ndarray]
 
@@ -51,15 +53,29 @@ class Axis(NamedTuple):
             return min(_divergence(self.share, self.occupancy), _divergence(self.share, self.expected_um**2))
         return _divergence(self.share, self.occupancy * self.expected_um**2)
 
-    def to_json(self) -> dict[str, Any]:
-        """For `where.axes` of `rdpi gap --json`: bins, rms and the rest per bin."""
-        document: dict[str, Any] = {"unit": self.unit, "bins": list(self.labels)}
-        if self.edges is not None:
-            document["edges"] = self.edges.tolist()
-        for name in ("rms_um", "share", "occupancy", "expected_um", "ratio"):
-            values = getattr(self, name)
-            document[name] = None if values is None else values.tolist()
-        return {**document, "concentration": self.concentration}
+    def entry(self) -> AxisEntry:
+        """What `where.axes` of `rdpi gap --json` says of it."""
+        lists = {name: None if (values := getattr(self, name)) is None else values.tolist()
+                 for name in ("edges", "rms_um", "share", "occupancy", "expected_um", "ratio")}
+        return AxisEntry(unit=self.unit, bins=list(self.labels), **lists, concentration=self.concentration)
+
+
+@dataclass(kw_only=True)
+class AxisEntry(Document):
+    """The residual of all recordings along one axis, in bins."""
+
+    unit: str = json_key("unit of the edges")
+    bins: list[str] = json_key("names of the bins")
+    edges: list[float] | None = json_key("ends of the bins, one more than bins, where the axis has numbers",
+                                         omitted=True)
+    rms_um: list[float] = json_key("rms of the residual in each bin", "um", low=0)
+    share: list[float] = json_key("share of the residual's energy beyond noise in each bin", low=0)
+    occupancy: list[float] = json_key("share of the samples in each bin; along frequency, of a spectrum that "
+                                      "concentrates nowhere", low=0)
+    expected_um: list[float] | None = json_key("rms that the passport expects in each bin; null: no passport", "um",
+                                               low=0)
+    ratio: list[float] | None = json_key("rms_um over expected_um; null: no passport", low=0)
+    concentration: float = json_key("0: the energy lies where it is expected, 1: all lies in one bin")
 
 
 class Table(NamedTuple):
@@ -104,7 +120,7 @@ def turning_points(signal: np.ndarray, share: float = TURN) -> np.ndarray:
 
 
 def localise(runs: Sequence[Recording], residuals_um: Sequence[np.ndarray], coords: Sequence[Coordinates],
-             known: Mapping[str, Any] | None, noise_um: float) -> list[Axis]:
+             known: Passport | None, noise_um: float) -> list[Axis]:
     """The residuals of all runs along every axis of UNITS; `known` is the model's passport, None without one."""
     residuals = [residual - np.mean(residual) for residual in residuals_um]
     square = np.concatenate(residuals) ** 2
@@ -163,7 +179,7 @@ def _axis(name: str, edges: np.ndarray | None, labels: tuple[str, ...], bins: np
 
 
 def along_frequency(runs: Sequence[Recording], residuals: Sequence[np.ndarray], coords: Sequence[Coordinates],
-                    known: Mapping[str, Any] | None, noise_um: float) -> Axis:
+                    known: Passport | None, noise_um: float) -> Axis:
     """Residuals, their means removed, along frequency in octaves.
 
     Occupancy is what a residual that lies nowhere in particular looks like: white, even over the octaves or as the

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..data import Recording, atomic_write
+from ..errors import BadInput
 from ..model import Model
 from ..simulate import Prediction
 from .identify import RateSlopes
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 POINTS = 4000  # drawn per curve: more cannot be seen
 WINDOW_POINTS = 2000  # samples of the prediction shown over time
 RESIDUAL_BINS = 80
+PICTURE_FORMATS = ".png", ".svg", ".pdf"
 NAMED_RUNS = 8  # more names would cover the loops
 LABELS = 20  # slopes that have room for a name, of LINES in the height of the panel
 LINES = 28
@@ -42,6 +44,12 @@ def picture(model: Model, runs: Sequence[Recording], predictions: Sequence[Predi
     if model.actuator:
         figure.suptitle(_shown(model.actuator, 100))
     return figure
+
+
+def check_picture_name(path: str) -> None:
+    """Raise BadInput unless the suffix of the name is one of PICTURE_FORMATS."""
+    if os.path.splitext(path)[1].lower() not in PICTURE_FORMATS:
+        raise BadInput(f"{path}: write a picture as .png, .svg or .pdf")
 
 
 def write_picture(figure: Figure, path: str | os.PathLike[str]) -> None:

@@ -4,5 +4,6 @@ from __future__ import annotations
 
 from . import report
 from .diagnosis import Diagnosis, diagnose
+from .sections import GapDocument
 
-__all__ = ["Diagnosis", "diagnose", "report"]
+__all__ = ["Diagnosis", "GapDocument", "diagnose", "report"]

@@ -8,36 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from .. import arguments
 from ..data import RUN_COLUMNS, Recording, taken
 from ..fit import checks, localise, passport
-from ..model import Model
+from ..model import Model, Passport, records
 from ..simulate import signals
 from ..simulate.effects import CATALOGUE
-from . import document
+from . import document, thresholds
+from .augmented import AugmentedModel
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
-from .selection import USUAL_SPREAD, Excess, Round, Selection, detected, excess, select
-
-# Learnt on the tuning set of tests/withheld, as the thresholds of the selection are.
-UNKNOWN = 1.25  # times the evidence that an effect needs, from which a gap without a name is one
-SPREADS = 2.5  # ... or so many times the passport's own scatter
-EXPLAINED, LEFT_OVER = 0.6, 1.5  # of the excess that all explain, or the ratio they leave, or the gap is unknown
-BIN_SHARE, BIN_RATIO = 0.1, 2.5  # of the gap in one bin, and times the passport there: worth a remark
-ZERO, MUCH_ZERO = 1.0, 0.01  # times the gap, and of the stroke: offsets worth a remark
-MUCH_LEFT = 1.8  # times the passport, with the effects: worth a remark
-RATES = 2.0  # times the identified rate, or that part of it: other rates
-
+from .sections import GapDocument, Offset, Verdict
+from .selection import Excess, Selection, detection_threshold, excess, select
 
 @dataclass
 class Diagnosis:
     """What `rdpi gap` found: the document for --json, the improved model, and residuals for the pictures."""
 
-    document: dict[str, Any]
+    document: GapDocument
     improved: Model
     runs: list[Recording]
     before_um: list[np.ndarray]
@@ -55,11 +46,64 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
 
     Raises BadInput for recordings that cannot be this model's, and for a run whose drive no earlier recording has.
     """
+    runs, earlier, notes = _checked(model, runs, without, earlier)
+    given, known = AugmentedModel.given(model, runs, earlier), passport.read(model)
+    known = passport.repeated(known) if earlier and known is not None else known
+    decision = decide(given, known, without, progress)
+    selection, verdict, before = decision.selection, decision.verdict, decision.selection.before_um
+    state, after = selection.accepted, selection.after_um
+    offset = _offset(selection)
+    noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
+    axes = localise.localise(runs, before, decision.coords, known, noise)
+    notes += [*decision.notes, *_remarks_on_what_is_left(selection, verdict, offset, noise, axes)]
+    found = document.build(selection, decision.gap, verdict, known, axes, noise, offset, notes)
+    spectrum = localise.along_frequency(runs, after, decision.coords, known, noise) if state.chosen else None
+    entries = [records.EffectEntry(name=one.name, stage=one.stage, column=one.column, parameters=one.parameters,
+                                   new=True if earlier else None).to_json() for one in found.effects]
+    improved = replace(state.model, effects=[*model.effects, *entries], offset_um=model.offset_um + offset.added)
+    progress(1.0)
+    return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords), spectrum)
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """The verdict, and what it rests on."""
+
+    verdict: Verdict
+    selection: Selection  # its accepted effects are those of the verdict
+    gap: Excess
+    coords: list[localise.Coordinates]  # of every recording
+    notes: list[str]
+
+
+def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str] = (),
+           progress: Callable[[float], None] = lambda fraction: None) -> Decision:
+    """Whether there is a gap beyond the passport `known`, and which effects explain it."""
+    coords = [localise.coordinates(one.recording, one.predict(given.acting()), one.rate_um_per_s)
+              for one in given.dataset.model_runs]
+    gap = excess(given, known, coords)
+    selection = select(given, gap, without, progress)
+    verdict = _verdict(selection, gap)
+    notes = _remarks(selection, gap, verdict)
+    accepted = bool(selection.accepted.chosen)
+    if accepted and given.dataset.monitored and rms(selection.after_um) > rms(selection.before_um):
+        notes.append("monitor_V shows what would move the actuator further from where it is: it is the monitor that "
+                     "is late, filtered or wrong; leave the column out")
+        verdict = "unknown" if _sure(selection, gap) else "none"
+    if verdict in ("unknown", "none"):
+        selection = selection.rejecting_all()
+    return Decision(verdict, selection, gap, coords, notes)
+
+
+def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], earlier: Sequence[Recording]
+             ) -> tuple[list[Recording], list[Recording], list[str]]:
+    """The recordings, the earlier one of each, and remarks. Raises BadInput for what cannot be diagnosed."""
     runs, earlier = taken(runs, RUN_COLUMNS, "runs", 1), taken(earlier, RUN_COLUMNS, "earlier")
     for name in arguments.listed(without, str, "without"):
         arguments.one_of(name, CATALOGUE, "without")
     arguments.of_kind(model, Model, "model").validate()
-    notes, known = checks.check_against(model, runs), passport.read(model)
+    notes = checks.check_against(model, runs)
+    passport.read(model)
     if earlier:
         notes += [f"earlier, {note}" for note in checks.check_against(model, earlier) if any(
             note.startswith(run.path) for run in earlier)]
@@ -68,102 +112,95 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
             notes.append("the effects that the model has are taken to have acted in the earlier recordings too")
         notes += [f"{run.path}: its memory is {run.memory}, and {then.memory} in its earlier recording: a start that "
                   "differs looks like a change" for run, then in zip(runs, earlier) if run.memory != then.memory]
-        known = None if known is None else passport.repeated(known)
-    state = Selection(model, runs, earlier, without, progress)
-    before = state.before_um
-    coords = [localise.coordinates(rig.recording, rig.respond(state.acting()), rig.rate_um_per_s)
-              for rig in state.bench.rigs]
-    gap = excess(state, known, coords)
-    rounds = select(state, gap)
-    verdict = _verdict(state, gap, rounds)
-    notes += _remarks(state, gap, rounds, verdict)
-    if state.chosen and state.bench.monitored and rms(state.after_um()) > rms(before):
-        notes.append("monitor_V shows what would move the actuator further from where it is: it is the monitor that "
-                     "is late, filtered or wrong; leave the column out")
-        verdict = "unknown" if _sure(state, gap) else "none"
-    if verdict in ("unknown", "none"):
-        state.forget()
-    after = state.after_um() if state.chosen else before
-    zeros = _zeros(state)
-    zero = float(np.average(zeros, weights=state.bench.lengths)) if state.chosen else 0.0
-    moved = min(map(abs, zeros)) > max(ZERO * rms(before), MUCH_ZERO * model.stroke_um)
-    if moved:
-        notes.append(f"beside it the recordings lie {min(zeros):.3g} to {max(zeros):.3g} um from "
-                     f"{'the earlier ones' if earlier else 'the model'}, a constant of each that is not counted: the "
-                     "sensor's zero has changed, or the mount"
-                     + ("; the improved model has their mean" if state.chosen else ""))
-    noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
-    if verdict == "unknown" and noise**2 > 0.5 * rms(before) ** 2:
-        notes.append(f"most of it is noise from sample to sample, {noise:.3g} um rms: look at the sensor and cables")
-    axes = localise.localise(runs, before, coords, known, noise)
-    if verdict == "none" and (there := _elsewhere(axes, _terms(state))):
+    return runs, earlier, notes
+
+
+def _offset(selection: Selection) -> Offset:
+    """Mean of what each recording's displacement misses with all that act, beyond what the earlier one missed; no
+    other figure counts it.
+    """
+    state = selection.with_starts
+    now = [one.mean_residual_um(state.acting()) for one in state.driven.model_runs]
+    then = [0.0] * len(now)
+    if state.driven.earlier:
+        then = [one.mean_residual_um(state.driven.acting_then) for one in state.driven.earlier.model_runs]
+    zeros = [float(one - other) for one, other in zip(now, then)]
+    added = float(np.average(zeros, weights=state.dataset.lengths)) if state.chosen else 0.0
+    least = max(thresholds.ZERO * rms(selection.before_um), thresholds.MUCH_ZERO * selection.given.model.stroke_um)
+    return Offset(mean=float(np.mean(zeros)), low=min(zeros), high=max(zeros), added=added,
+                  moved=min(map(abs, zeros)) > least)
+
+
+def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Offset, noise_um: float,
+                             axes: Sequence[localise.Axis]) -> list[str]:
+    """Zero, noise, and the place where the gap exceeds the passport most."""
+    notes, before_um = [], rms(selection.before_um)
+    if offset.moved:
+        notes.append(f"beside it the recordings lie {offset.low:.3g} to {offset.high:.3g} um from "
+                     f"{'the earlier ones' if selection.given.earlier else 'the model'}, a constant of each that is "
+                     "not counted: the sensor's zero has changed, or the mount"
+                     + ("; the improved model has their mean" if selection.accepted.chosen else ""))
+    if verdict == "unknown" and noise_um**2 > 0.5 * before_um**2:
+        notes.append(f"most of it is noise from sample to sample, {noise_um:.3g} um rms: look at the sensor and cables")
+    if verdict == "none" and (there := _elsewhere(axes, _terms(selection))):
         notes.append(there)
-    offset = {"mean": float(np.mean(zeros)), "low": min(zeros), "high": max(zeros), "added": zero, "moved": moved}
-    found = document.build(state, gap, rounds, verdict, model, known, axes, noise, before, after, offset, notes)
-    spectrum = localise.along_frequency(runs, after, coords, known, noise) if state.chosen else None
-    entries = [{key: entry[key] for key in ("name", "stage", "column", "parameters") if key in entry}
-               | ({"new": True} if earlier else {}) for entry in found["effects"]]
-    improved = replace(state.model, effects=[*model.effects, *entries], offset_um=model.offset_um + zero)
-    progress(1.0)
-    return Diagnosis(found, improved, list(runs), before, after,
-                     localise.table(before, coords), spectrum)
+    return notes
 
 
-def _terms(state: Selection) -> Terms:
-    return CHANGE if state.earlier else GAP
+def _terms(selection: Selection) -> Terms:
+    return CHANGE if selection.given.earlier else GAP
 
 
 def _elsewhere(axes: Sequence[localise.Axis], words: Terms) -> str | None:
     """The bin that exceeds the passport most, where the whole does not."""
     worst = max(((float(axis.ratio[k]), float(axis.share[k]), axis, k) for axis in axes if axis.ratio is not None
-                 for k in range(len(axis.share)) if axis.share[k] > BIN_SHARE), key=lambda one: one[0], default=None)
-    if worst is None or worst[0] < BIN_RATIO:
+                 for k in range(len(axis.share)) if axis.share[k] > thresholds.BIN_SHARE),
+                key=lambda one: one[0], default=None)
+    if worst is None or worst[0] < thresholds.BIN_RATIO:
         return None
     ratio, share, axis, k = worst
     return (f"the whole is as expected, but {100 * share:.0f} % of it lies at {axis.name} {axis.labels[k]}, "
             f"{ratio:.2g} times what {words.usual_there}: too little to be named")
 
 
-def _zeros(state: Selection) -> list[float]:
-    """Mean of what each recording's displacement misses with all that act, beyond what the earlier one missed; no
-    other figure counts it.
-    """
-    bench = state.driven(state.model)
-    now = [rig.missed_um(state.acting()) for rig in bench.rigs]
-    then = [rig.missed_um(bench.acting_then) for rig in bench.earlier.rigs] if bench.earlier else [0.0] * len(now)
-    return [float(one - other) for one, other in zip(now, then)]
-
-
-def _verdict(state: Selection, gap: Excess, rounds: list[Round]) -> str:
-    first = rounds[0]
+def _verdict(selection: Selection, gap: Excess) -> Verdict:
+    first = selection.rounds[0]
     if first.best is None:
-        return "unknown" if _sure(state, gap) else "none"
+        return "unknown" if _sure(selection, gap) else "none"
     if gap.ratio and not first.refitted:
-        left = max(0.0, float(np.sum(state.rest**2)) - state.excused())
+        left = _left(selection)
         explained = (gap.total - left) / max(gap.total - gap.floor, 1e-300)
-        if explained < EXPLAINED and gap.left(left) > LEFT_OVER:
+        if explained < thresholds.EXPLAINED and gap.left(left) > thresholds.LEFT_OVER:
             return "unknown"
-    return "ambiguous" if any(one.rivals for one in rounds) else "effect"
+    return "ambiguous" if any(one.rivals for one in selection.rounds) else "effect"
 
 
-def _sure(state: Selection, gap: Excess) -> bool:
+def _left(selection: Selection) -> float:
+    """Sum of squares left with the best of every round, beyond what they leave whatever is known of them."""
+    return max(0.0, float(np.sum(selection.reached.residual**2)) - selection.reached.excused())
+
+
+def _sure(selection: Selection, gap: Excess) -> bool:
     """Whether the gap is one, whatever its cause."""
-    return gap.ratio is not None and bool(state.detection > UNKNOWN * detected(state)
-                                          or np.log(gap.ratio) > SPREADS * max(gap.spread, USUAL_SPREAD))
+    if gap.ratio is None:
+        return False
+    clear = thresholds.UNKNOWN * detection_threshold(selection.given.recordings)
+    spread = max(gap.spread, thresholds.USUAL_SPREAD)
+    return bool(selection.detection > clear or np.log(gap.ratio) > thresholds.SPREADS * spread)
 
 
-def _remarks(state: Selection, gap: Excess, rounds: list[Round], verdict: str) -> list[str]:
-    notes, best = [], rounds[0].best
-    left = gap.left(max(0.0, float(np.sum(state.rest**2)) - state.excused()))
+def _remarks(selection: Selection, gap: Excess, verdict: str) -> list[str]:
+    notes, best, state = [], selection.rounds[0].best, selection.reached
+    left = gap.left(_left(selection))
     if verdict == "unknown" and best is not None:
         notes.append(f"{best.name} takes up a part of the gap, but leaves too much to be its cause")
-    elif state.chosen and gap.ratio and left > MUCH_LEFT:
+    elif state.chosen and gap.ratio and left > thresholds.MUCH_LEFT:
         notes.append(f"with {' and '.join(one.effect.name for one in state.chosen)} the gap is still {left:.2g} times "
-                     f"what {_terms(state).usual}: the cause may be something like it, not known here")
-    top, fastest = state.model.rate.identified_um_per_s, max(float(np.percentile(rig.rate_um_per_s, 99.9))
-                                                             for rig in state.bench.rigs)
-    alone = not np.any(state.model.slope_rate_s_per_um) and top and not 1 / RATES < fastest / top < RATES
-    if alone and any(one.effect.name in ("hysteresis_change", "gain_change") for one in state.chosen):
+                     f"what {_terms(selection).usual}: the cause may be something like it, not known here")
+    top = state.model.rate.identified_um_per_s
+    fastest = max(float(np.percentile(one.rate_um_per_s, 99.9)) for one in state.dataset.model_runs)
+    far = top and not 1 / thresholds.OTHER_RATE < fastest / top < thresholds.OTHER_RATE
+    if far and not np.any(state.model.slope_rate_s_per_um) and any(one.effect.hides_rate for one in state.chosen):
         notes.append(f"the model is rate-independent and was fitted up to {top:.3g} um/s, these recordings reach "
                      f"{fastest:.3g}: a rate dependence looks like a changed loop or gain; record at several rates")
     return notes

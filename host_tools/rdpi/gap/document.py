@@ -3,128 +3,123 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from .. import version
 from ..fit import localise
-from ..model import Model
+from ..model import Passport, records
 from ..simulate import signals
 from ..simulate.effects import CATALOGUE, STAGES
-from . import experiment, numerics
-from .candidates import Bench, Candidate, Grams
-from .selection import SAME, WIDEN, Excess, Judged, Round, Selection, shrink_of
+from . import experiment, numerics, thresholds
+from .candidates import Candidate
+from .dataset import Dataset
+from .normal_equations import NormalEquations
+from .sections import (AcceptedEffect, BeforeAfter, CandidateEntry, GapDocument, GapFigures, Leftover, Matrix,
+                       NotExcited, Offset, PassportFigures, Promise, Refit, RunEntry, StageShares, Verdict, Where)
+from .selection import Excess, Round, Selection, shrink_interval, shrink_of
 
-SCHEMA = "rdpi-gap/1"
 
-
-def build(state: Selection, gap: Excess, rounds: list[Round], verdict: str, model: Model, known: dict[str, Any] | None,
-          axes: Sequence[localise.Axis], noise_um: float, before_um: Sequence[np.ndarray],
-          after_um: Sequence[np.ndarray], offset: dict[str, Any], notes: list[str]) -> dict[str, Any]:
-    """The document, from a selection that has ended; `model` is the one that was given, `known` its passport."""
-    final = Grams(state.bench, state.rest, [], state.chosen) if state.chosen else None
-    return {
-        "schema": SCHEMA, "tool": f"rdpi {version()}", "verdict": verdict, "detection": state.detection,
-        "paired": bool(state.earlier),
-        "effects": _effects(state, rounds, final), "candidates": _candidates(state, rounds),
-        "gap": {**_gap(state, noise_um, before_um, after_um), "whole_um": _whole(state)},
-        "where": _where(state, axes, before_um, rounds[0].rivals),
-        "runs": _runs(state, gap, before_um, after_um),
-        "passport": None if known is None else {"ratio": gap.ratio, "rms_um": gap.expected_um,
-                                                "held_out": known["held_out"], "spread": gap.spread},
-        "promised": _promised(state, final), "refit": {"shrink": rounds[0].refit_alone},
-        "numerics": numerics.compare(model, state.runs), "not_excited": _not_excited(state, rounds),
-        "leftover": _leftover(state, gap), "matrix": _matrix(rounds[0]),
-        "next_experiment": experiment.propose(state, rounds, verdict), "notes": notes,
-        "offset_um": offset,
-    }
+def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport | None, axes: Sequence[localise.Axis],
+          noise_um: float, offset_um: Offset, notes: list[str]) -> GapDocument:
+    """The document, from a selection that has ended; `known` is the passport of the model that was given."""
+    state, first = selection.accepted, selection.rounds[0]
+    final = NormalEquations(state.dataset, state.residual, [], state.chosen) if state.chosen else None
+    passport = None if known is None else PassportFigures(ratio=gap.ratio, rms_um=gap.expected_um,
+                                                          held_out=known.held_out, spread=gap.spread)
+    return GapDocument(
+        tool=f"rdpi {version()}", verdict=verdict, detection=selection.detection, paired=bool(state.earlier),
+        effects=_effects(selection, final), candidates=_candidates(selection), gap=_gap(selection, noise_um),
+        where=_where(selection, axes), runs=_runs(selection, gap), passport=passport,
+        promised=_promised(selection, final), refit=Refit(shrink=first.baseline.refit_alone),
+        numerics=numerics.compare(selection.given.model, state.recordings), not_excited=_not_excited(selection),
+        leftover=_leftover(selection, gap), matrix=_matrix(first),
+        next_experiment=experiment.propose(selection, verdict), notes=notes, offset_um=offset_um)
 
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _effects(state: Selection, rounds: list[Round], final: Grams | None) -> list[dict[str, Any]]:
+def _effects(selection: Selection, final: NormalEquations | None) -> list[AcceptedEffect]:
     """The accepted effects, in the order added, with their final parameters."""
     if final is None:
         return []
     moves = final.moves()
-    errors = WIDEN * 1.96 * np.sqrt((len(moves) - 1) * np.mean((moves - moves.mean(axis=0))**2, axis=0))
-    found, at = [], 0
-    for one, done in zip(state.chosen, rounds):
+    errors = thresholds.WIDEN * 1.96 * np.sqrt((len(moves) - 1) * np.mean((moves - moves.mean(axis=0))**2, axis=0))
+    found, at, first = [], 0, selection.rounds[0]
+    for one, done in zip(selection.accepted.chosen, selection.rounds):
         widths = {}
         if not one.per_run:
-            widths = dict(zip(one.free, errors[at:at + len(one.free)]))
-            at += len(one.free)
-        judged = done.best
-        shrink, ends = judged.shrink, judged.shrink_ci
+            widths = dict(zip(one.fitted, errors[at:at + len(one.fitted)]))
+            at += len(one.fitted)
+        score = done.best
+        shrink, ends = score.shrink, score.shrink_ci
         if done.refitted:
-            shrink, ends = judged.refitted_shrink, judged.refitted_ci
-        before = rms(state.before_um) * float(np.sqrt(done.before / rounds[0].before)) if rounds[0].before > 0 else 0.0
-        found.append({
-            "name": one.effect.name, "stage": one.effect.stage, **one.effect.options,
-            "parameters": _parameters(one, widths),
-            "held_out_rms_um": {"before": before, "after": before * (1 - shrink)},
-            "shrink": shrink, "shrink_ci95": ends, "confidence": _confidence(done),
-            "confusable_with": list(dict.fromkeys(rival.name for rival in done.rivals))})
+            shrink, ends = score.refitted_shrink, score.refitted_ci
+        before = rms(selection.before_um) * float(np.sqrt(done.before / first.before)) if first.before > 0 else 0.0
+        found.append(AcceptedEffect(
+            name=one.effect.name, stage=one.effect.stage, **one.effect.options, parameters=_parameters(one, widths),
+            held_out_rms_um=BeforeAfter(before=before, after=before * (1 - shrink)),
+            shrink=shrink, shrink_ci95=ends, confidence=_confidence(done),
+            confusable_with=list(dict.fromkeys(rival.name for rival in done.rivals))))
     return found
 
 
-def _parameters(one: Candidate, widths: dict[str, float]) -> dict[str, dict[str, Any]]:
+def _parameters(one: Candidate, widths: dict[str, float]) -> dict[str, records.EffectParameter]:
     result = {}
     for parameter in one.effect.parameters:
         if parameter.name not in one.values:
             continue
         value, width = one.values[parameter.name], widths.get(parameter.name)
-        ends = None if width is None else [float(max(parameter.low, value - width)),
-                                           float(min(parameter.high, value + width))]
-        unit = parameter.unit
-        if one.effect.name == "quantisation" and parameter.name != "dither":
-            unit = "um" if one.effect.stage == "sensor" else "V"
-        result[parameter.name] = {"value": _finite(value), "ci95": ends, "unit": unit}
+        ends = None if width is None else (float(max(parameter.low, value - width)),
+                                           float(min(parameter.high, value + width)))
+        result[parameter.name] = records.EffectParameter(value=_finite(value), ci95=ends,
+                                                         unit=one.effect.unit(parameter))
     return result
 
 
 def _confidence(done: Round) -> float:
     """Weight of the best among those tried, by the squares they leave; SAME apart is worth e^-1."""
     best = max(done.best.rest(done.refitted), 1e-12 * done.before)
-    weights = [np.exp(-(one.rest(done.refitted) / best - 1) / SAME)
-               for one in done.judged if one.name != done.best.name]
+    weights = [np.exp(-(one.rest(done.refitted) / best - 1) / thresholds.SAME)
+               for one in done.scores if one.name != done.best.name]
     return float(1 / (1 + sum(weights)))
 
 
-def _candidates(state: Selection, rounds: list[Round]) -> list[dict[str, Any]]:
-    """Every effect that was tried, each at its stage that explains most, as the first round judged it."""
-    first, accepted = rounds[0], [one.effect.name for one in state.chosen]
+def _candidates(selection: Selection) -> list[CandidateEntry]:
+    """Every effect that was tried, each at its stage that explains most, as the first round scored it."""
+    first, accepted = selection.rounds[0], [one.effect.name for one in selection.accepted.chosen]
     result = {}
-    for one in sorted(first.judged, key=lambda one: one.left):
+    for one in sorted(first.scores, key=lambda one: one.left):
         if one.name in result:
             continue
-        rejected = one.rejected
+        rejected = first.why_rejected(one)
         if one.name in accepted:
             rejected = None
         elif one is first.best or not accepted and one in first.rivals:
             rejected = "takes up a part of the gap, but leaves too much to be its cause"
         elif rejected is None and one not in first.rivals:
             rejected = f"{first.best.name} explains more of the gap"
-        result[one.name] = {
-            "name": one.name, "stage": one.candidate.effect.stage, "shrink": one.shrink, "shrink_ci95": one.shrink_ci,
-            "refitted_shrink": one.refitted_shrink, "parameters": _parameters(one.candidate, {}), "excited": True,
-            "share_of_excess": one.share, "rejected_because": rejected}
+        result[one.name] = CandidateEntry(
+            name=one.name, stage=one.candidate.effect.stage, shrink=one.shrink, shrink_ci95=one.shrink_ci,
+            refitted_shrink=one.refitted_shrink,
+            parameters=_parameters(selection.final(first) if one is first.best else one.candidate, {}),
+            excited=True, share_of_excess=one.share, rejected_because=rejected)
     for name, kind in CATALOGUE.items():
         if name not in result:
-            result[name] = {"name": name, "stage": kind.stages[0], "shrink": 0.0, "shrink_ci95": None,
-                            "refitted_shrink": 0.0, "parameters": {}, "excited": False,
-                            "rejected_because": "left out by --without" if name in state.without else
-                            state.refused.get(name, "these recordings do not excite it")}
+            why = "left out by --without" if name in selection.without else \
+                selection.refused.get(name, "these recordings do not excite it")
+            result[name] = CandidateEntry(name=name, stage=kind.stages[0], shrink=0.0, shrink_ci95=None,
+                                          refitted_shrink=0.0, parameters={}, excited=False, rejected_because=why)
     return list(result.values())
 
 
-def _not_excited(state: Selection, rounds: list[Round]) -> list[dict[str, str]]:
-    tried = {one.name for one in rounds[0].judged}
-    return [{"name": name, "needs": kind.needs} for name, kind in CATALOGUE.items()
-            if name not in tried and name not in state.without]
+def _not_excited(selection: Selection) -> list[NotExcited]:
+    tried = {one.name for one in selection.rounds[0].scores}
+    return [NotExcited(name=name, needs=kind.needs) for name, kind in CATALOGUE.items()
+            if name not in tried and name not in selection.without]
 
 
 def rms(parts: Sequence[np.ndarray]) -> float:
@@ -132,89 +127,92 @@ def rms(parts: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(list(parts)) ** 2)))
 
 
-def _gap(state: Selection, noise_um: float, before_um: Sequence[np.ndarray], after_um: Sequence[np.ndarray]
-         ) -> dict[str, Any]:
-    before, after = rms(before_um), rms(after_um)
-    stroke = max(float(np.ptp(run.displacement_um)) for run in state.runs)
-    return {"rms_um": before, "percent_of_stroke": 100 * before / stroke, "noise_floor_um": noise_um,
-            "explained_um": float(np.sqrt(max(before**2 - after**2, 0.0))), "remaining_um": after}
+def _gap(selection: Selection, noise_um: float) -> GapFigures:
+    before, after = rms(selection.before_um), rms(selection.after_um)
+    stroke = max(float(np.ptp(run.displacement_um)) for run in selection.given.recordings)
+    return GapFigures(rms_um=before, percent_of_stroke=100 * before / stroke, noise_floor_um=noise_um,
+                      explained_um=float(np.sqrt(max(before**2 - after**2, 0.0))), remaining_um=after,
+                      whole_um=_whole(selection))
 
 
-def _whole(state: Selection) -> dict[str, float] | None:
+def _whole(selection: Selection) -> BeforeAfter | None:
     """rms of what the displacement misses in all, without and with the effects, where the gap is a change only."""
+    state = selection.accepted
     if not state.earlier:
         return None
-    bench = Bench(state.model, state.runs, monitored=False)
-    return {name: rms(bench.split(bench.measured - state.predict(bench, chosen)))
-            for name, chosen in (("before", []), ("after", state.chosen))}
+    dataset = Dataset(state.model, state.recordings, monitored=False)
+    return BeforeAfter(before=rms(replace(state, chosen=()).residual_in(dataset)),
+                       after=rms(state.residual_in(dataset)))
 
 
-def _where(state: Selection, axes: Sequence[localise.Axis], before: Sequence[np.ndarray], rivals: Sequence[Judged]
-           ) -> dict[str, Any]:
-    energy = [float(np.sum(part**2)) for part in before]
+def _where(selection: Selection, axes: Sequence[localise.Axis]) -> Where:
+    state, first = selection.accepted, selection.given.residual
+    energy = [float(np.sum(part**2)) for part in selection.before_um]
     ranked = sorted(range(len(energy)), key=lambda k: -energy[k])
     stages = None
-    if state.bench.monitored:
-        side = state.bench.of_monitor[state.bench.block]
-        ahead = float(np.sum(state.first[side] ** 2))
-        whole = ahead + float(np.sum(state.first[~side] ** 2))
-        stages = {"before_monitor": ahead / whole, "after_monitor": 1 - ahead / whole}
+    if state.dataset.monitored:
+        side = state.dataset.of_monitor[state.dataset.block]
+        ahead = float(np.sum(first[side] ** 2))
+        whole = ahead + float(np.sum(first[~side] ** 2))
+        stages = StageShares(before_monitor=ahead / whole, after_monitor=1 - ahead / whole)
     if state.chosen:
-        open_ = [state.chosen[0].effect, *(one.candidate.effect for one in rivals)]
+        open_ = [state.chosen[0].effect, *(one.effect for one in selection.rounds[0].rivals)]
         possible = {stage for effect in open_ for stage in (
-            [effect.stage] if state.bench.monitored or effect.shows_stage else effect.stages)}
+            [effect.stage] if state.dataset.monitored or effect.shows_stage else effect.stages)}
         stage = " or ".join(sorted(possible, key=STAGES.index))
     elif stages:
-        stage = "before the monitor" if stages["before_monitor"] > 0.5 else "after the monitor"
+        stage = "before the monitor" if stages.before_monitor > 0.5 else "after the monitor"
     else:
         stage = "not known"
-    return {"stage": stage, "stages": stages, "runs": [state.runs[k].path for k in ranked],
-            "axes": {axis.name: axis.to_json() for axis in axes}, "dominant": localise.dominant(axes).name}
+    return Where(stage=stage, stages=stages, runs=[state.recordings[k].path for k in ranked],
+                 axes={axis.name: axis.entry() for axis in axes}, dominant=localise.dominant(axes).name)
 
 
-def _runs(state: Selection, gap: Excess, before: Sequence[np.ndarray], after: Sequence[np.ndarray]
-          ) -> list[dict[str, Any]]:
+def _runs(selection: Selection, gap: Excess) -> list[RunEntry]:
+    state, before, after = selection.accepted, selection.before_um, selection.after_um
     whole = max(float(sum(np.sum(part**2) for part in before)), 1e-300)
-    earlier = [run.path for run in state.earlier] or [None] * len(state.runs)
-    return [{"file": run.path, "digest": run.digest, "samples": len(run), "earlier": earlier[k],
-             "rms_um": {"before": rms([one]), "after": rms([other])},
-             "offset_um": rig.missed_um(state.known),
-             "noise_floor_um": signals.noise_um(run.displacement_um),
-             "percent_of_stroke": 100 * rms([one]) / float(np.ptp(run.displacement_um)),
-             "ratio": None if gap.ratios is None else gap.ratios[k], "share": float(np.sum(one**2)) / whole}
-            for k, (run, rig, one, other) in enumerate(zip(state.runs, state.bench.rigs, before, after))]
+    earlier = [run.path for run in state.earlier] or [None] * len(state.recordings)
+    return [RunEntry(file=run.path, digest=run.digest, samples=len(run), earlier=earlier[k],
+                     rms_um=BeforeAfter(before=rms([one]), after=rms([other])),
+                     offset_um=model_run.mean_residual_um(state.known),
+                     noise_floor_um=signals.noise_um(run.displacement_um),
+                     percent_of_stroke=100 * rms([one]) / float(np.ptp(run.displacement_um)),
+                     ratio=None if gap.ratios is None else gap.ratios[k], share=float(np.sum(one**2)) / whole)
+            for k, (run, model_run, one, other) in enumerate(zip(
+                state.recordings, selection.with_starts.dataset.model_runs, before, after))]
 
 
-def _promised(state: Selection, final: Grams | None) -> dict[str, Any]:
+def _promised(selection: Selection, final: NormalEquations | None) -> Promise:
     """Shrink of the gap's rms by all effects together, in recordings left out in turn."""
     if final is None:
-        return {"shrink": None, "ci90": None, "why_no_interval": "no effect was accepted"}
-    after = final.held_out()
-    before = np.bincount(state.bench.block, state.first**2, len(after))
-    return {"shrink": shrink_of(after, before), "ci90": state.interval(after, before, 90),
-            "why_no_interval": None if len(state.runs) > 1 else "one recording shows no spread between recordings"}
+        return Promise(shrink=None, ci90=None, why_no_interval="no effect was accepted")
+    after, recordings = final.held_out(), len(selection.given.recordings)
+    before = np.bincount(final.dataset.block, selection.given.residual**2, len(after))
+    return Promise(shrink=shrink_of(after, before), ci90=shrink_interval(after, before, recordings, 90),
+                   why_no_interval=None if recordings > 1 else "one recording shows no spread between recordings")
 
 
-def _leftover(state: Selection, gap: Excess) -> dict[str, Any]:
+def _leftover(selection: Selection, gap: Excess) -> Leftover:
     """What is left with the effects: against the passport, and whether it still goes with something."""
-    left = np.concatenate(state.bench.split(state.rest))
-    drive = [run.command_V - np.mean(run.command_V) for run in state.runs]
+    state = selection.accepted
+    left = np.concatenate(state.dataset.split(state.residual))
+    drive = [run.command_V - np.mean(run.command_V) for run in state.recordings]
     signals_ = {"command": drive, "command_squared": [u**2 for u in drive],
-                "rate": [np.abs(np.gradient(u)) / run.sample_time_s for u, run in zip(drive, state.runs)],
+                "rate": [np.abs(np.gradient(u)) / run.sample_time_s for u, run in zip(drive, state.recordings)],
                 "direction": [np.sign(np.gradient(u)) for u in drive]}
     related = {}
     for name, parts in signals_.items():
         other = np.concatenate(parts)
         related[name] = float(np.corrcoef(left, other)[0, 1]) if np.ptp(left) and np.ptp(other) else 0.0
     spread = float(np.mean(left**2))
-    return {"ratio": gap.left(float(np.sum(state.rest**2))) if gap.ratio else None, "correlation": related,
-            "kurtosis": float(np.mean(left**4) / spread**2) if spread > 0 else None}
+    return Leftover(ratio=gap.left(float(np.sum(state.residual**2))) if gap.ratio else None, correlation=related,
+                    kurtosis=float(np.mean(left**4) / spread**2) if spread > 0 else None)
 
 
-def _matrix(done: Round) -> dict[str, Any]:
+def _matrix(done: Round) -> Matrix:
     """Share of a true signature (row) that another effect (column) reproduces in these recordings."""
-    rank = sorted(range(len(done.judged)), key=lambda k: done.judged[k].left)
-    kept = list({done.judged[k].name: k for k in reversed(rank)}.values())
+    rank = sorted(range(len(done.scores)), key=lambda k: done.scores[k].left)
+    kept = list({done.scores[k].name: k for k in reversed(rank)}.values())
     kept.sort(key=rank.index)
-    return {"names": [done.judged[k].name for k in kept],
-            "r2": [[_finite(done.reproduced[i, j]) for j in kept] for i in kept]}
+    return Matrix(names=[done.scores[k].name for k in kept],
+                  r2=[[_finite(done.reproduced[i, j]) for j in kept] for i in kept])

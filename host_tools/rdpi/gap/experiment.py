@@ -10,10 +10,14 @@ import numpy as np
 from ..data import Recording, excite
 from ..errors import BadInput
 from ..fit import localise, passport
-from ..simulate.effects import Acting
+from ..model import Passport
+from ..simulate.effects import Effect
 from . import candidates
-from .candidates import Bench, Candidate
-from .selection import Round, Selection
+from .augmented import AugmentedModel
+from .candidates import Candidate
+from .dataset import Dataset, model_runs
+from .sections import NextExperiment, Verdict
+from .selection import Selection
 
 CANNED: tuple[tuple[str, dict[str, Any]], ...] = (
     ("sawtooth", {"cycles": 2}), ("steps", {"levels": 3, "hold_s": 1.0}), ("steps", {"levels": 2, "hold_s": 5.0}),
@@ -23,16 +27,17 @@ SMALL = 0.1  # of the drive's range
 LONGEST = 120_000  # samples of a drive that is simulated
 
 
-def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, Any] | None:
+def propose(selection: Selection, verdict: Verdict) -> NextExperiment | None:
     """The canned recording that would tell the survivors apart best per second of bench time."""
+    state = selection.accepted
     if verdict == "unknown":
-        return {"command": _command(state, "steps", {"levels": 3, "hold_s": 1.0}), "seconds": None,
-                "why": "fast edges and holds show what kind of motion is missing; record monitor_V beside it"}
-    open_ = next((done for done in rounds if done.rivals), None) if verdict == "ambiguous" else None
+        why = "fast edges and holds show what kind of motion is missing; record monitor_V beside it"
+        return NextExperiment(command=_command(state, "steps", {"levels": 3, "hold_s": 1.0}), why=why, seconds=None)
+    open_ = next((done for done in selection.rounds if done.rivals), None) if verdict == "ambiguous" else None
     if open_ is None:
         return None
-    truth, rivals = open_.best.candidate, open_.rivals
-    at_hand = _shown(state, truth, min(state.runs, key=len))
+    truth, rivals = selection.final(open_), open_.rivals
+    at_hand = _shown(state, truth, min(state.recordings, key=len))
     known, best = passport.read(state.model), None
     for kind, options in CANNED:
         try:
@@ -44,8 +49,8 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
             seconds = float(columns["time_s"][-1])
             metadata = {"memory": "reset", "sample_rate_hz": f"{limits.sample_rate_hz:.12g}"}
             drive = Recording("next.csv", metadata, columns)
-            bench = Bench(state.model, [_shown(state, truth, drive), at_hand], monitored=False)
-            apart = min(_apart(bench, rival.candidate) for rival in rivals)
+            dataset = Dataset(state.model, [_shown(state, truth, drive), at_hand], monitored=False)
+            apart = min(_apart(dataset, rival.effect) for rival in rivals)
             worth = apart / _missed(state, known, drive) ** 2 / seconds
         except BadInput:  # this drive is not to be had, or not to be simulated
             continue
@@ -55,24 +60,24 @@ def propose(state: Selection, rounds: list[Round], verdict: str) -> dict[str, An
         return None
     names = " and ".join([truth.effect.name, *dict.fromkeys(rival.name for rival in rivals)])
     why = f"of the canned recordings it tells {names} apart best per second"
-    if best[1] < float(np.mean(state.rest**2)) / 4:
+    if best[1] < float(np.mean(state.residual**2)) / 4:
         why += "; if it does not, monitor_V beside it will tell what lies before the actuator from what lies after"
     if state.earlier:
         why += "; no earlier recording has this drive: it helps where the change shows without --earlier too"
-    return {"command": _command(state, best[2], best[3]), "why": why, "seconds": best[4]}
+    return NextExperiment(command=_command(state, best[2], best[3]), why=why, seconds=best[4])
 
 
-def _limits(state: Selection, kind: str = "") -> excite.Limits:
+def _limits(state: AugmentedModel, kind: str = "") -> excite.Limits:
     """The model's drive; for a chirp, which reaches resonances, a tenth of its range about the middle."""
     drive = state.model.drive
     share = SMALL if kind == "chirp" else 1.0
     middle_V, half_V = (drive.min_V + drive.max_V) / 2, share * (drive.max_V - drive.min_V) / 2
     return excite.Limits(middle_V - half_V, middle_V + half_V,
-                         sample_rate_hz=max(run.sample_rate_hz for run in state.runs),
+                         sample_rate_hz=max(run.sample_rate_hz for run in state.recordings),
                          slew_V_per_s=drive.slew_V_per_s)
 
 
-def _command(state: Selection, kind: str, options: dict[str, Any]) -> str:
+def _command(state: AugmentedModel, kind: str, options: dict[str, Any]) -> str:
     limits = _limits(state, kind)
     parts = ["rdpi excite", kind, "-o next.csv", f"--min-V {limits.min_V:.12g}", f"--max-V {limits.max_V:.12g}",
              f"--sample-rate {limits.sample_rate_hz:.12g}"]
@@ -81,35 +86,29 @@ def _command(state: Selection, kind: str, options: dict[str, Any]) -> str:
     return " ".join(parts + [f"--{excite.OPTION_NAMES[name]} {value:g}" for name, value in options.items()])
 
 
-def _apart(bench: Bench, rival: Candidate) -> float:
+def _apart(dataset: Dataset, rival: Effect) -> float:
     """Sum of squares that the rival leaves of what the truth would show in a drive and in a recording at hand.
 
     It is fitted to both: what happens to be alike in the one differs in the other.
     """
-    before = bench.predict([])
-    found = candidates.search(bench, rival.effect, [], before)
-    left = bench.measured - before
+    before = dataset.predict([])
+    found = candidates.search(dataset, rival, [], before)
+    left = dataset.measured - before
     return float(np.sum((left if found is None else left - found.change) ** 2))
 
 
-def _shown(state: Selection, truth: Candidate, run: Recording) -> Recording:
+def _shown(state: AugmentedModel, truth: Candidate, run: Recording) -> Recording:
     """What an actuator that is the model with this effect would show."""
-    rig = candidates.rigs(state.model, [run], False)[0]
-    shown = rig.respond([Acting(truth.effect, truth.values)])
+    shown = model_runs(state.model, [run], False)[0].predict([truth.acting])
     if truth.per_run:
-        shown = shown + truth.effect.columns(run, truth.values, state.model) @ _sizes(truth)
+        columns = truth.effect.columns(run, truth.values, state.model)
+        shown = shown + columns @ truth.effect.usual_sizes(truth.values)
     return replace(run, columns={**run.columns, "displacement_um": shown})
 
 
-def _missed(state: Selection, known: dict[str, Any] | None, drive: Recording) -> float:
+def _missed(state: AugmentedModel, known: Passport | None, drive: Recording) -> float:
     """rms in um that the model is expected to miss in this drive anyway; 1 where that is not known."""
     if known is None:
         return 1.0
-    rig = candidates.rigs(state.model, [drive], False)[0]
-    return passport.level_um(known, localise.coordinates(drive, rig.respond([]), rig.rate_um_per_s))
-
-
-def _sizes(truth: Candidate) -> np.ndarray:
-    """Typical coefficients of a disturbance's columns."""
-    size = truth.values.get("amplitude_um") or truth.values.get("um_per_s") or truth.values.get("um_per_degC") or 0.0
-    return np.r_[size, np.zeros(truth.slopes.shape[1])][:truth.slopes.shape[1]]
+    (one,) = model_runs(state.model, [drive], False)
+    return passport.level_um(known, localise.coordinates(drive, one.predict([]), one.rate_um_per_s))

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from . import operators
-from .model import (LARGEST, MAX_DAC_BITS, MAX_OFFSET, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, TOLERANCE, Drive, Memory,
-                    Model, Rate, guarded, intercepts, inverse_saturation, read_model, write_model)
+from . import operators, records
+from .curves import guarded, intercepts, inverse_saturation
+from .documents import Document, json_key, schema
+from .file import read_model, write_model
+from .limits import LARGEST, MAX_DAC_BITS, MAX_OFFSET, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, TOLERANCE
+from .model import Drive, Memory, Model, Rate
 from .operators import MAX_REFERENCE_UM
+from .records import Passport
 
 __all__ = ["LARGEST", "MAX_DAC_BITS", "MAX_OFFSET", "MAX_PLAYS", "MAX_REFERENCE_UM", "MIN_SLOPE_RATIO", "SOURCES",
-           "TOLERANCE", "Drive", "Memory", "Model", "Rate", "guarded", "intercepts", "inverse_saturation", "operators",
-           "read_model", "write_model"]
+           "TOLERANCE", "Document", "Drive", "Memory", "Model", "Passport", "Rate", "guarded", "intercepts",
+           "inverse_saturation", "json_key", "operators", "read_model", "records", "schema", "write_model"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import chain, effects, signals
+from . import chain, effects, scoring, signals
 from .chain import Prediction
 
-__all__ = ["Prediction", "chain", "effects", "signals"]
+__all__ = ["Prediction", "chain", "effects", "scoring", "signals"]

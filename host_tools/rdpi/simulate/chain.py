@@ -80,7 +80,7 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
     runs, acting = taken(runs, ["command_V"]), effects.acting(model)
     model.validate_lengths()
     plain = effects.operator(acting, replace(model, effects=[]))
-    unknown = any(one.effect.name == "initial_memory" for one in acting)
+    unknown = any(one.effect.starts_memory for one in acting)
     predictions: list[Prediction] = []
     for run in runs:
         check_sizes(run.columns, lambda row, path=run.path: f"{path}, sample {row}")
@@ -98,7 +98,7 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
         else:
             kind, states = "estimated", estimate_states(plain, run, acting)
         found = _predict(plain, run, states, kind)
-        shown = effects.disturbed(acting, effects.moved(acting, found.predicted_um, run, model), run, model)
+        shown = effects.disturbed(acting, effects.displaced(acting, found.predicted_um, run, model), run, model)
         predictions.append(replace(found, predicted_um=shown))
     return predictions
 
@@ -143,7 +143,7 @@ def start_states(model: Model, run: Recording, acting: Sequence[effects.Acting] 
 
     def miss_um(position: float) -> float:
         z = operator_from(model, run, states_after(position, x[0], r)).forward(beginning.command_V, rate)
-        error = measured - effects.moved(acting, z, beginning, model)
+        error = measured - effects.displaced(acting, z, beginning, model)
         error -= np.mean(error[samples:])  # drift since the fit, and plays that never move, are not to pass for memory
         return float(np.sqrt(np.mean(error[:samples] ** 2)))
 
@@ -237,9 +237,9 @@ def operator_from(model: Model, run: Recording, states_um: np.ndarray) -> Firmwa
     if largest_V > LARGEST:
         raise BadInput(f"{run.path}: the drive reaches {largest_V:.3g} V, beyond ±{LARGEST:g} V, the firmware's limit; "
                        "check the unit of command_V")
-    free = replace(model, drive=Drive(-LARGEST, LARGEST),
-                   memory=Memory(float(states_um[0]), np.asarray(states_um, float)))
-    return Firmware(free, run.sample_time_s, "f64")
+    unlimited = replace(model, drive=Drive(-LARGEST, LARGEST),
+                        memory=Memory(float(states_um[0]), np.asarray(states_um, float)))
+    return Firmware(unlimited, run.sample_time_s, "f64")
 
 
 def _predict(model: Model, run: Recording, states_um: np.ndarray, memory: str) -> Prediction:

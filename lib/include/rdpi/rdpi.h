@@ -1,7 +1,7 @@
-/* rdpi: open-loop linearisation of a hysteretic actuator. Firmware includes this, or one of the two.
+/* rdpi: open-loop linearisation of a hysteretic actuator. Include this file, or one of the two that it includes:
  *
- *   rdpi/f32.h   in single precision
- *   rdpi/q31.h   in 32-bit integers, for cores without floating point */
+ *   rdpi/f32.h   the library in single precision
+ *   rdpi/q31.h   the library in 32-bit integers, for cores without floating point */
 #ifndef RDPI_RDPI_H
 #define RDPI_RDPI_H
 

@@ -1,7 +1,7 @@
-/* rdpi: what the float and the fixed-point library share.
+/* rdpi: what the library in single precision and the library in fixed point share.
  *
- * Units are in the names: _um micrometres of displacement, _V volts at the actuator, _s seconds, _per_ a quotient.
- * Nothing here allocates, prints or keeps a static variable. */
+ * Names end in their unit: _um is micrometres of displacement, _V is volts at the actuator, _s is seconds, and _per_ is
+ * a quotient. Nothing here allocates, prints or keeps a static variable. */
 #ifndef RDPI_TYPES_H
 #define RDPI_TYPES_H
 
@@ -13,77 +13,82 @@
 extern "C" {
 #endif
 
-/** The layout of rdpi_f32_params_t and rdpi_q31_params_t. Changes when one of them does; init compares. */
+/** The version of the layout of rdpi_f32_params_t and rdpi_q31_params_t. It changes whenever one of the layouts does.
+ * init refuses parameters of another version. */
 #define RDPI_PARAMS_SCHEMA 3u
 
-/** More bits than single precision resolves are refused. */
+/** The most bits of a DAC. init refuses more, because single precision does not resolve more. */
 #define RDPI_MAX_DAC_BITS 20
 
-/* Compile-time maxima: they size the state in RAM, nothing else. Define them for the library and its users alike; init
- * returns RDPI_ERR_SIZE where they differ. */
+/* Compile-time maxima. Define them the same for the library and for the code that uses it. RDPI_MAX_PLAYS and
+ * RDPI_MAX_WINDOW set the size of the state in RAM; init returns RDPI_ERR_SIZE if they differ. RDPI_MAX_DEADZONES only
+ * limits what init accepts. */
 #ifndef RDPI_MAX_PLAYS
-#define RDPI_MAX_PLAYS 16 /**< play operators, n + 1, the identity (r_0 = 0) included */
+#define RDPI_MAX_PLAYS 16 /**< most play operators: n + 1, the identity (r_0 = 0) included */
 #endif
 #ifndef RDPI_MAX_DEADZONES
-#define RDPI_MAX_DEADZONES 8 /**< pieces of the saturation stage, m + 1, the identity (d_0 = 0) included */
+#define RDPI_MAX_DEADZONES 8 /**< most pieces of the saturation stage: m + 1, the identity (d_0 = 0) included */
 #endif
 #ifndef RDPI_MAX_WINDOW
-#define RDPI_MAX_WINDOW 16 /**< samples spanned by the rate estimator's difference, N */
+#define RDPI_MAX_WINDOW 16 /**< most samples in the window of the rate estimator: N */
 #endif
 
 #if RDPI_MAX_PLAYS < 1 || RDPI_MAX_DEADZONES < 1 || RDPI_MAX_WINDOW < 1
 #error "define RDPI_MAX_PLAYS, RDPI_MAX_DEADZONES and RDPI_MAX_WINDOW as at least 1"
 #endif
 
-/** How a state and parameters lie in memory where this is compiled: what decides it, in one number. init compares that
- * of its caller with the library's. */
+/** The layout of a state and of parameters in memory, as one number made of all that decides it. init compares the
+ * number of its caller with the number of the library. */
 #define RDPI_LAYOUT(state, params)                                                                                    \
     (((uint64_t)1 << 44) * sizeof(state) + ((uint64_t)1 << 32) * sizeof(params) +                                     \
      ((uint64_t)1 << 16) * RDPI_MAX_PLAYS + RDPI_MAX_WINDOW)
 
-/** After more missed samples than this the rate starts afresh; up to it, they cost one turn of a loop each. */
+/** The most missed samples that the rate still takes into account. Each of them costs one turn of a loop. After more,
+ * the rate starts again from 0. */
 #define RDPI_MAX_MISSED 16u
 
-/** What init and set_memory return: one value for each way in which their input can be wrong. */
+/** What init and set_memory return. Each kind of wrong input has a value of its own. */
 typedef enum {
     RDPI_OK = 0,                /**< done */
     RDPI_ERR_NULL = -1,         /**< a required pointer is NULL */
-    RDPI_ERR_SCHEMA = -2,       /**< parameters generated for another version of the library */
+    RDPI_ERR_SCHEMA = -2,       /**< the parameters were generated for another version of the library */
     RDPI_ERR_NOT_FINITE = -3,   /**< a number is NaN, infinite or beyond 1e7 */
-    RDPI_ERR_COUNT = -4,        /**< plays or dead zones: 0, or above the compile-time maximum */
+    RDPI_ERR_COUNT = -4,        /**< the number of plays or dead zones is 0 or above the compile-time maximum */
     RDPI_ERR_GAIN = -5,         /**< gain_um_per_V is 0 */
-    RDPI_ERR_THRESHOLDS = -6,   /**< not 0 = r_0 < r_1 < ... < r_n */
+    RDPI_ERR_THRESHOLDS = -6,   /**< the thresholds of the plays are not 0 = r_0 < r_1 < ... < r_n */
     RDPI_ERR_SLOPES = -7,       /**< a slope W_i is not positive at rate 0 (q31: or outside its format) */
-    RDPI_ERR_GUARD = -8,        /**< min_slope_ratio not in (0, 1), or some W_i falls below that ratio of its value at
-                                     rest (or overflows) within the guard */
-    RDPI_ERR_DEADZONES = -9,    /**< not 0 = d_0 < d_1 < ... < d_m */
+    RDPI_ERR_GUARD = -8,        /**< min_slope_ratio is not in (0, 1), or at a rate within the guard some W_i is below
+                                     that ratio of its value at rest (or overflows) */
+    RDPI_ERR_DEADZONES = -9,    /**< the thresholds of the dead zones are not 0 = d_0 < d_1 < ... < d_m */
     RDPI_ERR_SATURATION = -10,  /**< a piece of the saturation stage has a slope that is not positive (q31: or its
                                      weights are outside their format) */
     RDPI_ERR_SAMPLE_TIME = -11, /**< the sample time is not positive, or out of range */
-    RDPI_ERR_RATE = -12,        /**< rate window or filter time negative, or guard rate not positive */
+    RDPI_ERR_RATE = -12,        /**< the rate window or the filter time is negative, or the rate of the guard is not
+                                     positive */
     RDPI_ERR_WINDOW = -13,      /**< the rate window spans more than RDPI_MAX_WINDOW samples */
-    RDPI_ERR_DRIVE = -14,       /**< not min < max (by 1 nV), slew negative or too many DAC bits (q31: or steps of codes
-                                     that do not fit the range) */
-    RDPI_ERR_MEMORY = -15,      /**< the plays' states cannot come from one history, or lie outside the drive range */
-    RDPI_ERR_SWEEP = -16,       /**< start-up sweep: not 1 to 10000 cycles, end outside the range, speed above the slew
-                                     limit or too slow for one sample's share to survive rounding */
-    RDPI_ERR_DIGEST = -17,      /**< the parameters are not those that were generated: flash or file damaged, or
-                                     generated for another RDPI_REAL */
-    RDPI_ERR_SIZE = -18         /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW), another
-                                     RDPI_REAL or other alignment than the library */
+    RDPI_ERR_DRIVE = -14,       /**< min is not below max (f32: by 1 nV), the slew limit is negative, or there are too
+                                     many DAC bits (q31: or the steps of the codes do not fit the range) */
+    RDPI_ERR_MEMORY = -15,      /**< no single history leads to these states, or their drive is outside its range */
+    RDPI_ERR_SWEEP = -16,       /**< the start-up sweep does not have 1 to 10000 cycles, ends outside the range, is
+                                     faster than the slew limit, or is so slow that rounding swallows the change of one
+                                     sample */
+    RDPI_ERR_DIGEST = -17,      /**< the parameters are not those that were generated: the flash or the file is damaged,
+                                     or they were generated for another RDPI_REAL */
+    RDPI_ERR_SIZE = -18         /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW),
+                                     another RDPI_REAL or another alignment than the library */
 } rdpi_status_t;
 
-/** What happened in the latest step; the bits are OR-ed. */
+/** What happened in the latest step. The bits are OR-ed. */
 enum {
     RDPI_FLAG_GUARD = 1u,  /**< the rate was above the guard and was clamped to it */
     RDPI_FLAG_RANGE = 2u,  /**< the drive was clipped to its range */
     RDPI_FLAG_SLEW = 4u,   /**< the drive was clipped to what the slew limit allows in one sample */
-    RDPI_FLAG_INPUT = 8u,  /**< the input was not usable; the last drive was held and no state changed */
-    RDPI_FLAG_MISSED = 16u /**< samples were missed or refused before this one; its rate counts the time they took,
-                                up to RDPI_MAX_MISSED of them */
+    RDPI_FLAG_INPUT = 8u,  /**< the input was not usable: the last drive was held and no state changed */
+    RDPI_FLAG_MISSED = 16u /**< samples were missed or refused before this one. Its rate counts their time, for up to
+                                RDPI_MAX_MISSED samples */
 };
 
-/** A status as a short English sentence; never NULL. Any context. */
+/** A status as a short English sentence, never NULL. Callable from any context. */
 const char *rdpi_status_text(rdpi_status_t status);
 
 #ifdef __cplusplus

@@ -6,17 +6,17 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-Document = Mapping[str, Any]  # that of `rdpi gap --json`, or a part of it
+from ...fit import AxisEntry
+from ...model import records
+from ...simulate.effects import PARAMETERS
 
 NONE = "–"
 SAME = 0.1  # relative: a gap within it is as large as what it is compared with
 PICOMETRE = 1e-6  # um
 LEAST = -1.0  # a shrink below it is told no closer
-DETAILS = {"origin", "dither"}  # parameters of a grid that a simulation needs, and no reader
 
 
 def number(value: float | None, digits: int = 3, strip: bool = True) -> str:
@@ -85,12 +85,13 @@ def _whole(value: float) -> str:
 # ---- parameters of effects ----
 
 
-def given(parameters: Document) -> dict[str, Document]:
+def given(parameters: Mapping[str, records.EffectParameter]) -> dict[str, records.EffectParameter]:
     """Those that have a value and that a reader needs."""
-    return {name: one for name, one in parameters.items() if one["value"] is not None and name not in DETAILS}
+    return {name: one for name, one in parameters.items()
+            if one.value is not None and not PARAMETERS[name].internal}
 
 
-def sized(name: str, parameter: Document) -> str:
+def sized(name: str, parameter: records.EffectParameter) -> str:
     """Label, value and unit: "time constant 0.48 ms"."""
     return f"{_label(name)} {quantity(name, parameter)}".strip()
 
@@ -104,30 +105,29 @@ def _label(name: str) -> str:
     return name if "_" in name and name[0].isupper() else plain(name.replace("_", " "))
 
 
-def unit_of(name: str, parameter: Document) -> str:
+def unit_of(name: str, parameter: records.EffectParameter) -> str:
     """As it is written after a number."""
-    unit = parameter["unit"]
+    unit = parameter.unit
     if unit == "%" and "_per_" in name:
         unit = f"% per {name.partition('_per_')[2].replace('_', ' ')}"
     return "" if unit == "1" else unit.replace("um", "µm").replace("degC", "°C")
 
 
-def quantity(name: str, parameter: Document) -> str:
+def quantity(name: str, parameter: records.EffectParameter) -> str:
     """Value and unit, to as many digits as the interval is worth."""
-    factor, unit = _scale(parameter["value"], unit_of(name, parameter))
-    interval = _ends(parameter["ci95"])
+    factor, unit = _scale(parameter.value, unit_of(name, parameter))
+    interval = _ends(parameter.ci95)
     if interval:
-        return f"{_fixed(factor * parameter['value'], factor * (interval[1] - interval[0]))} {unit}".strip()
-    digits = 5 if name == "factor" else 3  # near 1, what counts lies behind it
-    return f"{number(factor * parameter['value'], digits)} {unit}".strip()
+        return f"{_fixed(factor * parameter.value, factor * (interval[1] - interval[0]))} {unit}".strip()
+    return f"{number(factor * parameter.value, PARAMETERS[name].digits)} {unit}".strip()
 
 
-def interval(name: str, parameter: Document, unit: bool = True) -> str:
+def interval(name: str, parameter: records.EffectParameter, unit: bool = True) -> str:
     """"95 % interval 0.48 to 0.56 ms", or "95 %: 0.48 to 0.56"; "" without one."""
-    ends = _ends(parameter["ci95"])
+    ends = _ends(parameter.ci95)
     if not ends:
         return ""
-    factor, written = _scale(parameter["value"], unit_of(name, parameter))
+    factor, written = _scale(parameter.value, unit_of(name, parameter))
     low, high = (_fixed(factor * end, factor * (ends[1] - ends[0])) for end in ends)
     return f"95 % interval {low} to {high} {written}".strip() if unit else f"95 %: {low} to {high}"
 
@@ -168,12 +168,12 @@ def sentence_of(text: str) -> str:
     return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
-def bin_names(axis: Document) -> list[str]:
-    """Names of an axis's bins; `axis` is one of `where.axes`."""
-    if "edges" in axis:
-        ends = edge_names(axis["edges"])
+def bin_names(axis: AxisEntry) -> list[str]:
+    """Names of an axis's bins."""
+    if axis.edges is not None:
+        ends = edge_names(axis.edges)
         return [f"{low} to {high}" for low, high in zip(ends[:-1], ends[1:])]
-    return ["at rest" if name == "rest" else plain(base(name)) for name in axis["bins"]]
+    return ["at rest" if name == "rest" else plain(base(name)) for name in axis.bins]
 
 
 def edge_names(values: Sequence[float]) -> list[str]:

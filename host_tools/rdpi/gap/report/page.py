@@ -11,8 +11,9 @@ from typing import Any
 import jinja2
 
 from ...data import atomic_write, make_folder
+from ..sections import GapDocument
 from . import pictures as draw, words
-from .numbers import (NONE, Document, base, bracketed, change, given, interval, listed, number, percent, plain, shrink,
+from .numbers import (NONE, base, bracketed, change, given, interval, listed, number, percent, plain, shrink,
                       shrinks, sized, tight, um)
 from .pictures import Pictures
 from .words import about, grid, terms
@@ -41,27 +42,27 @@ TEMPLATES = jinja2.Environment(loader=jinja2.PackageLoader(__package__), undefin
 TEMPLATES.filters["tight"] = tight
 
 
-def write(document: Document, pictures: Pictures, folder: str | os.PathLike[str]) -> None:
+def write(document: GapDocument, pictures: Pictures, folder: str | os.PathLike[str]) -> None:
     """Write `index.html`, which loads nothing from elsewhere, and `gap.json` into `folder`, which is made.
 
     Both are written atomically. Raises OSError when they cannot be, ValueError for numbers that are not finite.
     """
-    twin = json.dumps(document, indent=2, allow_nan=False, default=lambda value: value.tolist()) + "\n"
+    twin = json.dumps(document.to_json(), indent=2, allow_nan=False) + "\n"
     text = page(document, pictures)
     make_folder(folder)
     atomic_write(Path(folder) / TWIN, twin)
     atomic_write(Path(folder) / PAGE, text)
 
 
-def page(document: Document, pictures: Pictures) -> str:
+def page(document: GapDocument, pictures: Pictures) -> str:
     """The page's text; the same for the same document and pictures."""
-    verdict = document["verdict"]
+    verdict = document.verdict
     return TEMPLATES.get_template("gap.html.j2").render(
-        terms=terms(document), paired=document.get("paired", False), badge=VERDICTS[verdict], verdict=verdict,
+        terms=terms(document), paired=document.paired, badge=VERDICTS[verdict], verdict=verdict,
         sentence=words.sentence(document), promise=words.promise(document), tiles=_tiles(document),
         where=words.where(document), figures=draw.where(document, pictures), why=words.why(document),
         which=_which(document), candidates=_candidates(document), matrix=_matrix(document),
-        far=words.far(document), runs=_runs(document), with_ratio=document["passport"] is not None,
+        far=words.far(document), runs=_runs(document), with_ratio=document.passport is not None,
         runs_figure=draw.recordings(document), hidden=_hidden(document), left_out=_left_out(document),
         limits=words.limits(document), next_experiment=words.next_experiment(document),
         no_experiment=NOTHING_TO_RECORD[verdict], facts=_facts(document), provenance=_provenance(document), twin=TWIN)
@@ -70,15 +71,15 @@ def page(document: Document, pictures: Pictures) -> str:
 # ---- the terminal ----
 
 
-def tables(document: Document) -> str:
+def tables(document: GapDocument) -> str:
     """For the terminal: the verdict, where the gap lies, the candidates, what is hidden, what to record next.
 
     Of letters beyond ASCII only those that came from files, as with the other commands.
     """
     lines = [_wrapped(text) for text in (words.sentence(document), words.promise(document)) if text]
-    if document["effects"]:
+    if document.effects:
         lines += [_wrapped(f"where: {spot}", "  ") for spot in [words.place(document)] if spot]
-        lines.append(f"stage of the chain: {document['where']['stage']}")
+        lines.append(f"stage of the chain: {document.where.stage}")
     lines += _rows(document)
     remarks = [*(f"not to be seen in these recordings: {one['id']} (needs {one['needs']})"
                  for one in _hidden(document)),
@@ -87,11 +88,11 @@ def tables(document: Document) -> str:
     lines += [_wrapped(line, "  ") for line in remarks]
     experiment = words.next_experiment(document)
     if experiment:
-        lines += [f"record next: {experiment['command']}", _wrapped(f"  {experiment['why']}", "  ")]
+        lines += [f"record next: {experiment.command}", _wrapped(f"  {experiment.why}", "  ")]
     return "\n".join(lines).translate(TERMINAL)
 
 
-def _rows(document: Document) -> list[str]:
+def _rows(document: GapDocument) -> list[str]:
     """The candidates that were accepted, are as good or gain much, and a line for the others."""
     candidates, lines = _candidates(document), []
     rows = [row for row in candidates if not row["little"]]
@@ -119,72 +120,72 @@ def _wrapped(line: str, indent: str = "") -> str:
 # ---- what the page shows ----
 
 
-def _tiles(document: Document) -> list[dict[str, str]]:
+def _tiles(document: GapDocument) -> list[dict[str, str]]:
     """The key figures."""
-    gap, passport, coarse = document["gap"], document["passport"], grid(document)
-    tiles = [(terms(document).gap, um(gap["rms_um"]), f"{number(gap['percent_of_stroke'], 2)} % of the stroke")]
+    gap, passport, coarse = document.gap, document.passport, grid(document)
+    tiles = [(terms(document).gap, um(gap.rms_um), f"{number(gap.percent_of_stroke, 2)} % of the stroke")]
     if passport:
-        tiles.append((terms(document).usually, um(passport["rms_um"]), f"ratio {number(passport['ratio'], 2)}"))
-    tiles.append(("noise floor", um(gap["noise_floor_um"]), "of the sensor"))
+        tiles.append((terms(document).usually, um(passport.rms_um), f"ratio {number(passport.ratio, 2)}"))
+    tiles.append(("noise floor", um(gap.noise_floor_um), "of the sensor"))
     if coarse and coarse.alone:
         tiles.append(("with a finer converter", um(coarse.finer_um), f"the grid's own {um(coarse.own_um)}"))
-    elif document["effects"]:
-        tiles.append(("with the effects added", um(gap["remaining_um"]), f"explained {um(gap['explained_um'])}"))
+    elif document.effects:
+        tiles.append(("with the effects added", um(gap.remaining_um), f"explained {um(gap.explained_um)}"))
     return [{"name": name, "value": value, "remark": remark} for name, value, remark in tiles]
 
 
-def _which(document: Document) -> list[dict[str, Any]]:
+def _which(document: GapDocument) -> list[dict[str, Any]]:
     """The accepted effects and what they cannot be told from, for a card each."""
     cards, coarse = [], grid(document)
-    for effect in document["effects"]:
-        scores, rivals = effect["held_out_rms_um"], effect["confusable_with"]
+    for effect in document.effects:
+        scores, rivals = effect.held_out_rms_um, effect.confusable_with
         facts = [f"{sized(name, one)}{bracketed(interval(name, one))}"
-                 for name, one in given(effect["parameters"]).items()]
-        if coarse and effect["name"] == "quantisation":
+                 for name, one in given(effect.parameters).items()]
+        if coarse and words.reading_step_um(effect) > 0:
             facts.append(f"its rounding: step / √12 = {um(coarse.own_um)} rms")
-        facts += [f"residual, held out: {change(scores['before'], scores['after'], '→')}",
-                  f"shrink {shrink(effect['shrink'])}"
-                  + (f" (95 % interval {shrinks(effect['shrink_ci95'])})" if effect["shrink_ci95"] else "")]
+        facts += [f"residual, held out: {change(scores.before, scores.after, '→')}",
+                  f"shrink {shrink(effect.shrink)}"
+                  + (f" (95 % interval {shrinks(effect.shrink_ci95)})" if effect.shrink_ci95 else "")]
         if rivals:
             facts.append(f"cannot be told from {listed([words.named(name) for name in rivals], 'or')}")
-        cards.append({**about(effect["name"]), "stage": effect["stage"], "facts": facts, "rival": False})
+        cards.append({**about(effect.name), "stage": effect.stage, "facts": facts, "rival": False})
         cards += [{**about(name), "stage": "", "facts": [], "rival": True} for name in rivals]
     return cards
 
 
-def _candidates(document: Document) -> list[dict[str, Any]]:
+def _candidates(document: GapDocument) -> list[dict[str, Any]]:
     """Rows of the table of what was tried: accepted, as good, then by shrink."""
-    effects = document["effects"]
-    order = [effect["name"] for effect in effects]
+    effects = document.effects
+    order = [effect.name for effect in effects]
     rivals, found = words.rivals(document), []
     for one in words.tried(document):
-        name, refitted, best = one["name"], one["refitted_shrink"], one["shrink"]
+        name, refitted, best, shown = one.name, one.refitted_shrink, one.shrink, one
         if name in order:
             rank, kind, own = order.index(name), "accepted", effects[order.index(name)]
-            verdict = "explains these recordings best" if own["confusable_with"] else "accepted"
+            verdict = "explains these recordings best" if own.confusable_with else "accepted"
             if rank:  # judged beside those that were accepted before it
-                one, refitted = {**one, **own}, None
+                shown, refitted = own, None
                 verdict += f", beside {listed(order[:rank])}"
-            if (own["name"], own["stage"]) == ("quantisation", "sensor"):
+            if words.reading_step_um(own) > 0:
                 verdict += ": read off the values"
         elif name in rivals:
             rank, kind, verdict = len(order), "rival", "explains these recordings as well"
         else:
-            rank, kind, verdict = len(order) + 1, "rejected", one["rejected_because"]
+            rank, kind, verdict = len(order) + 1, "rejected", one.rejected_because
         little = kind == "rejected" and max(best, refitted) < LITTLE
-        sizes = {} if little else given(one["parameters"])
-        row = {"id": name, "title": words.title(name), "stage": one["stage"],
+        sizes = {} if little else given(shown.parameters)
+        row = {"id": name, "title": words.title(name), "stage": shown.stage,
                "size": "; ".join(sized(*item) for item in sizes.items()) or NONE,
-               "shrink": shrink(one["shrink"]), "interval": shrinks(one["shrink_ci95"]),
+               "shrink": shrink(shown.shrink), "interval": shrinks(shown.shrink_ci95),
                "refitted": NONE if refitted is None else shrink(refitted), "verdict": verdict, "kind": kind,
                "little": little}
         found.append((rank, -best, row))
     return [row for *_, row in sorted(found, key=lambda entry: entry[:2])]
 
 
-def _matrix(document: Document) -> dict[str, Any] | None:
+def _matrix(document: GapDocument) -> dict[str, Any] | None:
     """Rows of R² with their names, and in words the pairs that are alike; None without a matrix of two or more."""
-    names, r2 = document["matrix"]["names"], document["matrix"]["r2"]
+    names, r2 = document.matrix.names, document.matrix.r2
     if len(names) < 2:
         return None
     rows = [{"name": names[row], "cells": [
@@ -194,38 +195,38 @@ def _matrix(document: Document) -> dict[str, Any] | None:
     return {"names": names, "rows": rows, "summary": words.resemblances(names, r2, ALIKE, PAIRS)}
 
 
-def _runs(document: Document) -> list[dict[str, str]]:
+def _runs(document: GapDocument) -> list[dict[str, str]]:
     """Rows of the table of recordings, the largest share first."""
-    return [{"number": str(k), "file": plain(base(run["file"]), 60), "share": percent(run["share"]),
-             "before": um(run["rms_um"]["before"]), "after": um(run["rms_um"]["after"]),
-             "noise": um(run["noise_floor_um"]), "stroke": f"{number(run['percent_of_stroke'], 2)} %",
-             "ratio": number(run["ratio"], 2), "offset": um(run["offset_um"])}
+    return [{"number": str(k), "file": plain(base(run.file), 60), "share": percent(run.share),
+             "before": um(run.rms_um.before), "after": um(run.rms_um.after),
+             "noise": um(run.noise_floor_um), "stroke": f"{number(run.percent_of_stroke, 2)} %",
+             "ratio": number(run.ratio, 2), "offset": um(run.offset_um)}
             for k, run in enumerate(draw.ranked(document), 1)]
 
 
-def _hidden(document: Document) -> list[dict[str, str]]:
+def _hidden(document: GapDocument) -> list[dict[str, str]]:
     """Effects that these recordings could not show."""
-    return [{**about(one["name"]), "needs": one["needs"]} for one in document["not_excited"]]
+    return [{**about(one.name), "needs": one.needs} for one in document.not_excited]
 
 
-def _left_out(document: Document) -> list[str]:
+def _left_out(document: GapDocument) -> list[str]:
     """Effects that nobody looked for, and why."""
-    hidden = {one["name"] for one in document["not_excited"]}
-    return [f"{one['name']} ({one['rejected_because']})" for one in document["candidates"]
-            if not one["excited"] and one["name"] not in hidden]
+    hidden = {one.name for one in document.not_excited}
+    return [f"{one.name} ({one.rejected_because})" for one in document.candidates
+            if not one.excited and one.name not in hidden]
 
 
-def _facts(document: Document) -> list[tuple[str, str]]:
+def _facts(document: GapDocument) -> list[tuple[str, str]]:
     """Where all this comes from."""
-    passport = document["passport"]
-    facts = [("model", plain(document["model"], 200)), ("model's digest", document["model_digest"]),
-             ("tool", document["tool"])]
+    passport = document.passport
+    facts = [("model", plain(document.model or NONE, 200)), ("model's digest", document.model_digest or NONE),
+             ("tool", document.tool)]
     if passport:
-        facts.append(("the passport's recordings", passport["held_out"]))
-    return [*facts, ("detection score", f"{number(document['detection'])} (larger: surer that something is new)")]
+        facts.append(("the passport's recordings", passport.held_out))
+    return [*facts, ("detection score", f"{number(document.detection)} (larger: surer that something is new)")]
 
 
-def _provenance(document: Document) -> list[dict[str, str]]:
+def _provenance(document: GapDocument) -> list[dict[str, str]]:
     """Rows of the table of the recordings as read."""
-    return [{"file": plain(run["file"], 200), "earlier": plain(run.get("earlier") or "", 200), "digest": run["digest"],
-             "samples": f"{run['samples']:,}".replace(",", " ")} for run in document["runs"]]
+    return [{"file": plain(run.file, 200), "earlier": plain(run.earlier or "", 200), "digest": run.digest,
+             "samples": f"{run.samples:,}".replace(",", " ")} for run in document.runs]

@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ...data import Recording
-from .numbers import Document, base, drawn, edge_names, magnitude, plain
+from ..sections import GapDocument, RunEntry
+from .numbers import base, drawn, edge_names, magnitude, plain
 from .words import AXES, terms
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ...fit import Axis, Table
+    from ...fit import Axis, AxisEntry, Table
 
 INK = "#747a82"  # reads on white and on black
 NOW, AFTER = "#d0642a", "#2f86c4"  # also told apart by those who are colour-blind
@@ -55,10 +56,10 @@ class Shown(NamedTuple):
     dominant: bool = False  # whether it shows the axis along which the gap concentrates most
 
 
-def where(document: Document, pictures: Pictures) -> list[Shown]:
+def where(document: GapDocument, pictures: Pictures) -> list[Shown]:
     """Of the section "where": the residual along each axis, over position and rate, over time."""
-    found, added, usual = document["where"], bool(document["effects"]), terms(document).usually
-    dominant, axes = found["dominant"], found["axes"]
+    found, added, usual = document.where, bool(document.effects), terms(document).usually
+    dominant, axes = found.dominant, found.axes
     worst = int(np.argmax([np.std(residual) for residual in pictures.before_um]))
     with _style():
         shown = [Shown(_source(axis_figure(name, axes[name], usual)), f"Along {AXES[name].title}.", False,
@@ -70,38 +71,38 @@ def where(document: Document, pictures: Pictures) -> list[Shown]:
                   "rms of the residual over position and rate. Empty cells hold hardly any samples.", True),
             Shown(_source(time_figure(pictures.runs[worst], pictures.before_um[worst],
                                       pictures.after_um[worst] if added else None,
-                                      document["runs"][worst]["noise_floor_um"])),
+                                      document.runs[worst].noise_floor_um)),
                   f"Residual of {'the recording' if len(pictures.runs) == 1 else 'the worst recording'}, "
                   f"{plain(base(pictures.runs[worst].path), 60)}: all of it, and where it is worst.", True)]
     return shown
 
 
-def recordings(document: Document) -> str:
+def recordings(document: GapDocument) -> str:
     """The source of the picture of all recordings, the one with the largest share of the gap first."""
     with _style():
-        return _source(runs_figure(ranked(document), bool(document["effects"]), terms(document).usually))
+        return _source(runs_figure(ranked(document), bool(document.effects), terms(document).usually))
 
 
-def ranked(document: Document) -> list[Document]:
+def ranked(document: GapDocument) -> list[RunEntry]:
     """Recordings, the one with the largest share of the gap first."""
-    return sorted(document["runs"], key=lambda run: -run["share"])
+    return sorted(document.runs, key=lambda run: -run.share)
 
 
-def axis_figure(name: str, axis: Document, usual: str) -> Figure:
-    """The rms in each bin, and beside it what is `usual` by the passport; `axis` is one of `where.axes`."""
+def axis_figure(name: str, axis: AxisEntry, usual: str) -> Figure:
+    """The rms in each bin, and beside it what is `usual` by the passport."""
     figure, axes = _panel(SMALL)
-    rms = np.array(axis["rms_um"])
+    rms = np.array(axis.rms_um)
     at = np.arange(len(rms))
-    if axis["expected_um"]:
+    if axis.expected_um:
         axes.bar(at - 0.21, rms, width=0.42, color=NOW, label="now")
-        axes.bar(at + 0.21, axis["expected_um"], width=0.42, color=INK, label=usual)
+        axes.bar(at + 0.21, axis.expected_um, width=0.42, color=INK, label=usual)
     else:
         axes.bar(at, rms, width=0.84, color=NOW)
-    if "edges" in axis:
-        labels = edge_names(axis["edges"])
+    if axis.edges is not None:
+        labels = edge_names(axis.edges)
         axes.set_xticks(np.arange(len(labels)) - 0.5, labels)
     else:
-        labels = [drawn(base(label), 14) for label in axis["bins"]]
+        labels = [drawn(base(label), 14) for label in axis.bins]
         axes.set_xticks(at, labels)
     if sum(map(len, labels)) > LETTERS:
         for label in axes.get_xticklabels():
@@ -111,13 +112,13 @@ def axis_figure(name: str, axis: Document, usual: str) -> Figure:
     return figure
 
 
-def spectrum_figure(axis: Document, after: Axis | None, usual: str) -> Figure:
+def spectrum_figure(axis: AxisEntry, after: Axis | None, usual: str) -> Figure:
     """rms per band of frequency now, as is `usual` by the passport, and with the effects added."""
     figure, axes = _panel(WIDE)
-    edges = np.array(axis["edges"])
-    curves = [("now", axis["rms_um"], edges, {"color": NOW, "lw": 1.8})]
-    if axis["expected_um"]:
-        curves.append((usual, axis["expected_um"], edges, {"color": INK, "lw": 1.4, "ls": "--"}))
+    edges = np.array(axis.edges)
+    curves = [("now", axis.rms_um, edges, {"color": NOW, "lw": 1.8})]
+    if axis.expected_um:
+        curves.append((usual, axis.expected_um, edges, {"color": INK, "lw": 1.4, "ls": "--"}))
     if after is not None:
         curves.append((WITH, after.rms_um, after.edges, {"color": AFTER, "lw": 1.8}))
     for label, rms, bands, look in curves:
@@ -173,25 +174,25 @@ def time_figure(run: Recording, before_um: np.ndarray, after_um: np.ndarray | No
     return figure
 
 
-def runs_figure(runs: Sequence[Document], added: bool, usual: str) -> Figure:
+def runs_figure(runs: Sequence[RunEntry], added: bool, usual: str) -> Figure:
     """rms of each run now and, with effects `added`, with them; the noise floor and what is `usual` beside them."""
     shown = runs[:BARS]
     figure, axes = _panel((WIDE[0], 1.1 + 0.3 * len(shown)))
     at = np.arange(len(shown))
-    before = np.array([run["rms_um"]["before"] for run in shown])
+    before = np.array([run.rms_um.before for run in shown])
     marks = [("now", before, {"marker": "o", "color": NOW, "ms": 7})]
     if added:
-        after = np.array([run["rms_um"]["after"] for run in shown])
+        after = np.array([run.rms_um.after for run in shown])
         axes.hlines(at, np.minimum(before, after), np.maximum(before, after), color=INK, lw=1)
         marks.append((WITH, after, {"marker": "o", "color": AFTER, "ms": 7}))
-    noise = np.array([run["noise_floor_um"] for run in shown])
-    expected = np.array([before[k] / run["ratio"] if run["ratio"] else np.nan for k, run in enumerate(shown)])
+    noise = np.array([run.noise_floor_um for run in shown])
+    expected = np.array([before[k] / run.ratio if run.ratio else np.nan for k, run in enumerate(shown)])
     marks += [(usual, expected, {"marker": "|", "color": INK, "ms": 13, "mew": 2}),
               ("noise floor", noise, {"marker": "x", "color": INK, "ms": 5})]
     for label, values, look in marks:
         if np.isfinite(values).any():
             axes.plot(values, at, ls="", label=label, zorder=3, **look)
-    axes.set_yticks(at, [f"{drawn(base(run['file']), 22)}  {k}" for k, run in enumerate(shown, 1)])
+    axes.set_yticks(at, [f"{drawn(base(run.file), 22)}  {k}" for k, run in enumerate(shown, 1)])
     axes.set(xlabel="residual [µm rms]", ylim=(len(shown) - 0.4, -0.6))
     axes.set_xlim(left=0)
     axes.grid(axis="x", color=INK, alpha=0.25, lw=0.6)

@@ -7,19 +7,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ...fit import FITTED
-from ...simulate.effects import CATALOGUE
-from .numbers import (SAME, Document, bin_names, bracketed, change, given, interval, listed, number, percent, plain,
+from ...simulate.effects import CATALOGUE, PARAMETERS
+from ..sections import AcceptedEffect, CandidateEntry, GapDocument, NextExperiment
+from .numbers import (SAME, bin_names, bracketed, change, given, interval, listed, number, percent, plain,
                       quantity, sentence_of, shrinks, sized, times, um, unit_of)
 
-COUNTED = {"delay", "lag", "slew_limit", "initial_memory", "gain_change", "resonance", "periodic_disturbance",
-           "static_nonlinearity"}  # whose titles take an article
-LOOK = {"thermal_drift": "If the residual over time shows a step rather than a slope, something slipped or the "
-                         "sensor's zero jumped."}  # what tells an effect from its like in the pictures
 NOTICED = 0.005  # shrink: less is 0 %
 EXPLAINED = 0.9  # of the energy, from where on an effect explains the gap, and not most of it
 
@@ -54,9 +52,9 @@ CHANGE = Terms(
     unjudged="The model carries no passport: how much two recordings of the same drive may differ is not known.")
 
 
-def terms(document: Document) -> Terms:
+def terms(document: GapDocument) -> Terms:
     """CHANGE where every recording is compared with an earlier one of the same drive."""
-    return CHANGE if document.get("paired") else GAP
+    return CHANGE if document.paired else GAP
 
 
 class AxisWords(NamedTuple):
@@ -91,37 +89,41 @@ def title(name: str) -> str:
 def about(name: str) -> dict[str, str]:
     """Id, title, what it is, and what to do about it on the bench."""
     effect = CATALOGUE[name]
-    remedy = " ".join(filter(None, (sentence_of(effect.remedy), LOOK.get(name))))
+    remedy = " ".join(filter(None, (sentence_of(effect.remedy), effect.look)))
     return {"id": name, "title": effect.title, "what": sentence_of(effect.what), "remedy": remedy}
 
 
 def named(name: str) -> str:
     """Title with its article: "a signal delay", "creep"."""
-    article = "" if name not in COUNTED else "an " if title(name)[0] in "aeiou" else "a "
-    return f"{article}{title(name)}"
+    return f"{CATALOGUE[name].article} {title(name)}".strip()
 
 
-def phrase(effect: Document) -> str:
+def phrase(effect: AcceptedEffect) -> str:
     """An accepted effect with its size: "a signal delay of 0.52 ms (95 % interval 0.48 to 0.56 ms)"."""
-    text, sizes = named(effect["name"]), given(effect["parameters"])
+    text, sizes = named(effect.name), given(effect.parameters)
     if len(sizes) == 1 and not {"of", "from"} & set(text.split()):
         (name, one), = sizes.items()
         if unit_of(name, one):
-            of = "in steps of" if name == "step" else "of"
-            return f"{text} {of} {quantity(name, one)}{bracketed(interval(name, one))}"
+            return f"{text} {PARAMETERS[name].joined} {quantity(name, one)}{bracketed(interval(name, one))}"
     return text + bracketed("; ".join(
         ", ".join(filter(None, (sized(name, one), interval(name, one, False))))
         for name, one in sizes.items()))
 
 
-def tried(document: Document) -> list[Document]:
+def tried(document: GapDocument) -> list[CandidateEntry]:
     """Candidates that the recordings could show."""
-    return [one for one in document["candidates"] if one["excited"]]
+    return [one for one in document.candidates if one.excited]
 
 
-def rivals(document: Document) -> set[str]:
+def rivals(document: GapDocument) -> set[str]:
     """Names of what accepted effects cannot be told from."""
-    return {name for effect in document["effects"] for name in effect["confusable_with"]}
+    return {name for effect in document.effects for name in effect.confusable_with}
+
+
+def reading_step_um(effect: AcceptedEffect) -> float:
+    """Step of the grid that an accepted effect puts readings on; 0: none."""
+    values = {name: one.value for name, one in effect.parameters.items()}
+    return CATALOGUE[effect.name](effect.stage).reading_step_um(values)
 
 
 class Grid(NamedTuple):
@@ -133,21 +135,25 @@ class Grid(NamedTuple):
     alone: bool
 
 
-def grid(document: Document) -> Grid | None:
-    """Of an accepted quantisation of the sensor: rounding errors lie evenly over a step, which is step / √12 rms."""
-    effects, gap = document["effects"], document["gap"]
-    steps = [effect["parameters"]["step"]["value"] for effect in effects
-             if (effect["name"], effect["stage"]) == ("quantisation", "sensor")]
+def grid(document: GapDocument) -> Grid | None:
+    """Of an accepted effect that rounds readings: their errors lie evenly over a step, which is step / √12 rms."""
+    effects, gap = document.effects, document.gap
+    steps = [step for step in map(reading_step_um, effects) if step > 0]
     if not steps:
         return None
     alone = len(effects) == 1
-    whole = gap["rms_um"] if alone else gap["remaining_um"]
+    whole = gap.rms_um if alone else gap.remaining_um
     own = min(steps[0] / math.sqrt(12), whole)
-    least = min((document["passport"] or {"rms_um": 0.0})["rms_um"], whole)  # a converter mends nothing else
+    least = min(expected_um(document), whole)  # a converter mends nothing else
     return Grid(own, whole, max(math.sqrt(whole**2 - own**2), least), alone)
 
 
-def rounding(document: Document) -> str:
+def expected_um(document: GapDocument) -> float:
+    """rms of the gap that the passport expects; 0: there is no passport."""
+    return document.passport.rms_um if document.passport else 0.0
+
+
+def rounding(document: GapDocument) -> str:
     """What a sensor's grid adds, which no prediction promises to take away; "" without one."""
     found = grid(document)
     if found is None:
@@ -160,26 +166,26 @@ def rounding(document: Document) -> str:
 # ---- the verdict ----
 
 
-def sentence(document: Document) -> str:
+def sentence(document: GapDocument) -> str:
     """The verdict with numbers and units."""
-    gap, passport, words = document["gap"], document["passport"], terms(document)
-    runs = len(document["runs"])
-    text = (f"{words.opening} {um(gap['rms_um'])} rms ({number(gap['percent_of_stroke'], 2)} % of the stroke) "
+    gap, passport, words = document.gap, document.passport, terms(document)
+    runs = len(document.runs)
+    text = (f"{words.opening} {um(gap.rms_um)} rms ({number(gap.percent_of_stroke, 2)} % of the stroke) "
             f"{'in one recording' if runs == 1 else f'over {runs} recordings'}")
-    less = document.get("paired") and document["effects"] and passport and passport["ratio"] < 1
+    less = document.paired and document.effects and passport and passport.ratio < 1
     if passport and not less:  # than may be, and found all the same
-        text += f", {times(passport['ratio'])} {words.usual}"
-    zero = document["offset_um"]
-    apart = (f"Not counted: the zero lies {um(zero['mean'])} off{' since then' if document.get('paired') else ''}."
-             if zero["moved"] else "")
+        text += f", {times(passport.ratio)} {words.usual}"
+    zero = document.offset_um
+    apart = (f"Not counted: the zero lies {um(zero.mean)} off{' since then' if document.paired else ''}."
+             if zero.moved else "")
     say = {"effect": _explained, "ambiguous": _explained, "none": _nothing, "unknown": _unexplained}
-    return " ".join(filter(None, (f"{text}.", say[document["verdict"]](document), apart,
+    return " ".join(filter(None, (f"{text}.", say[document.verdict](document), apart,
                                   "" if passport else words.unjudged)))
 
 
-def _explained(document: Document) -> str:
+def _explained(document: GapDocument) -> str:
     """What explains the gap, how well, and whether it is sure."""
-    effects, coarse = document["effects"], grid(document)
+    effects, coarse = document.effects, grid(document)
     causes = [_cause(effect) for effect in effects]
     several = len(causes) > 1
     before, after = held_out(document)
@@ -187,108 +193,108 @@ def _explained(document: Document) -> str:
     if coarse and coarse.alone:
         text += _how_much(document, coarse.whole_um, coarse.finer_um)
     else:
-        they = "they were" if several or effects[0]["confusable_with"] else "it was"
+        they = "they were" if several or effects[0].confusable_with else "it was"
         text += (f"{_how_much(document, before, after)}: on {unseen_parts(document)} {they} not fitted to, the "
                  f"{terms(document).left} {'falls' if after < before else 'goes'} from {change(before, after, 'to')}")
     lines = [sentence_of(text), rounding(document)]
-    if document["verdict"] == "ambiguous":
-        lines.append(f"{'This recording' if len(document['runs']) == 1 else 'These recordings'} cannot tell which "
+    if document.verdict == "ambiguous":
+        lines.append(f"{'This recording' if len(document.runs) == 1 else 'These recordings'} cannot tell which "
                      "it is.")
     return " ".join(filter(None, lines))
 
 
-def _cause(effect: Document) -> str:
+def _cause(effect: AcceptedEffect) -> str:
     """An accepted effect, or it and its rivals: "either a signal delay of 0.52 ms or a first-order lag"."""
-    others = [named(name) for name in effect["confusable_with"]]
+    others = [named(name) for name in effect.confusable_with]
     return f"either {listed([phrase(effect), *others], 'or')}" if others else phrase(effect)
 
 
-def _nothing(document: Document) -> str:
-    if document["passport"]:
+def _nothing(document: GapDocument) -> str:
+    if document.passport:
         return f"Nothing goes beyond {terms(document).nothing_beyond}."
     return f"{_none_tried(document)} makes it smaller by more than chance would."
 
 
-def _unexplained(document: Document) -> str:
+def _unexplained(document: GapDocument) -> str:
     lines = [f"{_none_tried(document)} explains it."]
-    best = max(tried(document), key=lambda one: one["shrink"], default=None)
-    if best is not None and best["shrink"] >= NOTICED:
-        lines.append(f"The best of them, {title(best['name'])}, would shrink it by {percent(best['shrink'])}.")
+    best = max(tried(document), key=lambda one: one.shrink, default=None)
+    if best is not None and best.shrink >= NOTICED:
+        lines.append(f"The best of them, {title(best.name)}, would shrink it by {percent(best.shrink)}.")
     return " ".join(filter(None, (*lines, place(document))))
 
 
-def _none_tried(document: Document) -> str:
+def _none_tried(document: GapDocument) -> str:
     count = len(tried(document))
     return f"None of the {count} effects tried" if count > 1 else "No effect that was tried"
 
 
-def _how_much(document: Document, before: float, after: float) -> str:
+def _how_much(document: GapDocument, before: float, after: float) -> str:
     """Of the gap: it, most of it, a part of it."""
-    expected = (document["passport"] or {"rms_um": 0.0})["rms_um"]
+    expected = expected_um(document)
     explained = 1 - (after / before)**2 if before > 0 else 0.0
     if explained >= EXPLAINED or (explained > 0 and after <= (1 + SAME) * expected):
         return "it"
     return "most of it" if explained >= 0.5 else "a part of it"
 
 
-def held_out(document: Document) -> tuple[float, float]:
+def held_out(document: GapDocument) -> tuple[float, float]:
     """rms in um before the first effect and with the last one, on recordings not fitted to."""
-    effects = document["effects"]
-    return effects[0]["held_out_rms_um"]["before"], effects[-1]["held_out_rms_um"]["after"]
+    effects = document.effects
+    return effects[0].held_out_rms_um.before, effects[-1].held_out_rms_um.after
 
 
-def unseen_parts(document: Document) -> str:
+def unseen_parts(document: GapDocument) -> str:
     """What effects are judged on."""
-    return "blocks of the recording" if len(document["runs"]) == 1 else "recordings"
+    return "blocks of the recording" if len(document.runs) == 1 else "recordings"
 
 
-def promise(document: Document) -> str:
+def promise(document: GapDocument) -> str:
     """What adding the effects to the model promises on recordings to come; "" where they can promise nothing."""
-    promised, coarse = document["promised"], grid(document)
-    if promised["shrink"] is None or coarse and coarse.alone:
+    promised, coarse = document.promised, grid(document)
+    if promised.shrink is None or coarse and coarse.alone:
         return ""
-    if promised["shrink"] < NOTICED:
+    if promised.shrink < NOTICED:
         return "Added to the model, this promises no smaller residual on new recordings."
-    share = percent(promised["shrink"])
-    sure = f" (90 % interval {shrinks(promised['ci90'])})" if promised["ci90"] else ""
+    share = percent(promised.shrink)
+    sure = f" (90 % interval {shrinks(promised.ci90)})" if promised.ci90 else ""
     text = f"Added to the model, this promises a residual smaller by {share} on new recordings{sure}"
-    if whole := document["gap"].get("whole_um"):
+    if whole := document.gap.whole_um:
         text = (f"Added to the model, this makes up for {share}{sure} of the change on new recordings, and leaves what "
                 "the model always missed. In all, the residual of these recordings goes from "
-                f"{change(whole['before'], whole['after'], 'to')}")
-    return f"{text}." if sure else f"{text}; no interval can be given: {promised['why_no_interval']}."
+                f"{change(whole.before, whole.after, 'to')}")
+    return f"{text}." if sure else f"{text}; no interval can be given: {promised.why_no_interval}."
 
 
 # ---- where, why, how far ----
 
 
-def place(document: Document) -> str:
+def place(document: GapDocument) -> str:
     """Where on the dominant axis the gap lies: "62 % of the energy lies at 40 to 80 Hz."; "" where it is nowhere."""
-    name = document["where"]["dominant"]
-    axis = document["where"]["axes"][name]
-    if not any(axis["share"]):
+    name = document.where.dominant
+    axis = document.where.axes[name]
+    if not any(axis.share):
         return ""
-    worst = int(np.argmax(axis["share"]))
-    text = f"{percent(axis['share'][worst])} of the energy lies {AXES[name].place.format(bin_names(axis)[worst])}"
-    ratio = axis["ratio"] and axis["ratio"][worst]
+    worst = int(np.argmax(axis.share))
+    text = f"{percent(axis.share[worst])} of the energy lies {AXES[name].place.format(bin_names(axis)[worst])}"
+    ratio = axis.ratio and axis.ratio[worst]
     return f"{text}, {times(ratio)} {terms(document).usual_there}." if ratio else f"{text}."
 
 
-def where(document: Document) -> list[str]:
+def where(document: GapDocument) -> list[str]:
     """Sentences on the dominant axis, the stage and the arithmetic."""
-    found, gap = document["where"], terms(document).gap
+    found, gap = document.where, terms(document).gap
     lines = []
     if spot := place(document):
-        lines.append(f"The {gap} concentrates most along {AXES[found['dominant']].title}: {spot}")
-    lines.append(f"Stage of the chain: {found['stage']}.")
-    if stages := found["stages"]:
-        lines.append(f"The recorded monitor_V splits the {gap}'s energy: {percent(stages['before_monitor'])} arises "
+        lines.append(f"The {gap} concentrates most along {AXES[found.dominant].title}: {spot}")
+    lines.append(f"Stage of the chain: {found.stage}.")
+    if stages := found.stages:
+        lines.append(f"The recorded monitor_V splits the {gap}'s energy: {percent(stages.before_monitor)} arises "
                      "before the tap (numerics, DAC, timing, amplifier), "
-                     f"{percent(stages['after_monitor'])} after it (actuator, mechanics, environment, sensor).")
-    engines = (document["numerics"] or {"rms_um": {}})["rms_um"]
+                     f"{percent(stages.after_monitor)} after it (actuator, mechanics, environment, sensor).")
+    engines = document.numerics.rms_um if document.numerics else {}
     sizes = {name: size for name, size in engines.items() if size is not None}
     if sizes:
-        share = max(sizes.values()) / (document["gap"]["rms_um"] or math.inf)
+        share = max(sizes.values()) / (document.gap.rms_um or math.inf)
         lines.append(f"The firmware's arithmetic ({listed(list(sizes), 'or')}) is not the cause: it adds less than 1 % "
                      f"of the {gap}." if share < 0.01 else
                      "The firmware's arithmetic differs from exact numbers by "
@@ -297,9 +303,9 @@ def where(document: Document) -> list[str]:
     return lines
 
 
-def why(document: Document) -> list[str]:
+def why(document: GapDocument) -> list[str]:
     """Why these effects: what they gain, the best of the others, and what refitting the model alone gains."""
-    lines, verdict, several, coarse = [], document["verdict"], len(document["effects"]) > 1, grid(document)
+    lines, verdict, several, coarse = [], document.verdict, len(document.effects) > 1, grid(document)
     if verdict == "ambiguous":
         lines.append("More than one effect explains these recordings equally well; to take one of them for the cause "
                      "would be a guess.")
@@ -313,59 +319,58 @@ def why(document: Document) -> list[str]:
     else:
         lines.append("The cause is not among the effects that are known here, or what it needs to be seen is not in "
                      "these recordings.")
-    open_ = {effect["name"] for effect in document["effects"]} | rivals(document)
-    best = max((one for one in tried(document) if one["name"] not in open_), key=lambda one: one["shrink"],
+    open_ = {effect.name for effect in document.effects} | rivals(document)
+    best = max((one for one in tried(document) if one.name not in open_), key=lambda one: one.shrink,
                default=None)
-    if document["effects"] and best is not None and best["shrink"] >= NOTICED:
-        lines.append(f"The best of those rejected, {title(best['name'])}, would shrink the residual by "
-                     f"{percent(best['shrink'])}: {best['rejected_because']}.")
-    refit = document["refit"]["shrink"]
+    if document.effects and best is not None and best.shrink >= NOTICED:
+        lines.append(f"The best of those rejected, {title(best.name)}, would shrink the residual by "
+                     f"{percent(best.shrink)}: {best.rejected_because}.")
+    refit = document.refit.shrink
     lines.append("Fitting the model anew to these recordings, without any effect, would "
                  + (f"shrink the residual by {percent(refit)}." if refit >= NOTICED else "not help."))
     return lines
 
 
-def far(document: Document) -> list[str]:
+def far(document: GapDocument) -> list[str]:
     """What adding the effects gains over all recordings."""
     words = terms(document)
-    if not document["effects"]:
+    if not document.effects:
         return [f"No effect was added; this is the {words.gap} in each recording as it is."]
     before, after = held_out(document)
     text = (f"On {unseen_parts(document)} not used to fit or to select, the {words.left} is {um(before)} rms without "
             f"and {um(after)} rms with the effects")
     if coarse := rounding(document):
         return [f"{text}.", coarse]
-    return [f"{text}; the sensor's noise alone is {um(document['gap']['noise_floor_um'])} rms."]
+    return [f"{text}; the sensor's noise alone is {um(document.gap.noise_floor_um)} rms."]
 
 
 # ---- what could not be seen, what to record ----
 
 
-def limits(document: Document) -> list[str]:
+def limits(document: GapDocument) -> list[str]:
     """What limits what can be said, besides effects not excited."""
-    passport, lines = document["passport"], []
-    if passport and passport["held_out"] == FITTED and not document.get("paired"):
+    passport, lines = document.passport, []
+    if passport and passport.held_out == FITTED and not document.paired:
         lines.append("The passport was taken on the recordings the model was fitted to, which makes the gap look "
                      "larger than it is; fit with two or more recordings, or with --hold-out.")
-    if document["where"]["stages"] is None:
+    if document.where.stages is None:
         lines.append("Without a column monitor_V (the amplifier's output as measured) in every recording, amplifier "
                      "and sensor can be told apart only by the effect itself.")
     return [*lines, *notes(document)]
 
 
-def notes(document: Document) -> list[str]:
+def notes(document: GapDocument) -> list[str]:
     """Remarks of the diagnosis."""
-    return [plain(note, 500) for note in document["notes"]]
+    return [plain(note, 500) for note in document.notes]
 
 
-def next_experiment(document: Document) -> dict[str, str] | None:
+def next_experiment(document: GapDocument) -> NextExperiment | None:
     """The command that makes the drive to record, and why; None where none is proposed."""
-    experiment = document["next_experiment"]
+    experiment = document.next_experiment
     if not experiment:
         return None
-    why, seconds = sentence_of(experiment["why"]), experiment["seconds"]
-    return {"command": experiment["command"],
-            "why": why if seconds is None else f"{why} It takes {number(seconds)} s on the bench."}
+    why, seconds = sentence_of(experiment.why), experiment.seconds
+    return replace(experiment, why=why if seconds is None else f"{why} It takes {number(seconds)} s on the bench.")
 
 
 def resemblances(names: Sequence[str], r2: Sequence[Sequence[float | None]], alike: float, most: int) -> str:

@@ -17,7 +17,7 @@ from ...data import Recording
 from ...errors import BadInput
 from ...model import Model, guarded
 from .backlash import Backlash
-from .base import BEFORE_MONITOR, STAGES, Effect, Parameter, Values, View
+from .base import BEFORE_MONITOR, STAGES, Effect, Parameter, Residuals, Values
 from .creep import Creep
 from .cross_coupling import CrossCoupling
 from .delay import Delay
@@ -29,18 +29,20 @@ from .periodic_disturbance import PeriodicDisturbance
 from .quantisation import Quantisation
 from .rail_saturation import RailSaturation
 from .rate_dependence import RateDependence
+from .relaxation import Relaxation
 from .resonance import Resonance
 from .slew_limit import SlewLimit
 from .static_nonlinearity import StaticNonlinearity
 from .thermal_drift import ThermalDrift
 
-__all__ = ["BEFORE_MONITOR", "CATALOGUE", "STAGES", "Acting", "Effect", "Parameter", "Values", "View", "acting",
-           "disturbed", "driven", "entries", "moved", "operator"]
+__all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Effect", "Parameter", "Residuals",
+           "Values", "acting", "displaced", "disturbed", "driven", "entries", "operator"]
 
 CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
     # where two act at one stage, the first comes first
-    InitialMemory, RateDependence, HysteresisChange, Creep, GainChange, Backlash, Resonance, CrossCoupling,
+    InitialMemory, RateDependence, HysteresisChange, Relaxation, Creep, GainChange, Backlash, Resonance, CrossCoupling,
     ThermalDrift, PeriodicDisturbance, StaticNonlinearity, SlewLimit, Lag, RailSaturation, Delay, Quantisation)}
+PARAMETERS = {one.name: one for effect in CATALOGUE.values() for one in effect.parameters}  # a name means one thing
 _ORDER = list(CATALOGUE)
 GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
 LEAST_SLOPE_RATIO = 0.02
@@ -53,12 +55,10 @@ class Acting(NamedTuple):
     values: dict[str, float]
 
 
-def acting(model: Model, where: str = "model") -> list[Acting]:
-    """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete, named
-    by `where` the model is from.
-    """
+def acting(model: Model) -> list[Acting]:
+    """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete."""
     arguments.of_kind(model, Model, "model")
-    found = [_acting(entry, f"{where}: effects[{k}]") for k, entry in enumerate(model.effects)]
+    found = [_acting(entry, f"{model.where}: effects[{k}]") for k, entry in enumerate(model.effects)]
     return in_order(found)
 
 
@@ -94,7 +94,7 @@ def operator(effects: Sequence[Acting], model: Model) -> Model:
                    GUARD_SLACK * (1 - LEAST_SLOPE_RATIO), model.rate.max_um_per_s)
 
 
-def moved(effects: Sequence[Acting], z_um: np.ndarray, run: Recording, model: Model) -> np.ndarray:
+def displaced(effects: Sequence[Acting], z_um: np.ndarray, run: Recording, model: Model) -> np.ndarray:
     """The displacement in um that the sensor shows, of the one that the operator gives, both (samples,).
 
     run.command_V is what drove the actuator.
@@ -109,11 +109,10 @@ def disturbed(effects: Sequence[Acting], predicted_um: np.ndarray, run: Recordin
     columns = [one.effect.columns(run, one.values, model) for one in effects if one.effect.disturbance]
     if not columns or run.displacement_um is None:
         return predicted_um
-    drifts = any(one.effect.name == "thermal_drift" for one in effects)
     design = np.column_stack([np.ones(len(run)), *columns])
     found = np.linalg.lstsq(design, run.displacement_um - predicted_um, rcond=None)[0]
-    if not drifts:
-        found[0] = 0.0  # the zero is not hum's to move
+    if not any(one.effect.moves_zero for one in effects):
+        found[0] = 0.0
     return predicted_um + design @ found
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from ... import firmware
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 SHARES = 0.003, 0.01, 0.04  # of the stroke, where a fit starts
 
@@ -26,6 +26,6 @@ class Backlash(Effect):
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         return firmware.plays(z_um, np.array([0.0, values["width_um"] / 2]), np.full(2, z_um[0]))[0][:, 1]
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        stroke = max(float(np.ptp(predicted)) for predicted in view.predicted_um)
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        stroke = max(float(np.ptp(predicted)) for predicted in residuals.predicted_um)
         return [{"width_um": share * stroke} for share in SHARES]

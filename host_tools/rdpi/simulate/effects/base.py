@@ -29,6 +29,10 @@ class Parameter(NamedTuple):
     low: float
     high: float
     absent: float = 0.0  # the value at which the effect does nothing
+    # how a report writes it
+    internal: bool = False  # a simulation needs it, a reader does not
+    digits: int = 3  # where no interval says how many it is worth
+    joined: str = "of"  # to the title: "a signal delay of 0.5 ms"
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -37,8 +41,8 @@ class Parameter(NamedTuple):
 
 
 @dataclass(frozen=True)
-class View:
-    """What an effect may look at to choose where a fit starts: recordings, their prediction and what it misses."""
+class Residuals:
+    """What an effect may look at to choose where a fit starts: recordings, their prediction and what it leaves."""
 
     model: Model
     runs: Sequence[Recording]
@@ -55,12 +59,25 @@ class Effect:
     what: ClassVar[str]  # physically
     remedy: ClassVar[str]  # what to do about it on the bench
     needs: ClassVar[str]  # what recordings must hold for it to be seen
+    article: ClassVar[str] = ""  # of the title: "a", "an", or none ("creep")
+    look: ClassVar[str] = ""  # a sentence: what tells it from its like in the pictures
     stages: ClassVar[tuple[str, ...]]  # where it may act; the first unless a monitor tells more
     shows_stage: ClassVar[bool] = False  # ... or the recorded values themselves
     parameters: ClassVar[tuple[Parameter, ...]]
     linear: ClassVar[bool] = False  # the displacement is linear in the parameters, at least while they are small
-    of_column: ClassVar[str | None] = None  # the covariate that it follows unless told another; None: it follows none
+    of_column: ClassVar[str | None] = None  # the covariate that it follows by default; None: it follows none
+    # --- how it is estimated
     disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
+    starts_memory: ClassVar[bool] = False  # acts by where the plays start, and by nothing else
+    moves_zero: ClassVar[bool] = False  # the zero is estimated along with it
+    frequency: ClassVar[str | None] = None  # the parameter that is the frequency of a line in the spectrum
+    # --- how it compares with others
+    # Shrink that it brings where nothing is wrong, with the model frozen and with the model refitted beside it. From
+    # the 'none' controls of the tuning set of tests/withheld.
+    chance_gain: ClassVar[tuple[float, float]] = 0.0, 0.0
+    contains: ClassVar[type[Effect] | None] = None  # a simpler effect, which it can imitate
+    changes_loops: ClassVar[bool] = False  # at a single rate, all that do look alike
+    hides_rate: ClassVar[bool] = False  # it is what a missing rate dependence looks like at another rate
 
     def __init__(self, stage: str | None = None, column: str | None = None) -> None:
         self.stage = self.stages[0] if stage is None else stage
@@ -82,7 +99,7 @@ class Effect:
         return self.before_monitor or type(self).operator is not Effect.operator
 
     @property
-    def free(self) -> tuple[str, ...]:
+    def fitted(self) -> tuple[str, ...]:
         """Names of the parameters that a fit moves; the others stay where it starts."""
         return tuple(parameter.name for parameter in self.parameters)
 
@@ -90,6 +107,14 @@ class Effect:
     def options(self) -> dict[str, str]:
         """What else an entry of the model file's list `effects` must hold to make this effect again."""
         return {} if self.column is None else {"column": self.column}
+
+    def unit(self, parameter: Parameter) -> str:
+        """Of a parameter, at this stage."""
+        return parameter.unit
+
+    def reading_step_um(self, values: Values) -> float:
+        """Step of the grid that readings stand on: no prediction takes away its rounding. 0: it makes no grid."""
+        return 0.0
 
     def absent(self) -> dict[str, float]:
         """Parameters at which it does nothing."""
@@ -132,13 +157,23 @@ class Effect:
         """Disturbances: what is fitted to each recording by itself, um, (samples, columns)."""
         raise NotImplementedError
 
-    def starts(self, view: View) -> list[dict[str, float]]:
+    def summary(self, values: Values, sizes: Sequence[np.ndarray], samples: Sequence[int]) -> dict[str, float]:
+        """Disturbances: the parameters that say how large the columns are; of the parameters that the columns were
+        made with and of each recording's coefficients and samples.
+        """
+        raise NotImplementedError
+
+    def usual_sizes(self, values: Values) -> np.ndarray:
+        """Disturbances: coefficients of the columns that these parameters stand for, (columns,)."""
+        raise NotImplementedError
+
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         """Parameters from which a fit starts; none: these recordings do not excite it."""
         raise NotImplementedError
 
-    def hidden(self, view: View) -> bool:
+    def hidden(self, residuals: Residuals) -> bool:
         """Whether these recordings cannot show it."""
-        return not self.starts(view)
+        return not self.starts(residuals)
 
 
 def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float) -> np.ndarray:

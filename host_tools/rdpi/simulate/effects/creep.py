@@ -6,7 +6,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View, low_pass
+from .base import Effect, Parameter, Residuals, Values, low_pass
 
 TIMES_S = 10.0 ** np.arange(-1.0, 3.01, 0.5)  # of the lags whose sum grows as the logarithm of time
 HOLD_S = 1.0  # creep is slow: shorter recordings cannot show it
@@ -35,6 +35,6 @@ class Creep(Effect):
         crept = sum(low_pass(z_um, run.sample_time_s, time_s) for time_s in TIMES_S) / per_decade
         return z_um + share * (crept - len(TIMES_S) / per_decade * z_um[0])
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        longest = max(len(run) * run.sample_time_s for run in view.runs)
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        longest = max(len(run) * run.sample_time_s for run in residuals.runs)
         return [self.absent()] if longest > HOLD_S else []

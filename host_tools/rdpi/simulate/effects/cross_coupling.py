@@ -8,7 +8,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 OWN = "command_V", "monitor_V"
 
@@ -50,5 +50,5 @@ class CrossCoupling(Effect):
         other = run.columns.get(self.column)
         return z_um if other is None else z_um + values["um_per_V"] * other
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        return [self.absent()] if any(self.column in covariates(run) for run in view.runs) else []
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        return [self.absent()] if any(self.column in covariates(run) for run in residuals.runs) else []

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 
 class Delay(Effect):
@@ -17,6 +17,7 @@ class Delay(Effect):
     what = "the drive reaches the actuator, or the reading the record, later by a fixed time"
     remedy = "shift the reference ahead by the delay, or shorten conversion and communication"
     needs = "fast segments; at both ends of the record, or a clock error looks the same"
+    article = "a"
     stages = "timing", "sensor"
     parameters = (Parameter("delay_s", "s", 0.0, 1.0),)
 
@@ -24,5 +25,5 @@ class Delay(Effect):
         whole = np.arange(len(signal))
         return np.interp(whole - values["delay_s"] / run.sample_time_s, whole, signal)
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        return [{"delay_s": 0.5 * min(run.sample_time_s for run in view.runs)}]
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        return [{"delay_s": 0.5 * min(run.sample_time_s for run in residuals.runs)}]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 
 class GainChange(Effect):
@@ -19,9 +19,11 @@ class GainChange(Effect):
     what = "the actuator's stroke, its load or the sensor's scale has changed"
     remedy = "calibrate the sensor, check the load; then identify anew or scale the model"
     needs = "any motion, the model frozen"
+    article = "a"
     stages = "actuator", "sensor"
-    parameters = (Parameter("factor", "1", 0.05, 20.0, 1.0),)
+    parameters = (Parameter("factor", "1", 0.05, 20.0, 1.0, digits=5),)  # near 1, what counts lies behind it
     linear = True
+    hides_rate = True
 
     @classmethod
     def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
@@ -30,5 +32,5 @@ class GainChange(Effect):
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         return model.offset_um + values["factor"] * (z_um - model.offset_um)
 
-    def starts(self, view: View) -> list[dict[str, float]]:
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [self.absent()]

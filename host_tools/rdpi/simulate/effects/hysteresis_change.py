@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 LEAST = 0.02  # no slope falls below this share of the last one
 
@@ -23,6 +23,8 @@ class HysteresisChange(Effect):
     stages = ("actuator",)
     parameters = Parameter("scale", "1", -0.9, 5.0), Parameter("shape", "1", -2.0, 2.0)
     linear = True
+    changes_loops = True
+    hides_rate = True
 
     def operator(self, model: Model, values: Values) -> Model:
         if len(model.thresholds_um) < 2:
@@ -30,8 +32,8 @@ class HysteresisChange(Effect):
         place = 2 * model.thresholds_um / model.thresholds_um[-1] - 1
         return replace(model, slopes=widened(model, 1 + values["scale"] + values["shape"] * place))
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        return [self.absent()] if len(view.model.thresholds_um) > 1 else []
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        return [self.absent()] if len(residuals.model.thresholds_um) > 1 else []
 
 
 def widened(model: Model, factor: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 
 class InitialMemory(Effect):
@@ -20,13 +20,19 @@ class InitialMemory(Effect):
     what = "the hysteresis remembered something else at the first sample than the recording says"
     remedy = "run the start-up sweep first, and mark recordings memory: reset only then"
     needs = "a first pass that differs from the second"
+    article = "an"
     stages = ("actuator",)
     parameters = (Parameter("position_um", "um", -np.inf, np.inf),)
     disturbance = True
+    starts_memory = True
+    chance_gain = 0.03, 0.03
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        known = [run for run in view.runs if run.memory != "unknown"]
-        return [{}] if known and len(view.model.thresholds_um) > 1 else []
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        known = [run for run in residuals.runs if run.memory != "unknown"]
+        return [{}] if known and len(residuals.model.thresholds_um) > 1 else []
 
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
         return np.zeros((len(run), 0))
+
+    def usual_sizes(self, values: Values) -> np.ndarray:
+        return np.zeros(0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View, low_pass
+from .base import Effect, Parameter, Residuals, Values, low_pass
 
 
 class Lag(Effect):
@@ -17,6 +17,7 @@ class Lag(Effect):
     what = "an amplifier into a capacitive load, or a sensor's output filter, follows late and rounds off"
     remedy = "raise the bandwidth: a stronger amplifier or a faster output filter of the sensor"
     needs = "frequencies above sqrt(2 e) / (2 pi T), e the model's relative error"
+    article = "a"
     stages = "amplifier", "sensor"
     parameters = (Parameter("time_constant_s", "s", 0.0, 1.0),)
 
@@ -24,5 +25,5 @@ class Lag(Effect):
         time_constant_s = values["time_constant_s"]
         return low_pass(signal, run.sample_time_s, time_constant_s) if time_constant_s > 0 else signal
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        return [{"time_constant_s": 0.5 * min(run.sample_time_s for run in view.runs)}]
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        return [{"time_constant_s": 0.5 * min(run.sample_time_s for run in residuals.runs)}]

@@ -7,7 +7,7 @@ import numpy as np
 from ...data import Recording
 from ...model import Model
 from ..signals import grid_step
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 HARMONICS = 8
 LEAST_STEP = 1e-9  # um or V; a finer grid is none
@@ -32,12 +32,19 @@ class Quantisation(Effect):
     needs = "repeated values in the record"
     stages = "sensor", "DAC"
     shows_stage = True
-    parameters = (Parameter("step", "um or V", 0.0, np.inf), Parameter("origin", "um or V", -np.inf, np.inf),
-                  Parameter("dither", "um", 0.0, np.inf))
+    parameters = (Parameter("step", "um or V", 0.0, np.inf, joined="in steps of"),
+                  Parameter("origin", "um or V", -np.inf, np.inf, internal=True),
+                  Parameter("dither", "um", 0.0, np.inf, internal=True))
 
     @property
-    def free(self) -> tuple[str, ...]:
+    def fitted(self) -> tuple[str, ...]:
         return () if self.stage == "sensor" else ("step", "origin")  # a sensor's grid is read off its values
+
+    def unit(self, parameter: Parameter) -> str:
+        return parameter.unit if parameter.unit != "um or V" else "um" if self.stage == "sensor" else "V"
+
+    def reading_step_um(self, values: Values) -> float:
+        return values["step"] if self.stage == "sensor" else 0.0
 
     def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         step = values["step"]
@@ -47,19 +54,19 @@ class Quantisation(Effect):
             return _staircase(signal, step, values["dither"])
         return values["origin"] + step * np.round((signal - values["origin"]) / step)
 
-    def starts(self, view: View) -> list[dict[str, float]]:
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         if self.stage == "sensor":
-            step = max(grid_step(run.displacement_um) for run in view.runs)
+            step = max(grid_step(run.displacement_um) for run in residuals.runs)
             return [{"step": step, "origin": 0.0, "dither": share * step} for share in DITHERS] if step > 0 else []
-        return _steps(view)
+        return _steps(residuals)
 
 
-def _steps(view: View) -> list[dict[str, float]]:
+def _steps(residuals: Residuals) -> list[dict[str, float]]:
     """Steps of a DAC: periods of the residual as a function of the command, whose phase tells where codes lie."""
-    low = min(float(np.min(run.command_V)) for run in view.runs)
-    span = max(float(np.max(run.command_V)) for run in view.runs) - low
+    low = min(float(np.min(run.command_V)) for run in residuals.runs)
+    span = max(float(np.max(run.command_V)) for run in residuals.runs) - low
     profile = np.zeros(BINS)
-    for run, residual in zip(view.runs, view.drive_residual_um):
+    for run, residual in zip(residuals.runs, residuals.drive_residual_um):
         profile += np.bincount(np.minimum((run.command_V - low) / span * BINS, BINS - 1).astype(int), residual, BINS)
     spectrum = np.fft.rfft(profile, FINER * BINS)
     spectrum[:FINER * LEAST_STEPS] = 0
@@ -70,7 +77,7 @@ def _steps(view: View) -> list[dict[str, float]]:
             break
         # round(V) - V is -(step / pi) sin(2 pi (V - origin) / step) + ..., and bins are counted by their lower ends
         step = FINER * span / best
-        phase = -np.angle(spectrum[best] * (1 if view.model.gain_um_per_V > 0 else -1)) - np.pi / 2
+        phase = -np.angle(spectrum[best] * (1 if residuals.model.gain_um_per_V > 0 else -1)) - np.pi / 2
         origin = low + span / BINS / 2 + step * phase / (2 * np.pi)
         starts += [{"step": step, "origin": origin + share * step, "dither": 0.0} for share in ORIGINS]
         spectrum[max(0, best - 2 * FINER):best + 2 * FINER + 1] = 0

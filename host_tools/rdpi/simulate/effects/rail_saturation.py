@@ -6,7 +6,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 SHARES = 0.02, 0.06, 0.12, 0.2, 0.3  # of the commands' range cut off, where a fit starts
 
@@ -29,9 +29,9 @@ class RailSaturation(Effect):
     def act(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         return np.clip(drive_V, values["V_min"], values["V_max"])
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        low = min(float(np.min(run.command_V)) for run in view.runs)
-        high = max(float(np.max(run.command_V)) for run in view.runs)
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        low = min(float(np.min(run.command_V)) for run in residuals.runs)
+        high = max(float(np.max(run.command_V)) for run in residuals.runs)
         cuts = [share * (high - low) for share in SHARES]
         return [{"V_min": low + below, "V_max": high - above} for cut in cuts
                 for below, above in ((0.0, cut), (cut, 0.0), (cut, cut))] if high > low else []

@@ -7,7 +7,7 @@ import numpy as np
 from ...data import Recording
 from ...model import Model, operators
 from .. import signals
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 RATES = 3.0  # the fastest and the slowest recorded motion must differ by this
 STARTS = [(widening, exponent) for widening in (-0.1, 0.1) for exponent in (1.0, 0.5)]
@@ -29,6 +29,7 @@ class RateDependence(Effect):
     stages = ("actuator",)
     parameters = (Parameter("widening", "1", -1.0, 10.0), Parameter("change", "1", -0.9, 2.0),
                   Parameter("exponent", "1", 0.2, 1.5, 1.0))
+    changes_loops = True
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         if values["widening"] == 0 and values["change"] == 0:
@@ -41,9 +42,9 @@ class RateDependence(Effect):
         growth = values["widening"] * (z_um - line) + values["change"] * (z_um - (low_um + high_um) / 2)
         return z_um + np.minimum(rate / top, 2.0) ** values["exponent"] * growth
 
-    def starts(self, view: View) -> list[dict[str, float]]:
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         speeds = np.concatenate([np.abs(np.diff(predicted)) / run.sample_time_s
-                                 for run, predicted in zip(view.runs, view.predicted_um)])
+                                 for run, predicted in zip(residuals.runs, residuals.predicted_um)])
         slow, fast = np.percentile(speeds[speeds > 0], (20, 99)) if np.any(speeds > 0) else (0.0, 0.0)
         return [{"widening": widening, "change": 0.0, "exponent": exponent}
                 for widening, exponent in STARTS] if fast > RATES * slow else []

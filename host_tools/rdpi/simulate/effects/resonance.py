@@ -8,7 +8,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 DAMPINGS = 0.02, 0.1, 0.4
 PER_OCTAVE = 3  # of the grid, on which only strongly damped ones are found
@@ -27,6 +27,7 @@ class Resonance(Effect):
     what = "the moved mass rings on the actuator's stiffness"
     remedy = "stay below a third of f0 or shape the reference; stiffen or lighten the mechanics"
     needs = "steps, chirps or multisines that reach it"
+    article = "a"
     stages = ("mechanics",)
     parameters = Parameter("f0_hz", "Hz", 1e-3, np.inf, np.inf), Parameter("damping", "1", 1e-3, 0.95, 0.05)
 
@@ -34,23 +35,23 @@ class Resonance(Effect):
         turn = values["f0_hz"] * run.sample_time_s  # per sample
         return _ring(z_um, 2 * np.pi * turn, values["damping"]) if turn < 0.5 else z_um
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        rate = min(run.sample_rate_hz for run in view.runs)
-        longest = max(len(run) * run.sample_time_s for run in view.runs)
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        rate = min(run.sample_rate_hz for run in residuals.runs)
+        longest = max(len(run) * run.sample_time_s for run in residuals.runs)
         highest, lowest = rate / LEAST_PERIOD, 4 / longest
         octaves = np.arange(0, min(OCTAVES, np.log2(highest / lowest)), 1 / PER_OCTAVE)
         grid = [(highest / 2**octave, damping) for octave in octaves for damping in DAMPINGS]
         # A slightly damped one is too narrow for a grid, but rings at its own frequency.
-        grid += [(peak * (1 + step * max(damping, COARSE)), damping) for peak in _peaks(view, lowest, highest)
+        grid += [(peak * (1 + step * max(damping, COARSE)), damping) for peak in _peaks(residuals, lowest, highest)
                  for damping in SHARP for step in range(-AROUND, AROUND + 1)]
         return [{"f0_hz": float(f0), "damping": damping} for f0, damping in grid]
 
 
-def _peaks(view: View, lowest_hz: float, highest_hz: float) -> list[float]:
+def _peaks(residuals: Residuals, lowest_hz: float, highest_hz: float) -> list[float]:
     """Frequencies at which the residual is strongest beside what was asked for, of the recordings together."""
     grid = np.geomspace(lowest_hz, highest_hz, 400)
     ratio = np.zeros(len(grid))
-    for run, residual, predicted in zip(view.runs, view.residual_um, view.predicted_um):
+    for run, residual, predicted in zip(residuals.runs, residuals.residual_um, residuals.predicted_um):
         frequencies = np.fft.rfftfreq(len(run), run.sample_time_s)
         window = np.hanning(len(run))
         missed, asked = (np.abs(np.fft.rfft(window * signal)) ** 2

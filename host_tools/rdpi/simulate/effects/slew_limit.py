@@ -6,7 +6,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 SHARES = 0.95 * 0.75 ** np.arange(14)  # of the fastest move, where a fit starts
 
@@ -19,6 +19,7 @@ class SlewLimit(Effect):
     what = "the amplifier's current charges the actuator only so fast"
     remedy = "slow the fastest moves down (drive.slew_V_per_s), or use an amplifier of more current"
     needs = "a large fast move; vanishes at small amplitude"
+    article = "a"
     stages = ("amplifier",)
     parameters = (Parameter("V_per_s", "V/s", 1e-9, np.inf, np.inf),)
 
@@ -26,8 +27,8 @@ class SlewLimit(Effect):
         limit = values["V_per_s"] * run.sample_time_s
         return limited(drive_V, limit) if np.isfinite(limit) else drive_V
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        fastest = max(float(np.max(np.abs(np.diff(run.command_V)))) / run.sample_time_s for run in view.runs)
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        fastest = max(float(np.max(np.abs(np.diff(run.command_V)))) / run.sample_time_s for run in residuals.runs)
         return [{"V_per_s": share * fastest} for share in SHARES if fastest > 0]
 
 

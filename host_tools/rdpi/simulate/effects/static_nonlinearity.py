@@ -8,7 +8,8 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
+from .gain_change import GainChange
 
 
 class StaticNonlinearity(Effect):
@@ -22,10 +23,13 @@ class StaticNonlinearity(Effect):
     what = "the sensor's or the actuator's scale is curved"
     remedy = "calibrate the sensor against a reference, or identify with more dead zones"
     needs = "mean of both branches against position"
+    article = "a"
     stages = "sensor", "actuator"
     parameters = (Parameter("linear", "1", -2.0, 2.0), Parameter("quadratic", "1", -2.0, 2.0),
                   Parameter("cubic", "1", -2.0, 2.0))
     linear = True
+    contains = GainChange  # by `linear`
+    chance_gain = 0.0, 0.2  # beside a refitted model: what the plays' own misfit lends
 
     @classmethod
     def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
@@ -36,5 +40,5 @@ class StaticNonlinearity(Effect):
         p = (z_um - model.offset_um) / half - 1
         return z_um + half * p * (values["linear"] + p * (values["quadratic"] + p * values["cubic"]))
 
-    def starts(self, view: View) -> list[dict[str, float]]:
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [self.absent()]

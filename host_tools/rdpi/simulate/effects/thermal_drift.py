@@ -8,7 +8,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Values, View
+from .base import Effect, Parameter, Residuals, Values
 
 COLUMNS = "time_s", "temperature_degC"  # whose parameters stand in this order
 
@@ -26,9 +26,12 @@ class ThermalDrift(Effect):
     needs = "rest or repetition over a long time"
     stages = ("environment",)
     parameters = Parameter("um_per_s", "um/s", -np.inf, np.inf), Parameter("um_per_degC", "um/°C", -np.inf, np.inf)
-    disturbance = True
-
+    look = ("If the residual over time shows a step rather than a slope, something slipped or the sensor's zero "
+            "jumped.")
     of_column = COLUMNS[0]
+    disturbance = True
+    moves_zero = True
+    chance_gain = 0.10, 0.10
 
     @classmethod
     def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
@@ -39,13 +42,21 @@ class ThermalDrift(Effect):
         return None if column in COLUMNS else f"must be one of {', '.join(COLUMNS)}"
 
     @property
-    def free(self) -> tuple[str, ...]:
+    def fitted(self) -> tuple[str, ...]:
         return (self.parameters[COLUMNS.index(self.column)].name,)
 
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
         wandering = run.columns.get(self.column, np.zeros(len(run)))
         return (wandering - wandering[0])[:, None]
 
-    def starts(self, view: View) -> list[dict[str, float]]:
-        seen = [self.column in run.columns and np.ptp(run.columns[self.column]) > 0 for run in view.runs]
+    def summary(self, values: Values, sizes: Sequence[np.ndarray], samples: Sequence[int]) -> dict[str, float]:
+        parameter = self.parameters[COLUMNS.index(self.column)]
+        usual = np.average([one[0] for one in sizes], weights=samples)
+        return {parameter.name: float(np.clip(usual, *parameter.ends))}
+
+    def usual_sizes(self, values: Values) -> np.ndarray:
+        return np.array([values[self.parameters[COLUMNS.index(self.column)].name]])
+
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        seen = [self.column in run.columns and np.ptp(run.columns[self.column]) > 0 for run in residuals.runs]
         return [{}] if all(seen) else []

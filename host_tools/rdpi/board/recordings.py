@@ -1,0 +1,189 @@
+"""Telemetry to recordings on disk: of a stream that was stored, and live from a serial port."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from ..data import check_targets, is_device, make_folder, read_bytes, same_file, write_recording
+from ..errors import BadInput, printable
+from . import telemetry
+from .serial import End, Raw, Safe, is_part, record, refusal, reserved, stop_signals
+from .telemetry import FINISHED, MIN_SAMPLES, NO_READING, REFUSED, Decoder, Following, Stretch, displacement_um
+
+STREAM_CHUNK = 1 << 20  # bytes
+Scale = tuple[float | None, float | None]  # um per count of the sensor and um at count 0; None: as the firmware says
+
+
+class Stream(NamedTuple):
+    """A telemetry stream that has ended, and its stretches without a gap; at least one."""
+
+    decoder: Decoder
+    stretches: list[Stretch]
+
+
+@dataclass(frozen=True)
+class Written:
+    """The recordings written of a stream."""
+
+    recordings: list[dict[str, Any]]  # of each: file, source, samples, sample_rate_hz, columns, metadata
+    stream: dict[str, Any]  # what the whole stream holds: source, counts, stretches, finished, target
+    missing: int  # samples of which nothing is known
+    lines: list[str]  # the same for people
+
+
+class Recorded(NamedTuple):
+    """What a recording from a port came to."""
+
+    written: Written
+    why: str  # it ended
+    failures: list[str]  # what kept it, or the copy of its bytes, from being whole
+
+
+def read_stream(path: str, scale: Scale = (None, None),
+                report: Callable[[float], None] = lambda fraction: None) -> Stream:
+    """Decode a stored stream. `report` is called with the fraction done, 0 to 1.
+
+    Raises BadInput for a file that cannot be read, that holds no telemetry, or no stretch of MIN_SAMPLES samples.
+    """
+    decoder = Decoder(path)
+    data = read_bytes(path)
+    for start in range(0, len(data), STREAM_CHUNK):
+        decoder.feed(data[start:start + STREAM_CHUNK])
+        report(start / len(data))
+    decoder.finish()
+    return Stream(decoder, usable_stretches(decoder, scale))
+
+
+def usable_stretches(decoder: Decoder, scale: Scale = (None, None)) -> list[Stretch]:
+    """The stretches of what has been decoded. Raises BadInput, which says why, if there is none."""
+    found = telemetry.stretches(decoder, *scale)
+    if not found:
+        if decoder.info is not None and decoder.info.state >= REFUSED:
+            raise BadInput(f"{decoder.where}: {how_it_ended(decoder)}")
+        raise BadInput(f"{decoder.where}: {telemetry.summary(decoder.counts)}: no {MIN_SAMPLES} samples "
+                       "without a gap after the start-up sweep; record for longer, or see to the line")
+    return found
+
+
+def how_it_ended(decoder: Decoder) -> str:
+    """What the end of a stream says about its target, in words."""
+    if decoder.runs[-1].finished:
+        return "the target had finished"
+    if decoder.info is not None and decoder.info.state >= REFUSED:
+        return f"the target refuses to run: {refusal(decoder.info)}"
+    return "note: the stream ends before the target had finished"
+
+
+def how_it_goes(decoder: Decoder) -> str:
+    """How a recording goes on, in a line."""
+    latest, info, counts = decoder.latest, decoder.info, decoder.counts
+    if not counts.samples:
+        over = info is not None and info.state == FINISHED
+        return f"waiting for {'a reset: the target had finished before' if over else 'the first frame'}; Ctrl-C ends"
+    at = ""
+    if info is not None and latest is not None and latest["adc_counts"] != NO_READING:
+        at = f", {displacement_um(info, latest['adc_counts']):.4g} um"
+    return f"{counts.samples} samples, {counts.missing} lost{at}; Ctrl-C ends"
+
+
+def write_stream(stream: Stream, target: Path, source: str, every: bool = False,
+                 texts: Mapping[str, str] = MappingProxyType({})) -> Written:
+    """Write the longest stretch of a stream to `target`, or with `every` all of them, numbered: RUN-1.csv, RUN-2.csv.
+
+    `source` and `texts`, which may replace `memory`, go to the metadata. Raises OSError, which names the file.
+    Nothing is printed here: a terminal that is gone must not cost the recording.
+    """
+    decoder, found = stream
+    files = [(target.with_stem(f"{target.stem}-{number}"), stretch) for number, stretch in enumerate(found, 1)]
+    if not every:
+        files = [(target, max(found, key=lambda stretch: stretch.samples))]
+    lines = [f"{decoder.where}: {telemetry.summary(decoder.counts)}",
+             *(f"note: {note}" for note in telemetry.notes(decoder, found, [stretch for _, stretch in files]))]
+    recordings = []
+    make_folder(target.parent)
+    for file, stretch in files:
+        metadata = {"source": printable(source), **stretch.metadata, **texts}
+        write_recording(file, stretch.columns, metadata)
+        why = f" ({stretch.why_unknown})" if stretch.why_unknown and "memory" not in texts else ""
+        lines.append(f"  {file}: {stretch.samples} samples at {metadata['sample_rate_hz']} per second from tick "
+                     f"{metadata['first_tick']}, memory: {metadata['memory']}{why}")
+        recordings.append({"file": str(file), "source": decoder.where, "samples": stretch.samples,
+                           "sample_rate_hz": metadata["sample_rate_hz"], "columns": list(stretch.columns),
+                           "metadata": metadata})
+    whole = {"source": decoder.where, "counts": asdict(decoder.counts),
+             "stretches": [stretch.samples for stretch in found], "finished": decoder.runs[-1].finished,
+             "target": decoder.info_of(decoder.runs[-1])._asdict()}
+    return Written(recordings, whole, decoder.counts.missing, lines)
+
+
+def check_recording_outputs(port: str, output: str, others: Sequence[str] = (), every: bool = False) -> None:
+    """Raise BadInput unless a recording from `port` to `output` leaves the port and the `others` alone.
+
+    The others are files that are written too: RUN.csv.part belongs to the recording while it goes on.
+    """
+    for name in (output, *others):
+        if same_file(name, port):
+            raise BadInput(f"{name}: is the port; give a file to write to")
+    check_targets([Path(output)], (), others, every)
+    target = Path(os.path.realpath(output))
+    for name in others:
+        if is_part(Path(os.path.realpath(name)), target):
+            raise BadInput(f"{name}: is where samples go while the recording goes on; give another name")
+
+
+def record_file(port: str, output: str, *, baud: int = 3_000_000, duration_s: float | None = None,
+                timeout_s: float = 5.0, raw: str | None = None, every: bool = False, scale: Scale = (None, None),
+                texts: Mapping[str, str] = MappingProxyType({}),
+                report: Callable[[Decoder], None] = lambda decoder: None) -> Recorded:
+    """Record a port's telemetry until the target has finished, `duration_s` of its time have passed, or Ctrl-C.
+
+    `output`, `every` and `texts` are those of write_stream; `raw` gets every byte as it came. While the recording goes
+    on the samples are in files beside `output`, see Safe. `report` is called several times a second.
+
+    Raises BadInput as `record` does, and when there are no samples to write; names the files that hold the samples
+    when `output` cannot be written.
+    """
+    decoder, copy = Decoder(port), Raw(raw)
+    with stop_signals() as stopped, reserved(output), reserved(raw):  # until all is written
+        safe = Safe(None if is_device(output) else Path(os.path.realpath(output)), every, Following(decoder, *scale),
+                    {"source": printable(port), **texts}, copy)
+        with safe:
+            end = record(decoder, baud, duration_s, timeout_s, safe, report, stopped)
+        copied = [f"--raw {copy.failure}"] if copy.failure else []
+        stream, why = _ended(decoder, end, scale, copied)
+        try:
+            written = write_stream(stream, Path(output), port, every, texts)
+        except OSError as error:
+            if not safe.where:
+                raise
+            raise BadInput(f"{error.filename}: {error.strerror or error}; the samples are in {safe.where}") from None
+        safe.remove()
+    return Recorded(written, end.why, ([f"{why}; what came before has been written"] if why else []) + copied)
+
+
+def _ended(decoder: Decoder, end: End, scale: Scale, copied: list[str]) -> tuple[Stream, str]:
+    """What can be written, and what went wrong all the same, or "".
+
+    Raises BadInput where there is nothing to write; `copied`, what kept the copy from being whole, is told with it.
+    """
+    port, why = decoder.where, "" if end.good else end.why
+    try:
+        if not decoder.counts.samples:
+            refuses = decoder.info is not None and decoder.info.state >= REFUSED
+            decoder.check()
+            raise BadInput(f"{port}: {end.why}" if refuses else f"{port}: no samples: {end.why}")
+        try:
+            decoder.finish()
+        except BadInput as error:  # what came before may be good
+            if decoder.info is None:
+                raise
+            why = str(error).removeprefix(f"{port}: ")
+        return Stream(decoder, usable_stretches(decoder, scale)), why
+    except BadInput as error:
+        besides = [why] if why not in str(error) else []
+        raise BadInput("; ".join([str(error), *besides, *copied])) from None

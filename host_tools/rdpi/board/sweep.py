@@ -1,0 +1,27 @@
+"""The start-up sweep: a decaying oscillation of the drive, and what the plays remember after it."""
+
+from __future__ import annotations
+
+from ..model import Model
+
+STILL = 1e-3  # of the DAC's range: a drive that moves no more has stayed where the sweep ended
+AMID = 0.05  # of a sweep's range: from its middle, where a sweep has decayed from both sides
+OFF_THE_MIDDLE = "the sweep ends off the middle"
+
+
+def amid(end: float, lowest: float, highest: float) -> bool:
+    """Whether a decaying sweep over this range has left every play at x: near an edge the larger are left behind."""
+    return abs(end - (lowest + highest) / 2) <= AMID * (highest - lowest)
+
+
+def memory_after(model: Model, first_V: float) -> tuple[str, str]:
+    """What a drive remembers that starts at `first_V`, in V, right after the model's start-up sweep.
+
+    Returns the metadata `memory`, "reset" or "unknown", and the reason where the sweep itself makes it unknown, else
+    "". It is "reset" if the sweep ends near the middle of the drive's range and the drive starts there.
+    """
+    low_V, high_V, end_V = model.drive.min_V, model.drive.max_V, model.sweep_end()
+    stays = abs(first_V - end_V) <= STILL * (high_V - low_V)
+    if stays and amid(end_V, low_V, high_V):
+        return "reset", ""
+    return "unknown", OFF_THE_MIDDLE if stays else ""

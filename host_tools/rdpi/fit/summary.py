@@ -1,0 +1,69 @@
+"""What is told of an identification: its figures, its lines for people, and its report."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..data import Recording, atomic_write, make_folder
+from ..simulate import chain, scoring
+from . import report
+from .document import FitDocument
+from .identify import Fit
+
+PICTURE, DOCUMENT = "fit.png", "fit.json"  # of a report
+
+
+def worst_rms_percent(result: Fit) -> float:
+    """Largest rms error of the runs that a model is judged by, % of stroke: those held out, or without any, all."""
+    held = any(run.held_out for run in result.scores)
+    return max(run.score.rms_percent for run in result.scores if run.held_out or not held)
+
+
+def write_report(folder: str | os.PathLike[str], result: Fit, runs: Sequence[Recording],
+                 document: FitDocument) -> None:
+    """Write fit.png, the model beside `runs`, and fit.json, the `document`, into a folder, which is made.
+
+    Both are written atomically. Raises OSError when they cannot be, ValueError for numbers that are not finite.
+    """
+    make_folder(folder)
+    figure = report.picture(result.model, runs, chain.simulate(result.model, runs), result.rate_slopes)
+    report.write_picture(figure, Path(folder) / PICTURE)
+    atomic_write(Path(folder) / DOCUMENT, json.dumps(document.to_json(), indent=2, allow_nan=False) + "\n")
+
+
+def lines(result: Fit) -> list[str]:
+    """An identification for people: size, scores, slopes against rate, reach, guard, and what to know."""
+    model, rate = result.model, result.model.rate
+    low, high = chain.reachable_um(model)
+    top = rate.identified_um_per_s
+    told = [f"{len(model.slopes) - 1} plays, {len(model.deadzones_um) - 1} dead zones, "
+            f"stroke {model.stroke_um:.5g} um, noise {result.noise_um:.2g} um rms",
+            *scoring.table([(run.recording.path, run.score, "held out" if run.held_out else "fitted")
+                            for run in result.scores]),
+            *_slopes(result)]
+    dependent, independent = (100 * residual for residual in result.residual)
+    if dependent != independent:
+        told.append(f"residual of the regression: {dependent:.3g} % rms of the stroke, "
+                    f"without the rate law {independent:.3g} %")
+    singular = rate.singular_um_per_s
+    return told + [
+        f"reachable displacement: {low:.5g} to {high:.5g} um; references are displacements as the sensor reads them",
+        f"rates identified up to {top:.4g} um/s; guard at {rate.max_um_per_s:.4g} um/s"
+        + (f"; a slope reaches zero at {singular:.4g} um/s" if singular else ""),
+        *(f"note: {warning}" for warning in result.warnings)]
+
+
+def _slopes(result: Fit) -> list[str]:
+    """The table of slopes: of each band of rate fitted alone, and of the model at rest and at its highest rate."""
+    model, bands, top = result.model, result.rate_slopes, result.model.rate.identified_um_per_s
+    rows = [*((f"{rate:.4g} um/s", slopes) for rate, slopes in zip(bands.rate_um_per_s, bands.slopes)),
+            ("model, at rest", model.slopes), (f"model, {top:.4g} um/s", model.slopes_at(top))]
+    return ["slopes W_i against rate: each band of rate fitted alone, then the model's law",
+            f"  {'':>20}" + "".join(f"{f'W_{i}':>7}" for i in range(len(model.slopes))),
+            *(f"  {label:>20}" + "".join(f"{'-' if np.isnan(slope) else f'{slope:.3f}':>7}" for slope in slopes)
+              for label, slopes in rows)]

@@ -1,0 +1,60 @@
+"""Every tuned number of the fit: [unit] meaning; source.
+
+Modules read these at the time of use (`tuned.POOR_PERCENT`), `thresholds` being those of the plays there.
+
+Sources:
+  picma     chosen on the second file of ../shared/data/picma_p885, which was not fitted, and on the virtual benches of
+            tests/bench, where they lie on a wide plateau
+  benches   chosen on recordings of the virtual benches of tests/bench, told from others: drives, seeds and settings
+            that were not used for choosing
+  cycles    measured on the cycles of ../shared/data/picma_p885, one to nine cycles apart, noise taken off
+  judged    set when the check was written, far from what recordings of one actuator show; no set is on record
+"""
+
+from __future__ import annotations
+
+# --- the fit (identify.py)
+# The prior: what the model cannot explain must not bend the slopes, so its strength follows the residual. Each weight
+# times the relative residual times a slope's departure weighs as much as that residual in every sample.
+PRIOR_BEND = 2.5  # [1] bend along the loading curve; picma
+PRIOR_RATE_BEND = 25.0  # [1] bend of the rate law along the curve; picma
+PRIOR_RATE = 0.75  # [1] size of the rate law; picma
+PRIOR_SATURATION = 2.5  # [1] saturation away from a straight line; picma
+SLOPE_FLOOR = 0.05  # [1] no slope of a loading curve falls below this within the identified rates; judged
+PIECE_RANGE = 0.2, 5.0  # [1] bounds of the inverse saturation's slopes U_j; judged
+GRID_GAP = 3  # [grid points] dead zones closer than this cannot be told apart; judged
+RATE_HEADROOM = 1.25  # [identified rate] beyond which the guard never lies; judged
+BAND_OFFSET = 3.0  # [1] weight that keeps the offset of a band of rate near the model's; judged
+MIN_SAMPLES_PER_UNKNOWN = 5  # [samples] fewer cannot be fitted; judged
+
+# --- what a fit remarks on (identify.py)
+POOR_PERCENT = 3.0  # [% of the stroke] rms of a run; judged
+RESET_DOUBT = 0.7  # [1] error of a run's beginning, best start over rest, below which reset is doubted; judged
+OTHER_SOURCE = 0.6  # [1] residual with the other rate source over this one's; below, that one is proposed; judged
+
+# --- the passport (passport.py)
+# On the recordings not used for choosing KERNEL and HALF, ln(actual / expected) had mean and sd -0.03, 0.21 (Preisach),
+# -0.04, 0.36 (Bouc-Wen) and 0.21, 0.33 (the paper's law, which the model fits so well that the bench's amplifier is
+# most of what is left); with one rms for all recordings -0.36, 0.35; -0.78, 0.36; -0.44, 0.49. Some sixty ways were
+# tried.
+KERNEL = 0.3  # [ln] width of the kernel over the logarithms of a window's features; benches
+HALF = 0.2  # [1] evidence at which what similar windows say counts half; benches
+SPREAD_FITTED = 0.8  # [ln] of actual / expected before any run was left out, where all residuals are of fits; benches
+SPREAD = 0.4  # [ln] the same of runs that were left out; benches
+SPREAD_RUNS = 3.0  # [runs] that such a spread is worth beside those of the passport itself; benches
+REPEATS = 0.6  # [1] an actuator's difference from itself, drive repeated, over the model's error: 0.5 to 0.6; cycles
+LOW = 1e-2  # [usual size] of a feature, below which its logarithm says nothing; judged
+LEAST = 1e-6  # [stroke] the same of a window; judged
+MAX_WINDOWS = 200  # [windows] of all recordings; more are not kept; judged
+MIN_WINDOW = 100  # [samples] shorter windows are not taken; judged
+
+# --- is it this actuator? (checks.py)
+MONITOR_SLOPE = 0.3, 2.0  # [V/V] of monitor_V over command_V; judged
+AT_ONCE = 0.8  # [correlation] of a monitor with the command from which it is not slow; judged
+LATEST_S = 0.05  # [s] by which a displacement may follow and still be of this drive; judged
+MIN_CORRELATION = 0.5  # [correlation] of command and displacement; judged
+GAIN_SPREAD = 5.0  # [1] ratio of two runs' um per V; judged
+MODEL_SPREAD = 3.0  # [1] ratio of the model's um per V and a recording's; judged
+OTHER_UNITS = 200.0  # [1] the same, from which it is a matter of units; judged
+SAME_DRIVE = 0.005  # [range] two commands of the same drive differ at most: a converter's step, jitter; judged
+CLIPPED_SHARE = 0.01  # [samples] at the very highest or lowest reading while the command moves; judged

@@ -1,0 +1,212 @@
+"""The augmented model: a model with effects beside it, and what they leave of the recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..data import Recording
+from ..model import Model
+from ..simulate import effects, signals
+from ..simulate.effects import Acting
+from . import candidates, thresholds
+from .candidates import Candidate
+from .dataset import Dataset
+
+
+@dataclass(frozen=True, eq=False)
+class AugmentedModel:
+    """A model, the effects that it had, those that were accepted beside it, and the recordings. It does not change:
+    accepting an effect makes another one.
+    """
+
+    dataset: Dataset  # driven by monitor_V where there is one
+    from_command: Dataset  # the same driven by command_V, starts as without accepted effects
+    known: tuple[Acting, ...]  # what the model had
+    chosen: tuple[Candidate, ...] = ()  # what was accepted, in this order
+
+    @classmethod
+    def given(cls, model: Model, runs: Sequence[Recording], earlier: Sequence[Recording]) -> AugmentedModel:
+        """A model as its file says; `earlier` holds a recording of the same drive for each run, or nothing."""
+        return cls(*_datasets(model, runs, earlier), tuple(effects.acting(model)))
+
+    @property
+    def model(self) -> Model:
+        return self.dataset.model
+
+    @property
+    def recordings(self) -> list[Recording]:
+        return self.dataset.recordings
+
+    @property
+    def earlier(self) -> list[Recording]:
+        """Recordings of the same drives, one for each, or none."""
+        return self.dataset.earlier.recordings if self.dataset.earlier else []
+
+    def acting(self) -> list[Acting]:
+        """All effects that act, disturbances that were accepted apart."""
+        return effects.in_order([*self.known, *(one.acting for one in self.chosen if not one.per_run)])
+
+    # --- prediction
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """Measured - predicted with all that act, long vector."""
+        return self.dataset.measured - self._predict(self.dataset)
+
+    @cached_property
+    def driven(self) -> Dataset:
+        """The recordings driven by the command, whether there is a monitor or not."""
+        if not self.dataset.monitored:
+            return self.dataset
+        return self._started(self.from_command.restarted(self.acting()) if self.chosen else self.from_command)
+
+    @cached_property
+    def predicted_from_command(self) -> np.ndarray:
+        """Of `driven`, disturbances apart, long vector."""
+        return self.driven.predict(self.acting())
+
+    @cached_property
+    def residual_um(self) -> list[np.ndarray]:
+        """What the displacement, driven by the command, misses with all that act; per recording, without its mean."""
+        left = self.driven.measured - self._with_disturbances(self.predicted_from_command, self.driven)
+        return self.driven.split(left)
+
+    def residual_in(self, dataset: Dataset) -> list[np.ndarray]:
+        """The same of the displacement in another dataset of the same recordings."""
+        dataset = self._started(dataset)
+        return dataset.split(dataset.measured - self._predict(dataset))
+
+    def _started(self, dataset: Dataset) -> Dataset:
+        """With the plays where accepted effects start them."""
+        for one in self.chosen:
+            dataset = dataset if one.memory_um is None else dataset.starting(one.memory_um)
+        return dataset
+
+    def _predict(self, dataset: Dataset) -> np.ndarray:
+        """With all that act, disturbances as every recording shows them."""
+        return self._with_disturbances(dataset.predict(self.acting()), dataset)
+
+    def _with_disturbances(self, shared: np.ndarray, dataset: Dataset) -> np.ndarray:
+        disturbances = [*(one for one in self.known if one.effect.disturbance),
+                        *(one.acting for one in self.chosen if one.per_run)]
+        own = [dataset.join([one.effect.columns(run, one.values, self.model) for run in dataset.recordings])
+               for one in disturbances]
+        return shared + (projected(np.hstack(own), dataset.measured - shared, dataset) if own else 0.0)
+
+    # --- more effects
+
+    def accept(self, one: Candidate) -> AugmentedModel:
+        """With this effect too, all that were accepted fitted together."""
+        state = replace(self, chosen=(*self.chosen, one))
+        dataset = self.dataset.restarted(state.acting()) if one.memory_um is None else \
+            self.dataset.starting(one.memory_um)
+        state = replace(state, dataset=dataset)
+        for _ in range(candidates.STEPS):
+            left = state.residual
+            state = state._with_jacobians()
+            better = state._step(left) if len(state.chosen) > 1 else None
+            if better is None:
+                break
+            before, now = _squares(left), _squares(better.residual)
+            state = better
+            if before - now <= candidates.ENOUGH * before:
+                break
+        return state
+
+    def refit(self, one: Candidate, move: np.ndarray) -> AugmentedModel:
+        """The model's parameters moved by what NormalEquations.refitted_model found, and the effect beside that."""
+        model = candidates.perturbed(self.model, move)
+        state = AugmentedModel(*_datasets(model, self.recordings, self.earlier), self.known, self.chosen)
+        before = state.dataset.measured - state.residual
+        return state.accept(candidates.search(state.dataset, one.effect, state.acting(), before) or one)
+
+    def _with_jacobians(self) -> AugmentedModel:
+        """Jacobians of all accepted effects at their present parameters."""
+        chosen = []
+        for one in self.chosen:
+            if not one.per_run:
+                others = [other for other in self.acting() if other.effect is not one.effect]
+                one = replace(one, jacobian=candidates.jacobian(self.dataset, one, others))
+            chosen.append(one)
+        return replace(self, chosen=tuple(chosen))
+
+    def _step(self, left: np.ndarray) -> AugmentedModel | None:
+        """One Gauss-Newton step of all shared parameters to what is left; None: no step leaves less."""
+        shared = [one for one in self.chosen if not one.per_run]
+        own = [one.jacobian for one in self.chosen if one.per_run and one.jacobian.shape[1]]
+        columns = np.hstack([one.jacobian for one in shared]) if shared else np.zeros((len(left), 0))
+        if not columns.shape[1]:
+            return None
+        if own:
+            taken = np.hstack(own)
+            columns = columns - np.column_stack([projected(taken, column, self.dataset) for column in columns.T])
+        move = np.linalg.lstsq(columns, left, rcond=1e-9)[0]
+        for damping in (1.0, 0.3):
+            tried = self._moved(damping * move)
+            if _squares(tried.residual) < _squares(left):
+                return tried
+        return None
+
+    def _moved(self, move: np.ndarray) -> AugmentedModel:
+        """With the shared parameters moved, as far as they stay within bounds."""
+        chosen, at = [], 0
+        for one in self.chosen:
+            if not one.per_run:
+                step = dict(zip(one.fitted, move[at:at + len(one.fitted)]))
+                values = candidates.bounded(one.effect, one.values, step)
+                at += len(one.fitted)
+                one = one if one.effect.refusal(values) else replace(one, values=values)
+            chosen.append(one)
+        return replace(self, chosen=tuple(chosen))
+
+    # --- what no prediction takes away, and what is not new
+
+    def grid_squares(self, one: Candidate) -> float:
+        """Sum of squares that a grid of readings leaves: step^2 / 12 a sample, which no prediction takes away.
+
+        A grid that was there at commissioning is part of the passport, and one of the earlier recordings is not new.
+        """
+        step_um = one.effect.reading_step_um(one.values)
+        if step_um == 0:
+            return 0.0
+        before = max([run["step_um"] for run in (self.model.passport or {}).get("runs", [])]
+                     + [signals.grid_step(run.displacement_um) for run in self.earlier], default=0.0)
+        coarser = step_um > thresholds.NOISE_GRID * before
+        return sum(self.dataset.lengths) * (step_um**2 - before**2) / 12 if coarser else 0.0
+
+    def excused(self) -> float:
+        """Sum of squares that the accepted effects leave whatever is known of them."""
+        return sum(map(self.grid_squares, self.chosen))
+
+    def was_there(self, one: Candidate) -> bool:
+        """Whether the earlier recordings show a disturbance too, as strong as these or nearly."""
+        if not self.earlier or not one.per_run or one.memory_um is not None:
+            return False
+        then = self.dataset.missed_then
+        before, now = (float(np.sum(projected(one.jacobian, left, self.dataset) ** 2)) for left in
+                       (then, self.residual + then))
+        return before > thresholds.STILL_THERE * now
+
+
+def _datasets(model: Model, runs: Sequence[Recording], earlier: Sequence[Recording]) -> tuple[Dataset, Dataset]:
+    """Driven by monitor_V where there is one, and by command_V."""
+    dataset = Dataset(model, runs, earlier)
+    return dataset, Dataset(model, runs, earlier, monitored=False) if dataset.monitored else dataset
+
+
+def _squares(vector: np.ndarray) -> float:
+    return float(np.sum(vector**2))
+
+
+def projected(columns: np.ndarray, left: np.ndarray, dataset: Dataset) -> np.ndarray:
+    """What the columns take up of what is left, in each recording by itself."""
+    result = np.zeros(len(left))
+    run = dataset.run_of_block[dataset.block]
+    for k in range(len(dataset.recordings) if columns.shape[1] else 0):
+        inside = run == k
+        result[inside] = columns[inside] @ np.linalg.lstsq(columns[inside], left[inside], rcond=None)[0]
+    return result

@@ -1,0 +1,64 @@
+"""Every tuned number of the gap: [unit] meaning; source.
+
+Modules read these at the time of use (`thresholds.SAME`), so that tests/withheld/thresholds.py can show what half and
+twice of each do to the figures of the withheld check. What an effect gains by chance is in its own file
+(`Effect.chance_gain`).
+
+Sources:
+  tune      chosen on the tuning set of tests/withheld (`check.py --set tune`): its 'none' controls and single effects
+  coverage  so that intervals stated as 90 % cover 90 % of the tuning set
+  judged    set when the search was written; no set is on record
+"""
+
+from __future__ import annotations
+
+# --- is there a gap?
+DETECTION = 0.32  # [1] evidence from which there is a gap; tune
+DETECTION_FEW = 0.55  # [1] the same with few recordings; tune
+FEW = 4  # [recordings] fewer are few; tune
+USUAL_SPREAD = 0.2  # [ln] scatter of a passport; a poorer one's ratio counts less; tune
+SHRINK_WEIGHT = 1.0  # [1] of the best shrink in the evidence, beside the logarithm of the ratio to the passport; tune
+UNKNOWN = 1.25  # [detection] times the evidence for a gap, from which one without a name is reported; tune
+SPREADS = 2.5  # [spread] of the passport by which ln(ratio) must exceed 0 for the same; tune
+
+# --- which effect?
+MOST_EFFECTS = 3  # [effects] accepted at most; tune
+LEAST_SHARE = 0.15  # [of the excess] that an effect must explain; tune
+LEAST_SHRINK = 0.04  # [1] that it must bring beyond chance; tune
+BORN_IN = 0.25  # [1] shrink that makes an effect where nothing exceeds the passport; tune
+BORN_IN_FEW = 0.45  # [1] the same with few recordings; tune
+NEW_RATIO = 1.15  # [passport] from which something is new, whatever was there before; tune
+CLEAR_RATIO = 1.5  # [passport] below it, refitting the model may decide; tune
+BESIDE = 0.75  # [of the squares] ... if an effect beside the refitted model leaves less than this share; tune
+FURTHER_RATIO = 1.4  # [passport] that must be left for a second and third effect; tune
+FURTHER_SHARE = 0.3  # [of the excess] that a second and third effect must explain; tune
+FURTHER_SHRINK = 0.06  # [1] that a second and third effect must bring; tune
+EXPLAINED = 0.6  # [of the excess] less than this explained by all ...; tune
+LEFT_OVER = 1.5  # [passport] ... and more than this left: the gap is unknown; tune
+NOISE_GRID = 1.5  # [step] times the passport's grid of readings, from which a coarser one is new; tune
+STILL_THERE = 0.5  # [of the energy] of a disturbance in the earlier recordings, from which it is not new; tune
+OWN_MOTION = 2.0  # [amplitude] of a line, from which a recording moves at its frequency itself; judged
+
+# --- can it be told from others?
+SAME = 0.08  # [of the squares] that a rival may leave more, and cannot be told; tune
+TWIN = 0.98  # [R2] of the signature, from which another effect is its twin; tune
+TWIN_SAME = 1.0  # [of the squares] that a twin may leave more: the rest may be the model's misfit; tune
+ROUNDED_OFF = 0.005  # [of the squares] that a monitor shows of any amplifier beside the effect looked for; tune
+SIMPLER = 0.05  # [of the squares] that every further parameter must bring; tune
+CONTAINED = 0.9  # [1] share of what an effect explains, from which the simpler one that it contains is enough; tune
+ONE_RATE = 3.0  # [rate] between fastest and slowest recording; below, changes of loops cannot be told; tune
+ALIKE_LOOPS = 0.7  # [R2] ... if they look so much alike; tune
+
+# --- how far?
+WIDEN = 1.3  # [width] by which bootstrapped intervals are widened; coverage
+REFIT_FREEDOM = 0.2  # [slope] standard deviation of a slope's prior when the model is refitted; judged
+CORRELATED = 30  # [samples] of the residual that count as one: what the model misses is no white noise; judged
+REACH = 0.5  # [change] share of a candidate's change, as far as its Jacobian is taken to hold; judged
+
+# --- what is worth a remark? No verdict depends on these.
+BIN_SHARE = 0.1  # [of the energy] in one bin; tune
+BIN_RATIO = 2.5  # [passport] in that bin; tune
+ZERO = 1.0  # [gap rms] offsets from which the zero has moved; tune
+MUCH_ZERO = 0.01  # [stroke] ... and of the stroke; tune
+MUCH_LEFT = 1.8  # [passport] left with the effects; tune
+OTHER_RATE = 2.0  # [rate] times the identified one, or that part of it: the recordings are at other rates; tune

@@ -1,0 +1,36 @@
+"""Curves of the operator from its parameters: where slopes reach zero, intercepts, the inverse saturation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .model import Model
+
+
+def guard_rates(slopes: np.ndarray, slope_rate_s_per_um: np.ndarray) -> np.ndarray:
+    """Rate in um/s at which each slope reaches zero, inf where it does not fall; shape (n + 1,)."""
+    falling = slope_rate_s_per_um < 0
+    return np.where(falling, slopes / np.where(falling, -slope_rate_s_per_um, 1), np.inf)
+
+
+def guarded(model: Model, share: float, highest_um_per_s: float) -> Model:
+    """The model with its guard at this share of the rate at which its first slope reaches zero, at most at a rate."""
+    singular = float(np.min(guard_rates(model.slopes, model.slope_rate_s_per_um)))
+    return replace(model, rate=replace(model.rate, max_um_per_s=min(share * singular, highest_um_per_s),
+                                       singular_um_per_s=singular if np.isfinite(singular) else None))
+
+
+def intercepts(thresholds_um: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """P_i of the loading curve W_i x - P_i: P_0 = 0, P_i = P_(i-1) + (W_i - W_(i-1)) r_i; or its change with c_i."""
+    return np.cumsum(np.diff(slopes, prepend=slopes[0]) * thresholds_um)
+
+
+def inverse_saturation(deadzones_um: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eq. 13: thresholds d'_j = S(d_j), and weights w'_j whose partial sums are one over those of the weights."""
+    slopes = np.cumsum(weights)
+    corners = np.concatenate([[0.0], np.cumsum(slopes[:-1] * np.diff(deadzones_um))])
+    return corners, np.diff(np.divide(1, slopes, out=np.zeros(len(slopes)), where=slopes != 0), prepend=0.0)

@@ -1,0 +1,15 @@
+"""Limits of what the firmware takes, and defaults of the model file."""
+
+from __future__ import annotations
+
+import numpy as np
+
+SOURCES = ("displacement", "control")
+MIN_SLOPE_RATIO = 0.2  # default of rate.min_slope_ratio
+TOLERANCE = 1e-5  # relative; what rounding to the firmware's float may cost (ROUNDING in lib/src/f32_check.h)
+LARGEST, LEAST_SLOPE, MIN_SPAN_V = 1e7, 1e-7, 1e-9  # MAX_NUMBER, MIN_SLOPE and MIN_SPAN_V there
+TINY, EPSILON = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).eps)
+MAX_OFFSET = 1000.0  # in ranges; leaves 0.01 % of the range to rounding
+MAX_PLAYS, MAX_DEADZONES = 129, 65  # of the library as firmware_build.py compiles it
+MAX_DAC_BITS = 20  # RDPI_MAX_DAC_BITS
+SWEEP_CYCLES, MAX_SWEEP_CYCLES, SWEEP_HZ = 20, 10_000, 20.0  # of the start-up sweep

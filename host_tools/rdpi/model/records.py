@@ -1,0 +1,146 @@
+"""What a model file holds beside the operator: effects, the recordings of the fit, the passport. As it is written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from .documents import Document, json_key
+
+HeldOut = Literal["other runs", "left out in turn", "fitted"]
+
+
+@dataclass(kw_only=True)
+class EffectParameter(Document):
+    """A parameter of an effect, with its uncertainty."""
+
+    value: float | None = json_key("estimate; null: not known")
+    ci95: tuple[float, float] | None = json_key("95 % interval; null: none was estimated", default=None)
+    unit: str = json_key("unit of value and ci95, always the parameter's own; 1: none", default="")
+
+
+@dataclass(kw_only=True)
+class EffectEntry(Document):
+    """An effect that acts beside the operator."""
+
+    name: str = json_key("name of the effect, as `rdpi gap` lists it")
+    stage: str = json_key("stage of the chain at which it acts; without it, the effect's first", needed=False)
+    column: str | None = json_key("column of the recordings that it follows", omitted=True)
+    parameters: dict[str, float | EffectParameter | None] = json_key(
+        "parameters by name: an object, or its value alone")
+    new: bool | None = json_key("true: `rdpi gap --earlier` found it, so it did not act in the earlier recordings",
+                                omitted=True)
+
+
+@dataclass(kw_only=True)
+class FittedRun(Document):
+    """A recording of the fit, and how well the model predicts it."""
+
+    file: str = json_key("path as given")
+    digest: str = json_key("SHA-256 of the file")
+    samples: int = json_key("number of samples", low=0)
+    held_out: bool = json_key("true: the model was only scored on it")
+    memory: str = json_key("how the state at the first sample was known")
+    rms_um: float = json_key("rms of the prediction's error", "um", low=0)
+    max_um: float = json_key("largest error", "um", low=0)
+    rms_percent: float = json_key("the same as rms_um, of the measured stroke", "%", low=0)
+    max_percent: float = json_key("the same as max_um, of the measured stroke", "%", low=0)
+    offset_um: float = json_key("mean of the prediction's error", "um")
+
+
+@dataclass(kw_only=True)
+class FitRecord(Document):
+    """The recordings of the fit; empty for a model that was made in another way."""
+
+    runs: list[FittedRun] = json_key("the recordings, those held out last", needed=False)
+    noise_um: float = json_key("rms of the sensor's noise", "um", low=0, needed=False)
+    warnings: list[str] = json_key("remarks of the fit", needed=False)
+
+
+@dataclass(kw_only=True)
+class PassportRun(Document):
+    """What the model misses of one recording."""
+
+    file: str = json_key("path as given", default="")
+    digest: str = json_key("SHA-256 of the file", default="")
+    samples: int = json_key("number of samples", low=0, default=0)
+    held_out: HeldOut | None = json_key("the model that was asked: fitted to other runs, to the others in turn, or to "
+                                        "this one too", default=None)
+    rms_um: float | None = json_key("rms of the residual, mean removed", "um", low=0, default=None)
+    fitted_rms_um: float | None = json_key("the same of the model fitted to this run too; null: it was not", "um",
+                                           low=0, default=None)
+    offset_um: float | None = json_key("mean of the residual", "um", default=None)
+    noise_um: float | None = json_key("rms of the sensor's noise", "um", low=0, default=None)
+    kurtosis: float | None = json_key("kurtosis of the residual; 3: normal", low=0, default=None)
+    stroke_um: float | None = json_key("peak-to-peak displacement", "um", low=0, default=None)
+    sample_rate_hz: float | None = json_key("sample rate", "Hz", low=0, default=None)
+    step_um: float = json_key("step of the sensor's grid; 0: none", "um", low=0)
+
+
+@dataclass(kw_only=True)
+class PassportAxis(Document):
+    """The residual of all recordings in bins along one axis."""
+
+    edges: list[float] = json_key("ends of the bins, one more than bins")
+    rms_um: list[float] = json_key("rms of the residual in each bin", "um", low=0)
+    occupancy: list[float] = json_key("share of the samples in each bin", low=0, high=1)
+    factor: list[float] | None = json_key("mean square in each bin relative to the others, the other axis with a "
+                                          "factor taken into account", low=0, omitted=True)
+
+
+@dataclass(kw_only=True)
+class PassportAxes(Document):
+    """The axes along which the residual is known."""
+
+    rate_um_per_s: PassportAxis = json_key("along the rate of the prediction, in um/s")
+    position_um: PassportAxis = json_key("along the prediction, in um")
+    amplitude_um: PassportAxis = json_key("along the size of the loop, in um")
+    since_reversal_s: PassportAxis = json_key("along the time since the command turned round, in s")
+    direction: PassportAxis = json_key("by direction: -1 falling, 0 at rest, 1 rising")
+
+
+@dataclass(kw_only=True)
+class OctaveShare(Document):
+    """A spectrum in octaves: bin k lies at 2^(first + k) to twice that."""
+
+    first: int = json_key("power of two at which the first bin starts")
+    share: list[float] = json_key("share of the energy in each bin", low=0)
+
+
+@dataclass(kw_only=True)
+class PassportOctaves(Document):
+    """Spectra of the residual, each the mean over the recordings."""
+
+    absolute: OctaveShare = json_key("along frequency in Hz")
+    relative: OctaveShare = json_key("along frequency relative to that of the movement")
+
+
+@dataclass(kw_only=True)
+class PassportLevel(Document):
+    """What the size of a residual depends on: whole recordings and parts of them, one value of each list for each."""
+
+    coefficients: list[float] = json_key("of 1, std, std² and rate², whose sum is the expected mean square", low=0)
+    std_um: list[float] = json_key("standard deviation of the prediction", "um", low=0)
+    span_um: list[float] = json_key("peak-to-peak prediction", "um", low=0)
+    loop_um: list[float] = json_key("rms size of the loops", "um", low=0)
+    rate_um_per_s: list[float] = json_key("rms rate", "um/s", low=0)
+    rms_um: list[float] = json_key("rms of the residual, mean removed", "um", low=0)
+    weight: list[float] = json_key("weight: parts of one size of one recording weigh 1 together", low=0)
+
+
+@dataclass(kw_only=True)
+class Passport(Document):
+    """What the model misses of the recordings of its fit: how large its residual may be on any other recording."""
+
+    SCHEMA: ClassVar[str] = "rdpi-passport/1"
+
+    held_out: HeldOut = json_key("the best kind of prediction among the runs")
+    noise_um: float = json_key("rms of the sensor's noise", "um", low=0)
+    rms_um: float = json_key("rms of all residuals, means removed", "um", low=0)
+    expected_um: float = json_key("rms to be expected on other recordings", "um", low=0)
+    kurtosis: float = json_key("kurtosis of all residuals; 3: normal", low=0)
+    spread: float = json_key("standard deviation of the logarithm of actual over expected rms", low=0)
+    runs: list[PassportRun] = json_key("the recordings")
+    axes: PassportAxes = json_key("where the residual lies")
+    octaves: PassportOctaves = json_key("its spectrum")
+    level: PassportLevel = json_key("its size")

@@ -1,0 +1,57 @@
+"""Relaxation: a share of every move follows late."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...data import Recording
+from ...model import Model
+from .base import Effect, Parameter, Residuals, Values, low_pass
+from .gain_change import GainChange
+
+SHORTEST_S, LONGEST_S = 1e-4, 1.0
+PER_DECADE = 3  # time constants from which a fit starts
+RESOLVED = 0.5, 0.25  # time constants that recordings resolve: from half a sample to a quarter of the longest
+
+
+class Relaxation(Effect):
+    """z + share (l - z), l' = (z - l) / time_constant_s: one first-order lag beside the direct way.
+
+    A share below 0: the actuator relaxes less than the model.
+    """
+
+    name = "relaxation"
+    title = "relaxation"
+    what = "a share of each move comes late: domains turn on, a glue line yields"
+    remedy = "wait a few time constants after fast moves, or stiffen the mount and its glue"
+    needs = "steps, or frequencies on both sides of 1 / (2 pi T)"
+    stages = ("actuator",)
+    parameters = (Parameter("share", "1", -0.2, 0.5), Parameter("time_constant_s", "s", SHORTEST_S, LONGEST_S, 0.01))
+    contains = GainChange  # slower than the recordings, its share is missing from every move
+
+    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        return z_um + values["share"] * _late(z_um, run, values["time_constant_s"]) if values["share"] else z_um
+
+    def starts(self, residuals: Residuals) -> list[dict[str, float]]:
+        """Time constants a third of a decade apart, each with the share that explains most of the residual."""
+        low = max(SHORTEST_S, RESOLVED[0] * min(run.sample_time_s for run in residuals.runs))
+        high = min(LONGEST_S, RESOLVED[1] * max(len(run) * run.sample_time_s for run in residuals.runs))
+        if not low < high:
+            return []
+        count = 1 + int(np.ceil(PER_DECADE * np.log10(high / low)))
+        return [{"share": self._share(residuals, float(time_s)), "time_constant_s": float(time_s)}
+                for time_s in np.geomspace(low, high, count)]
+
+    def _share(self, residuals: Residuals, time_constant_s: float) -> float:
+        """Least squares, within the bounds."""
+        across = energy = 0.0
+        for run, predicted, left in zip(residuals.runs, residuals.predicted_um, residuals.residual_um):
+            late = _late(predicted, run, time_constant_s)
+            late -= np.mean(late)
+            across, energy = across + float(late @ left), energy + float(late @ late)
+        share = self.parameters[0]
+        return float(np.clip(across / energy, share.low, share.high)) if energy > 0 else 0.0
+
+
+def _late(z_um: np.ndarray, run: Recording, time_constant_s: float) -> np.ndarray:
+    return low_pass(z_um, run.sample_time_s, time_constant_s) - z_um

@@ -1,0 +1,225 @@
+"""What an identification reports, remarks on and refuses."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fitted import NOISE_UM, SPAN_V, STATIC, moving_runs, static_fit, static_run, visited
+from plants import changed, marked, quasi_static, stack, thresholds_um, waves
+
+from rdpi.data import Recording
+from rdpi.errors import BadInput
+from rdpi.fit import passport
+from rdpi.fit.identify import FOLDS, Fit, Options, fit
+from rdpi.simulate import chain
+
+
+# ---- what is reported ----
+
+def test_held_out_scores_are_those_of_a_simulation() -> None:
+    held = [static_run(high=60, cycles=2, name="held.csv"),
+            static_run(high=40, low=10, cycles=2, name="other.csv", memory="unknown")]
+    result = fit([static_run()], STATIC, held)
+    assert [run.held_out for run in result.scores] == [False, True, True]
+    for run, prediction in zip(result.scores[1:], chain.simulate(result.model, held)):
+        assert run.score == chain.score(prediction.predicted_um, run.recording.displacement_um)
+        error = run.recording.displacement_um - prediction.predicted_um
+        assert run.score.rms_um == pytest.approx(np.sqrt(np.mean(error**2)))
+        assert run.score.max_percent == pytest.approx(100 * np.abs(error).max() / np.ptp(run.recording.displacement_um))
+    assert static_fit().model.slopes == pytest.approx(result.model.slopes, rel=0, abs=0)
+
+
+def test_an_exact_model_predicts_its_own_rate() -> None:
+    """Without noise nothing smooths the measured rate; the prediction must find its own all the same."""
+    runs = moving_runs("displacement", 0.0)
+    result = fit(runs, Options(thresholds_um=thresholds_um(stack(), runs)))
+    assert all(prediction.settled for prediction in chain.simulate(result.model, runs))
+    assert max(run.score.max_percent for run in result.scores) < 0.4
+
+
+def test_record() -> None:
+    runs, held = [static_run(name="a.csv")], [static_run(name="b.csv", memory="unknown")]
+    result = fit(runs, STATIC, held)
+    record = result.model.fit
+    assert [run["file"] for run in record["runs"]] == ["a.csv", "b.csv"]
+    assert [run["digest"] for run in record["runs"]] == ["sha256:a.csv", "sha256:b.csv"]
+    assert [run["held_out"] for run in record["runs"]] == [False, True]
+    assert [run["memory"] for run in record["runs"]] == ["reset", "estimated"]
+    assert [run["samples"] for run in record["runs"]] == [1500, 1500]
+    for row, run in zip(record["runs"], result.scores):
+        assert {key: row[key] for key in run.score._fields} == run.score._asdict()
+    assert record["warnings"] == result.warnings
+    assert not any("left out of the fit" in text for text in result.warnings if text.startswith("b.csv"))
+
+
+def test_passport_holds_each_run_as_the_others_predict_it() -> None:
+    """The second run is of another actuator, nearly, so that fitting it or not shows."""
+    first, third = static_run(name="first.csv"), static_run(high=60, low=10, name="third.csv")
+    odd = static_run(high=70, low=20, name="second.csv")
+    odd = changed(odd, displacement_um=1.05 * odd.displacement_um)
+    result = fit([first, odd, third], STATIC)
+    runs = result.model.passport["runs"]
+    assert [(run["file"], run["digest"]) for run in runs] == [(f"{k}.csv", f"sha256:{k}.csv")
+                                                              for k in ("first", "second", "third")]
+    assert {run["held_out"] for run in runs} == {passport.LEFT_OUT} == {result.model.passport["held_out"]}
+    for run, score in zip(runs, result.scores):
+        spread = np.sqrt(score.score.rms_um**2 - score.score.offset_um**2)
+        assert run["fitted_rms_um"] == pytest.approx(spread, rel=1e-3)
+    # without the second run, range and gain, and with them thresholds and dead zones, are the same
+    other = fit([first, third], STATIC).model
+    error = odd.displacement_um - chain.simulate(other, [odd])[0].predicted_um
+    assert runs[1]["rms_um"] == pytest.approx(np.std(error), rel=0.03)
+    assert runs[1]["rms_um"] > 1.3 * runs[1]["fitted_rms_um"]
+    assert result.model.slopes != pytest.approx(other.slopes, rel=1e-3)
+
+
+def test_passport_of_held_out_runs_and_of_a_single_one() -> None:
+    held = static_run(high=60, cycles=2, name="held.csv")
+    result = fit([static_run()], STATIC, [held])
+    known = result.model.passport
+    assert known["held_out"] == passport.OTHER_RUNS
+    assert [run["held_out"] for run in known["runs"]] == [passport.FITTED, passport.OTHER_RUNS]
+    score = result.scores[1].score
+    assert known["runs"][1]["rms_um"] == pytest.approx(np.sqrt(score.rms_um**2 - score.offset_um**2), rel=1e-3)
+    assert known["runs"][1]["fitted_rms_um"] is None
+    single = static_fit().model.passport
+    assert single["held_out"] == passport.FITTED and single["spread"] > known["spread"]
+
+
+def test_passport_of_runs_with_a_rate_law() -> None:
+    """Left out in turn, the fastest run too, the model still predicts them at the rate they have."""
+    known = fit(moving_runs("displacement"), Options(thresholds_um=thresholds_um(
+        stack(), moving_runs("displacement")))).model.passport
+    assert all(run["held_out"] == passport.LEFT_OUT for run in known["runs"])
+    assert all(run["rms_um"] < 4 * run["fitted_rms_um"] for run in known["runs"])
+
+
+def test_passport_of_many_runs_leaves_out_groups() -> None:
+    high = np.linspace(60, SPAN_V, FOLDS + 3)
+    known = fit([static_run(high=top, cycles=1, name=f"{top:.0f}.csv") for top in high], STATIC).model.passport
+    assert [run["held_out"] for run in known["runs"]] == [passport.LEFT_OUT] * len(high)
+    assert all(run["rms_um"] < 3 * NOISE_UM for run in known["runs"])
+
+
+def test_a_passport_where_the_other_runs_make_no_model() -> None:
+    """What is left without the first run is too short to be fitted."""
+    short = static_run(high=80, cycles=1, rate_hz=20.0, name="short.csv")
+    known = fit([static_run(), short], STATIC).model.passport
+    assert [run["held_out"] for run in known["runs"]] == [passport.FITTED, passport.LEFT_OUT]
+
+
+def test_same_input_same_bits() -> None:
+    runs = moving_runs("displacement", 0.02)
+    first, second = (fit(runs, Options()) for _ in range(2))
+    assert first.model.to_json() == second.model.to_json()
+    assert first.rate_slopes.bands() == second.rate_slopes.bands()
+
+
+def test_progress_rises_to_one() -> None:
+    seen: list[float] = []
+    fit([static_run(), static_run(name="again.csv")], STATIC, progress=seen.append)
+    assert len(seen) > 2 and seen == sorted(seen) and 0 <= seen[0] and seen[-1] == 1
+
+
+# ---- what is refused ----
+
+def bent(**change: Callable[[np.ndarray], np.ndarray]) -> Recording:
+    run = static_run(name="bad.csv")
+    return changed(run, **{key: make(run.columns[key]) for key, make in change.items()})
+
+
+NOISE = np.random.default_rng(2).standard_normal(1500)
+REFUSED: dict[str, tuple[Recording, str]] = {
+    "constant command": (bent(command_V=lambda V: 0 * V + 5), r"command_V is constant at 5 V.*excite"),
+    "constant displacement": (bent(displacement_um=lambda z: 0 * z - 2.5),
+                              r"displacement_um is constant at -2\.5 um.*check"),
+    "unrelated": (bent(displacement_um=lambda z: NOISE), r"unrelated.*correlation.*check"),
+    "unrelated but smooth": (bent(displacement_um=lambda z: waves(12, 1.37, 4.11, 500)), r"unrelated.*check"),
+    "only a ramp": (bent(command_V=lambda V: np.linspace(0, 90, 1500),
+                         displacement_um=lambda z: np.linspace(0, 12, 1500) + 0.004 * NOISE),
+                    r"command_V never turns round.*rdpi excite"),
+    "picometres": (bent(displacement_um=lambda z: 1e6 * z), r"displacement_um reaches 1\.2\d*e\+07; check its unit"),
+    "microvolts": (bent(command_V=lambda V: 1e6 * V), r"command_V reaches 9e\+07; check its unit"),
+    "offset too large for single precision": (bent(displacement_um=lambda z: z + 9e5),
+                                              r"moves by 12\.\d um at 90000\d.*subtract"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+@pytest.mark.parametrize("held_out", [False, True])
+def test_refused_recording(case: str, held_out: bool) -> None:
+    run, message = REFUSED[case]
+    with pytest.raises(BadInput, match=message) as refusal:
+        fit([static_run(), *([] if held_out else [run])], STATIC, [run] if held_out else [])
+    assert str(refusal.value).startswith("bad.csv: ")
+    if not held_out:
+        with pytest.raises(BadInput, match=r"^bad\.csv: "):
+            fit([run], Options())
+
+
+@pytest.mark.parametrize("change, message", [
+    (dict(command_V=lambda V: V / 1000), r"bad\.csv moves 1\d\d um/V and run\.csv 0\.1\d+: .* same units.*check"),
+    (dict(displacement_um=lambda z: z + 9),
+     r"bad\.csv: lies 9(\.0\d*)? um from run\.csv at the same command; .*subtract"),
+    (dict(displacement_um=lambda z: 12 - z), r"bad\.csv: moves opposite to run\.csv; .*sign"),
+])
+def test_runs_that_do_not_belong_together(change: dict[str, Callable], message: str) -> None:
+    bad = replace(bent(**change), digest="sha256:bad")
+    with pytest.raises(BadInput, match=message):
+        fit([static_run(), bad], STATIC)
+    assert fit([bad], STATIC).model
+
+
+@pytest.mark.parametrize("run, note", [
+    (bent(displacement_um=lambda z: np.minimum(z, 11.0)),
+     r"^bad\.csv: \d+ samples stand at the very highest .*clipped"),
+    (bent(displacement_um=lambda z: z + np.linspace(0, 4, len(z))),
+     r"^bad\.csv: explained only to [3-9]\.?\d* % rms .*drift"),
+    (static_run(visited((90.0, 0.0)), name="bad.csv"), r"^bad\.csv: marked memory: reset, but .*unknown"),
+])
+def test_doubtful_recordings_are_remarked_on(run: Recording, note: str) -> None:
+    assert [text for text in fit([run], STATIC).warnings if re.search(note, text)]
+
+
+def test_recordings_of_different_actuators_are_remarked_on() -> None:
+    runs = [marked(run, actuator=run.path) for run in (static_run(name="a"), static_run(name="b"))]
+    assert "the recordings name different actuators: a, b" in fit(runs, STATIC).warnings
+
+
+@pytest.mark.parametrize("options, message", [
+    (Options(operators=-1), "--operators -1"), (Options(operators=129), "--operators 129"),
+    (Options(deadzones=-1), "--deadzones -1"), (Options(deadzones=7), "--deadzones 7"),
+    (Options(min_slope_ratio=0.0), "--min-slope-ratio 0"), (Options(min_slope_ratio=1.0), "--min-slope-ratio 1"),
+    (Options(min_slope_ratio=float("nan")), "--min-slope-ratio nan"),
+    (Options(thresholds_um=(1.0, 1.0)), "--thresholds"), (Options(thresholds_um=(-1.0, 1.0)), "--thresholds"),
+    (Options(thresholds_um=(2.0, 1.0)), "--thresholds"), (Options(thresholds_um=(1.0, float("nan"))), "--thresholds"),
+    (Options(thresholds_um=(1.0, float("inf"))), "--thresholds"),
+    (Options(rate_window_s=-1.0), "--rate-window -1"), (Options(rate_filter_s=-1.0), "--rate-filter -1"),
+    (Options(rate_window_s=100.0), "window"),
+])
+def test_refused_options(options: Options, message: str) -> None:
+    with pytest.raises(BadInput, match=message):
+        fit([static_run()], options)
+
+
+def test_a_short_recording() -> None:
+    """Sixteen samples, the fewest that a recording may have, are too few for ten slopes and enough for one."""
+    run = static_run(cycles=1, rate_hz=16, noise_um=0.0)
+    with pytest.raises(BadInput, match=r"^run\.csv: 16 samples .* for 13 unknowns; record longer"):
+        fit([run], STATIC)
+    result: Fit = fit([run], replace(STATIC, operators=1, deadzones=0))
+    result.model.validate()
+    assert result.scores[0].score.rms_percent < 2
+
+
+def test_too_little_is_left_of_a_run_whose_memory_is_unknown() -> None:
+    """Once the drive has erased what came before, it does not turn round any more."""
+    command = np.r_[np.linspace(45, 0, 500), np.linspace(0, 90, 1000)]
+    run = quasi_static(visited((90.0, 30.0, 45.0)), command, noise_um=NOISE_UM, memory="unknown", name="bad.csv")
+    with pytest.raises(BadInput, match=r"^bad\.csv: .*memory"):
+        fit([run], STATIC)
+    assert fit([marked(run, memory="reset")], STATIC).model

@@ -1,0 +1,158 @@
+"""Identification from several runs, and from runs that begin with any memory."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fitted import NOISE_UM, STATIC, moving_runs, percent, static_fit, static_run, visited
+from plants import changed, marked, quasi_static, rate_of, slopes_um_per_V, stack, thresholds_um, waves
+
+from rdpi.errors import BadInput
+from rdpi.fit.identify import Options, fit
+from rdpi.simulate import chain
+
+
+# ---- several runs ----
+
+def test_sample_rates_and_lengths_mix() -> None:
+    """Filters and windows are in seconds: the same drive sampled otherwise gives the same model."""
+    runs = [static_run(rate_hz=rate, cycles=cycles, name=f"{rate:g}.csv")
+            for rate, cycles in ((100.0, 4), (1000.0, 2), (10_000.0, 1))]
+    result = fit(runs, STATIC)
+    assert percent(slopes_um_per_V(result.model), stack().slopes) < 1.5
+    assert max(run.score.rms_um for run in result.scores) < 1.3 * NOISE_UM
+    alone = [fit([run], STATIC).model for run in runs[:2]]
+    assert percent(slopes_um_per_V(alone[0]), slopes_um_per_V(alone[1])) < 1.5
+
+
+@pytest.mark.slow
+def test_rate_law_does_not_depend_on_sampling() -> None:
+    coarse, fine = (moving_runs("displacement", hertz=(2, 10, 30), samples=samples) for samples in (100, 500))
+    models = [fit(runs, Options(thresholds_um=thresholds_um(stack(), runs))).model for runs in (coarse, fine)]
+    for rate in (0, 1000):
+        assert percent(slopes_um_per_V(models[0], rate), slopes_um_per_V(models[1], rate)) < 3
+
+
+def test_slow_runs_do_not_blur_the_rate_of_fast_ones() -> None:
+    """Each run's rate is smoothed by what its own noise asks for."""
+    runs = moving_runs("displacement", 0.02, hertz=(30, 0.2))
+    options = Options(thresholds_um=thresholds_um(stack(), runs))
+    alone, beside = fit(runs[:1], options), fit(runs, options)
+    peak = max(rate_of(waves(12.0, 30, 1, 9000), 9000))
+    assert beside.model.rate.identified_um_per_s == pytest.approx(peak, rel=0.1)
+    assert beside.scores[0].score.rms_percent < 1.1 * alone.scores[0].score.rms_percent + 0.02
+
+
+def test_a_small_run_beside_a_large_one() -> None:
+    plant = stack()
+    large = static_run(plant, name="large.csv")
+    small = static_run(plant, high=25, low=0, name="small.csv", memory="carried")
+    result = fit([large, small], STATIC)
+    assert percent(slopes_um_per_V(result.model), plant.slopes) < 1.5
+    score = result.scores[1].score
+    assert score.rms_um < 1.5 * NOISE_UM
+    assert score.rms_percent == pytest.approx(100 * score.rms_um / np.ptp(small.displacement_um))
+    assert result.model.stroke_um == pytest.approx(np.ptp(large.displacement_um))
+
+
+def test_a_run_counts_once() -> None:
+    """Neither twice in the fit, nor fitted and held out."""
+    for runs, held_out in (([static_run(), static_run()], []), ([static_run()], [static_run()])):
+        with pytest.raises(BadInput, match=r"^run\.csv: given twice"):
+            fit(runs, STATIC, held_out)
+
+
+# ---- memory at the start ----
+
+def test_reset() -> None:
+    plant = stack()
+    plant.settle(45.0)
+    rising = np.r_[np.linspace(45, 90, 300), waves(0, 1, 2, 1000, 90)]
+    run = quasi_static(plant, rising, noise_um=NOISE_UM)
+    result = fit([run], STATIC)
+    assert result.scores[0].memory == "reset" and result.scores[0].score.rms_um < 1.3 * NOISE_UM
+    assert percent(slopes_um_per_V(result.model), plant.slopes) < 1.5
+    x0 = result.model.x_of(45.0)
+    assert result.model.memory.x_um == pytest.approx(x0)
+    assert result.model.memory.plays_um == pytest.approx(np.full(10, x0))
+
+
+def test_carried() -> None:
+    plant = stack()
+    first = quasi_static(plant, np.r_[waves(90, 1, 1, 1000), np.linspace(0, 60, 200)], name="first.csv",
+                         noise_um=NOISE_UM)
+    second = quasi_static(plant, np.r_[np.linspace(60, 30, 200), waves(55, 1, 1, 1000, 30)], memory="carried",
+                          name="second.csv", noise_um=NOISE_UM)
+    result = fit([first, second], STATIC)
+    assert [run.memory for run in result.scores] == ["reset", "carried"]
+    assert max(run.score.rms_um for run in result.scores) < 3 * NOISE_UM
+    mistaken = fit([first, marked(second, memory="reset")], STATIC)
+    assert mistaken.scores[1].score.rms_um > 10 * NOISE_UM
+
+
+def test_a_held_out_run_is_carried_on_from_the_one_before() -> None:
+    plant = stack()
+    first = quasi_static(plant, np.r_[waves(90, 1, 2, 1000), np.linspace(0, 60, 200)], name="first.csv",
+                         noise_um=NOISE_UM)
+    second, third = (quasi_static(plant, np.r_[np.linspace(60, low, 200), np.linspace(low, 60, 200)], memory="carried",
+                                  name=f"{low}.csv", noise_um=NOISE_UM) for low in (20, 40))
+    result = fit([first], STATIC, [second, third])
+    assert [run.memory for run in result.scores] == ["reset", "carried", "carried"]
+    assert max(run.score.rms_um for run in result.scores) < 5 * NOISE_UM
+
+
+@pytest.mark.parametrize("low, high", [(30, 90), (30, 84), (30, 60), (30, 45)])
+@pytest.mark.parametrize("drift_um", [0.0, 0.4])
+def test_unknown_memory_is_estimated(low: float, high: float, drift_um: float) -> None:
+    """Also that of runs too small to erase it all, where the rest is an offset."""
+    model = static_fit().model
+    plant = stack()
+    plant.settle(high)
+    plant.respond(np.linspace(high, low, 50), np.zeros(50))
+    run = static_run(plant, low=low, high=high, memory="unknown")
+    run = changed(run, displacement_um=run.displacement_um + drift_um)
+    prediction = chain.simulate(model, [run])[0]
+    assert prediction.memory == "estimated"
+    score = chain.score(prediction.predicted_um, run.displacement_um, remove_offset=True)
+    assert score.rms_percent < 0.6 and score.max_percent < 2.5
+    at_rest = chain.simulate(model, [run], "reset")[0].predicted_um
+    assert chain.score(at_rest, run.displacement_um, remove_offset=True).rms_percent > 3 * score.rms_percent
+
+
+def test_start_up_transient_is_left_out() -> None:
+    """Before the drive has erased the memory, samples say nothing: whatever they were, the slopes stay the same."""
+    run = static_run(visited((90.0, 30.0, 60.0, 0.0)), memory="unknown", cycles=3)
+    erased = chain.warm_up(run.command_V, run.command_V[:].max() / 2 * 0.9)
+    spoilt = run.displacement_um.copy()
+    spoilt[:erased // 2] += np.linspace(1, 0, erased // 2)
+    results = [fit([changed(run, displacement_um=z)], STATIC) for z in (run.displacement_um, spoilt)]
+    assert results[1].model.slopes == pytest.approx(results[0].model.slopes, rel=1e-6)
+    assert results[0].scores[0].memory == "estimated"
+    assert percent(slopes_um_per_V(results[0].model), stack().slopes) < 3
+    claimed = fit([marked(changed(run, displacement_um=spoilt), memory="reset")], STATIC)
+    assert percent(slopes_um_per_V(claimed.model), stack().slopes) > 10
+
+
+def test_rates_before_the_memory_is_erased_are_not_identified() -> None:
+    command = np.r_[waves(50, 20, 3, 1000), waves(90, 1, 2, 1000)]
+    unknown, known = (quasi_static(stack(), command, memory=memory, noise_um=NOISE_UM)
+                      for memory in ("unknown", "reset"))
+    slow, fast = (fit([run], STATIC).model.rate.identified_um_per_s for run in (unknown, known))
+    peak = np.percentile(rate_of(static_run(rate_hz=1000.0, noise_um=0.0).displacement_um, 1000), 99.9)
+    assert slow == pytest.approx(peak, rel=0.2) and fast > 5 * slow
+
+
+def test_unknown_memory_of_one_run_does_not_move_the_offset_of_others() -> None:
+    known = static_run()
+    unknown = static_run(visited((90.0, 30.0)), low=30, high=84, memory="unknown", name="unknown.csv")
+    result = fit([known, unknown], STATIC)
+    assert result.scores[0].score.rms_um < 3 * NOISE_UM
+
+
+def test_model_remembers_where_the_first_run_began() -> None:
+    run = static_run(visited((90.0, 30.0)), low=30, high=90, memory="unknown")
+    model = fit([run], STATIC).model
+    assert model.memory.x_um == pytest.approx(model.x_of(30.0))
+    truth = np.minimum(90.0 - model.thresholds_um / model.gain_um_per_V, 30 + model.thresholds_um / model.gain_um_per_V)
+    assert model.memory.plays_um == pytest.approx(model.x_of(truth), abs=0.6)
+    model.validate()

@@ -1,0 +1,72 @@
+"""What is said of predictions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_chain import paper_model, recording
+
+from rdpi.data import Recording
+from rdpi.errors import BadInput
+from rdpi.simulate import Prediction, chain, scoring
+
+
+def case(command_V: np.ndarray, rate_um_per_s: float = 1.0, settled: bool = True) -> tuple[Recording, Prediction]:
+    zeros = np.zeros(len(command_V))
+    return recording(command_V), Prediction(zeros, zeros, zeros, zeros + rate_um_per_s, settled, 0.0, "model")
+
+
+def test_the_error_over_all_runs_is_that_of_all_samples() -> None:
+    random = np.random.default_rng(1)
+    measured = [random.normal(size=count) for count in (100, 700)]
+    measured = [10 * values / np.ptp(values) for values in measured]
+    predicted = [values + random.normal(0, sd, len(values)) for values, sd in zip(measured, (1, 3))]
+    scores = [chain.score(*pair) for pair in zip(predicted, measured)]
+    error = np.concatenate(measured) - np.concatenate(predicted)
+    expected = 100 * np.sqrt(np.mean(error**2)) / 10
+    assert scoring.overall_rms_percent(scores, [100, 700]) == pytest.approx(expected)
+    assert scoring.overall_rms_percent(scores[:1], [100]) == pytest.approx(scores[0].rms_percent)
+
+
+def test_the_table() -> None:
+    score = chain.Score(1.0, 2.0, 3.0, 4.0, 0.0)
+    head, first, second = scoring.table([("a.csv", score, "fitted"), ("longer.csv", score, "held out")])
+    assert head.index("rms um") == first.index("        1") + 3 and first.endswith("fitted")
+    assert len({line.index("3.000") for line in (first, second)}) == 1 and second.split()[0] == "longer.csv"
+
+
+def test_nothing_to_note() -> None:
+    model = paper_model()
+    assert scoring.notes(model, *case(np.linspace(-100, 200, 50))) == []
+    assert scoring.notes(model, *case(np.linspace(-100, 202.9, 50))) == []
+
+
+def test_a_drive_beyond_the_range() -> None:
+    for command_V, beyond in ((np.linspace(0, 203.1, 50), "3.1 V"), (np.linspace(-110, 200, 50), "10 V")):
+        (note,) = scoring.notes(paper_model(), *case(command_V))
+        assert note.startswith("run.csv: ") and beyond in note and "-100 to 200 V" in note
+
+
+def test_a_rate_beyond_the_guard() -> None:
+    command_V = np.zeros(1000)
+    run, prediction = case(command_V)
+    prediction.rate_um_per_s[:10] = 1161
+    assert scoring.notes(paper_model(), run, prediction) == []  # a hundredth of the samples
+    prediction.rate_um_per_s[:12] = 1161
+    (note,) = scoring.notes(paper_model(), run, prediction)
+    assert "1.2 %" in note and "1160 um/s" in note
+
+
+def test_a_rate_that_did_not_settle() -> None:
+    (note,) = scoring.notes(paper_model(), *case(np.zeros(50), settled=False))
+    assert "did not settle" in note and "--rate-window" in note
+    assert len(scoring.notes(paper_model(), *case(np.full(50, 300.0), 2000.0, settled=False))) == 3
+
+
+def test_a_models_own_name() -> None:
+    """Errors about a model say which, without being told."""
+    model = replace(paper_model(), where="m.json", effects=["no effect"])
+    with pytest.raises(BadInput, match=r"^m\.json: effects\[0\]"):
+        chain.simulate(model, [recording(np.zeros(50))])

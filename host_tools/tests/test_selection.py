@@ -1,0 +1,117 @@
+"""The rounds of the selection: complete when they are returned, and the same whenever they are asked for."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pytest
+from injected import commissioned, drives, entry, plain_model, recorded
+
+from rdpi.fit import localise, passport
+from rdpi.gap import selection, thresholds
+from rdpi.gap.augmented import AugmentedModel
+from rdpi.gap.candidates import Candidate
+from rdpi.gap.dataset import ModelRun
+from rdpi.gap.diagnosis import Decision, decide
+from rdpi.gap.selection import Baseline, Excess, Round, Score, Selection
+
+FROZEN = AugmentedModel, Baseline, Candidate, Decision, Excess, ModelRun, Round, Score, Selection
+
+
+@lru_cache(maxsize=None)
+def given() -> AugmentedModel:
+    """Two effects, of which none explains the other."""
+    runs = recorded(plain_model(), drives(), entry("delay", "timing", delay_s=0.003),
+                    entry("gain_change", "actuator", factor=1.04))
+    return AugmentedModel.given(commissioned(), runs, [])
+
+
+@lru_cache(maxsize=None)
+def decided() -> Decision:
+    return decide(given(), passport.read(commissioned()))
+
+
+def coordinates() -> list[localise.Coordinates]:
+    return [localise.coordinates(one.recording, one.predict([]), one.rate_um_per_s)
+            for one in given().dataset.model_runs]
+
+
+def numbers(value: Any) -> Iterator[np.ndarray]:
+    """Every number within a result, in order."""
+    if isinstance(value, (Score, Baseline, Candidate)):
+        value = [getattr(value, field.name) for field in dataclasses.fields(value)]
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, (list, tuple)):
+        for part in value:
+            yield from numbers(part)
+    elif isinstance(value, (int, float, np.ndarray)):
+        yield np.asarray(value)
+
+
+def same(one: Round, other: Round) -> bool:
+    pairs = [(getattr(one, field.name), getattr(other, field.name)) for field in dataclasses.fields(Round)]
+    return all(len(a) == len(b) and all(map(np.array_equal, a, b))
+               for a, b in ((list(numbers(x)), list(numbers(y))) for x, y in pairs))
+
+
+@pytest.mark.parametrize("kind", FROZEN, ids=lambda kind: kind.__name__)
+def test_results_do_not_change(kind: type) -> None:
+    assert dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen
+
+
+def test_a_round_is_complete_and_nothing_is_added_later() -> None:
+    found = decided().selection
+    assert [done.best.name for done in found.rounds if done.best] == [one.effect.name for one in found.reached.chosen]
+    assert {one.effect.name for one in found.reached.chosen} == {"delay", "gain_change"}
+    for done in found.rounds:
+        assert set(vars(done)) == {field.name for field in dataclasses.fields(Round)}
+        assert len(done.scores) == len(done.rejected) == len(done.reproduced)
+        assert done.best is None or done.why_rejected(done.best) is None and done.best not in done.rivals
+
+
+def test_the_same_round_asked_for_again_says_the_same() -> None:
+    """Whatever was accepted since: the model that was given has not changed."""
+    first = decided().selection.rounds[0]
+    before = given().residual
+    gap = selection.excess(given(), passport.read(commissioned()), coordinates())
+    again = selection.one_round(given(), gap)
+    assert again is not first and same(first, again)
+    assert given().residual is before and not given().chosen
+    assert np.array_equal(before, AugmentedModel.given(commissioned(), given().recordings, []).residual)
+
+
+def test_accepting_makes_another_model() -> None:
+    best = decided().selection.rounds[0].best.candidate
+    values, jacobian = dict(best.values), best.jacobian.copy()
+    more = given().accept(best)
+    assert more.chosen[0].effect is best.effect and not given().chosen
+    assert np.sum(more.residual**2) < 0.5 * np.sum(given().residual**2)
+    assert best.values == values and np.array_equal(best.jacobian, jacobian)
+
+
+def test_all_that_act_are_fitted_together() -> None:
+    """What the second round leaves is less than if the first effect had stayed where its own round put it."""
+    found = decided().selection
+    last = found.rounds[len(found.reached.chosen) - 1]
+    first = found.rounds[0].best.candidate
+    assert found.final(found.rounds[0]).values != first.values
+    alone = given().dataset.measured - given().dataset.predict([first.acting, last.best.candidate.acting])
+    assert np.sum(found.reached.residual**2) < np.sum(alone**2)
+
+
+def test_rejecting_all_leaves_what_was_given() -> None:
+    found = decided().selection
+    none = found.rejecting_all()
+    assert none.accepted is found.given and none.after_um is none.before_um and none.rounds is found.rounds
+    assert found.accepted is found.reached
+
+
+def test_thresholds_are_read_when_they_are_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(thresholds, "MOST_EFFECTS", 1)
+    gap = selection.excess(given(), passport.read(commissioned()), coordinates())
+    assert len(selection.select(given(), gap).rounds) == 1 < len(decided().selection.rounds)

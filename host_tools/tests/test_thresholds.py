@@ -1,0 +1,45 @@
+"""Tuned numbers: each one says its unit, what it means and where it comes from, and is read when it is used."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import rdpi.fit.thresholds
+import rdpi.gap.thresholds
+
+ROOMS = [rdpi.fit.thresholds, rdpi.gap.thresholds]
+
+
+def names(thresholds: ModuleType) -> list[str]:
+    return [name for name in vars(thresholds) if name.isupper()]
+
+
+@pytest.mark.parametrize("thresholds", ROOMS, ids=lambda module: module.__name__)
+def test_each_says_unit_meaning_and_source(thresholds: ModuleType) -> None:
+    sources = set(re.findall(r"^  (\w+)  +\w", thresholds.__doc__, flags=re.M))
+    lines = re.findall(r"^([A-Z_]+) = [^#]+  # \[([^\]]+)\] (.+); (\w+)$", Path(thresholds.__file__).read_text("utf-8"),
+                       flags=re.M)
+    assert [line[0] for line in lines] == names(thresholds) and {line[3] for line in lines} == sources
+    assert all(len(meaning.split()) > 2 for _, _, meaning, _ in lines)
+
+
+@pytest.mark.parametrize("thresholds", ROOMS, ids=lambda module: module.__name__)
+def test_each_is_read_when_it_is_used(thresholds: ModuleType) -> None:
+    """As an attribute of its module inside a function, not bound when a module or a function is made."""
+    used = set()
+    for path in Path(thresholds.__file__).parent.glob("*.py"):
+        tree = ast.parse(path.read_text("utf-8"))
+        bodies = [part for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) for part in node.body]
+        inside = {id(node) for part in bodies for node in ast.walk(part)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("thresholds", "tuned"):
+                assert id(node) in inside, f"{path.name}, line {node.lineno}: {node.attr} is bound early"
+                used.add(node.attr)
+            if isinstance(node, ast.ImportFrom) and (node.module or "").endswith("thresholds"):
+                raise AssertionError(f"{path.name}, line {node.lineno}: bound early")
+    assert used == set(names(thresholds))

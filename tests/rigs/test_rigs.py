@@ -1,0 +1,366 @@
+"""The rigs are what their truth says, and share nothing with rdpi; measure.py does what it prints."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+sys.path.insert(0, str(HERE.parent / "withheld"))
+
+import loops  # noqa: E402
+import measure  # noqa: E402
+import rigs  # noqa: E402
+import waves  # noqa: E402
+from rigs import CHAIN, FAMILIES, SEALED, SINS, Rig, make_rig  # noqa: E402
+from test_withheld import TOOL_SOURCES, foreign_imports, statements  # noqa: E402
+from rdpi.data import read_recording  # noqa: E402
+
+RATE_HZ = 10_000.0
+SOURCES = [HERE / f"{name}.py" for name in ("loops", "sealed", "rigs", "waves")]
+EVERY = {**FAMILIES, **SEALED}
+
+
+def straight(**sins: dict[str, float]) -> Rig:
+    """A rig of 1 um for 0..1 V without a loop, with these sins alone."""
+    return replace(make_rig("dahl", 1, sins), width=0.0, curve=(0.0, 0.0), low_V=0.0, high_V=1.0, stroke_um=1.0,
+                   offset_um=0.0)
+
+
+def stepped(rig: Rig, seconds: float, low: float = 0.3, high: float = 0.6) -> tuple[np.ndarray, np.ndarray]:
+    """Time since a step at 0.1 s, in the middle of each hold, and the answer as a share of the step."""
+    rig = rig.put("hold")
+    before = round(0.1 * RATE_HZ)
+    n = round(seconds * RATE_HZ)
+    reading = rig.run(np.repeat([low, high], [before, n]), RATE_HZ)
+    return (np.arange(n) + 0.5) / RATE_HZ, (reading[before:] - low) / (high - low)
+
+
+# --- independence ----------------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.name)
+def test_rigs_import_nothing_of_rdpi(path):
+    assert foreign_imports(path.read_text(), {"loops", "sealed"}) == set()
+
+
+@cache
+def tool_statements() -> set[str]:
+    assert len(TOOL_SOURCES) > 20
+    return set().union(*(statements(source.read_text()) for source in TOOL_SOURCES))
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.name)
+def test_rigs_share_no_statement_with_rdpi(path):
+    assert statements(path.read_text()) & tool_statements() == set()
+
+
+def test_sealed_family_is_in_no_default():
+    assert len(FAMILIES) >= 8 and not set(SEALED) & set(FAMILIES)
+    assert not any(name in (HERE / "loops.py").read_text() for name in SEALED)
+
+
+# --- loops -----------------------------------------------------------------------------------------------------------
+
+def loop_of(family: str, seed: int = 3, width: float = 0.15) -> rigs.Loop:
+    return rigs.Loop(make_rig(family, seed).operator, width, (0.0, 0.0), None, 1e-4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("family", EVERY)
+def test_great_loop_has_the_width_and_trails(family, seed):
+    loop = loop_of(family, seed)
+    great = loop(np.concatenate([rigs.BRANCH, rigs.BRANCH[::-1]] * 4))
+    rising, falling = np.split(great[-2 * len(rigs.BRANCH):], 2)
+    apart = falling[::-1] - rising
+    assert np.max(apart) == pytest.approx(0.15, rel=1e-3) and np.min(apart) > -2e-3
+    assert (great[-1], falling[0]) == (pytest.approx(0, abs=2e-3), pytest.approx(1, abs=2e-3))
+    coarse = rising[::20]
+    assert np.diff(coarse).min() > 0.1 * np.ptp(rigs.BRANCH) / 2 / 20, "no plateau and no way back"
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_minor_loops_are_wiped_out_or_not(family):
+    loop = loop_of(family)
+    there, back = np.linspace(-1, 0.4, 200), np.linspace(0.4, -0.2, 100)
+    loop(np.concatenate([rigs.BRANCH, rigs.BRANCH[::-1]] * 3))
+    first = loop(there)[-1]
+    again = loop(np.concatenate([back, back[::-1]]))[-1]
+    if family in loops.WIPE_OUT:
+        assert again == pytest.approx(first, abs=1e-9)
+    else:
+        assert abs(again - first) > 1e-4
+
+
+@pytest.mark.parametrize("family", EVERY)
+def test_operator_does_not_depend_on_how_its_input_is_cut(family):
+    u = 0.9 * np.sin(np.arange(600) / 25) * np.linspace(1, 0.2, 600)
+    whole, cut = loop_of(family), loop_of(family)
+    parts = np.concatenate([cut(part) for part in np.split(u, [1, 40, 41, 250, 599])])
+    assert np.allclose(whole(u), parts, atol=1e-12)
+
+
+@pytest.mark.parametrize("family", sorted(loops.WIPE_OUT))
+def test_decaying_sweep_forgets_what_came_before(family):
+    sweep = np.linspace(1, 0, 4000) * np.sin(np.arange(4000) / 15)
+    after = []
+    for past in (-1.0, 1.0):
+        loop = loop_of(family)
+        loop(np.linspace(0, past, 50))
+        after.append(loop(np.append(sweep, 0.3))[-1])
+    assert after[0] == pytest.approx(after[1], abs=2e-3)
+
+
+def test_width_grows_with_the_rate():
+    rig = make_rig("everett", 1, {"rate": {"growth": 0.2, "form": 0.0, "power": 0.5}})
+    assert rig.truth["rate"] == {"growth": 0.2, "form": 0.0, "power": 0.5}
+
+    def width(frequency_hz: float) -> float:
+        wave = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(round(3 * RATE_HZ / frequency_hz)) * frequency_hz / RATE_HZ)
+        reading = rig.run(rig.volts(wave), RATE_HZ)
+        up, down = np.split(np.arange(len(wave) - round(RATE_HZ / frequency_hz), len(wave)), 2)
+        return np.interp(0.5, wave[down][::-1], reading[down][::-1]) - np.interp(0.5, wave[up], reading[up])
+
+    # a sine of 20 Hz passes the middle at 40 pi half ranges per second: growth 0.2 sqrt(pi); one of 1 Hz a twentieth
+    assert width(20) / width(1) == pytest.approx((1 + 0.2 * np.pi**0.5) / (1 + 0.2 * (np.pi / 20) ** 0.5), rel=0.03)
+
+
+# --- sins ------------------------------------------------------------------------------------------------------------
+
+def test_without_sins_a_reading_is_its_command():
+    command = np.random.default_rng(1).random(500)
+    assert np.allclose(straight().run(command, RATE_HZ), command, atol=1e-12)
+
+
+@pytest.mark.parametrize("delay_s, lag_s", [(0.00005, 0), (0.00123456, 0), (0.0004, 0), (0.00037, 0.0008)])
+def test_delay_by_the_phase(delay_s, lag_s):
+    rig = straight(delay={"delay_s": delay_s}, **({"lag": {"time_constant_s": lag_s}} if lag_s else {}))
+    t = np.arange(20_000) / RATE_HZ
+    command = 0.5 + 0.4 * np.sin(2 * np.pi * 40 * t) * np.sin(2 * np.pi * 3 * t)
+    reading = rig.run(command, RATE_HZ)
+    # the phase of the cross-correlation's spectrum, where the command has power
+    spectra = np.fft.rfft(command - command.mean()), np.fft.rfft(reading - reading.mean())
+    line = np.argmax(np.abs(spectra[0]))
+    phase = np.angle(spectra[1][line] / spectra[0][line])
+    w = 2 * np.pi * line * RATE_HZ / len(t)
+    assert -phase == pytest.approx(w * delay_s + np.arctan(w * lag_s), abs=w * 1e-6)
+
+
+def test_held_drive_is_a_staircase_read_in_its_middle():
+    command = np.random.default_rng(1).random(500)
+    for delay_s, samples in ((0.000025, 0), (0.000075, 1), (0.001125, 11)):
+        reading = straight(delay={"delay_s": delay_s}, hold={}).run(command, RATE_HZ)
+        assert np.allclose(reading[samples:], command[:len(command) - samples], atol=1e-12), samples
+
+
+def test_lag():
+    t, answer = stepped(straight(lag={"time_constant_s": 0.0007}), 0.02)
+    assert np.allclose(answer, -np.expm1(-t / 0.0007), atol=1e-9)
+
+
+def test_overshoot():
+    _, answer = stepped(straight(overshoot={"f0_hz": 800.0, "damping": 0.65}), 0.02)
+    assert answer.max() - 1 == pytest.approx(np.exp(-np.pi * 0.65 / np.sqrt(1 - 0.65**2)), rel=0.02)
+
+
+def test_relaxation():
+    t, answer = stepped(straight(relaxation={"share": 0.06, "time_constant_s": 0.004}), 0.05)
+    assert np.allclose(answer, 1 - 0.06 * np.exp(-t / 0.004), atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_creep_per_decade(seed, monkeypatch):
+    monkeypatch.setattr(rigs, "FINEST_S", 5e-3)  # slow is all it has to be
+    rig = straight()
+    rig.seed = seed
+    rig = rig.put("creep", percent_per_decade=1.5, power=0.0)
+    at = np.array([0.1, 1.0, 10.0, 100.0])
+    reading = rig.run(np.repeat([0.5, 0.9], [20, 4000]), 40.0)[20:]  # from the middle, where it has rested long
+    decades = np.diff(reading[np.round(at * 40).astype(int) - 1]) / 0.4
+    assert np.mean(decades) == pytest.approx(0.015, rel=0.08) and decades == pytest.approx([0.015] * 3, rel=0.25)
+
+
+def test_resonance_by_chirp():
+    rig = straight(resonance={"f0_hz": 600.0, "damping": 0.05})
+    t = np.arange(40_000) / RATE_HZ
+    command = 0.5 + 0.01 * np.sin(2 * np.pi * (50 + 150 * t) * t)  # 50 to 1250 Hz
+    answer = np.abs(np.fft.rfft(rig.run(command, RATE_HZ) - 0.5)) / np.abs(np.fft.rfft(command - 0.5))
+    frequency = np.fft.rfftfreq(len(t), 1 / RATE_HZ)
+    near = (frequency > 450) & (frequency < 750)
+    assert frequency[near][np.argmax(answer[near])] == pytest.approx(600 * np.sqrt(1 - 2 * 0.05**2), rel=5e-3)
+    assert answer[near].max() == pytest.approx(1 / (2 * 0.05 * np.sqrt(1 - 0.05**2)), rel=0.03)
+
+
+def test_input_curve():
+    share = np.linspace(0, 1, 101)
+    reading = straight(input_curve={"quadratic": 0.06, "cubic": -0.08}).run(share, RATE_HZ)
+    assert np.allclose(reading, share + share * (1 - share) * (0.06 - 0.08 * (1 - 2 * share)))
+    assert np.diff(reading).min() > 0
+
+
+def test_noise_and_converters():
+    n = 40_000
+    assert np.std(straight(noise={"white": 3e-4, "flicker": 0.0}).run(np.full(n, 0.4), RATE_HZ)) == \
+        pytest.approx(3e-4, rel=0.03)
+    flicker = straight(noise={"white": 0.0, "flicker": 1e-3}).run(np.full(n, 0.4), RATE_HZ) - 0.4
+    power = np.abs(np.fft.rfft(flicker)) ** 2
+    assert np.mean(power[10:100]) / np.mean(power[1000:10_000]) == pytest.approx(100, rel=0.5)
+    assert np.allclose(np.unique(np.diff(np.unique(straight(adc={"bits": 8}).run(np.linspace(0, 1, n), RATE_HZ)))),
+                       1.5 / 2**8)
+    assert len(np.unique(np.round(straight(dac={"bits": 6}).run(np.linspace(0, 1, n), RATE_HZ), 9))) == 2**6
+
+
+def test_starts():
+    rig = make_rig("everett", 2).without("noise", "adc")
+    wave = rig.volts(waves.drive("decay", 5000.0, 1))
+    swept, unknown = rig.run(wave, 5000.0), rig.run(wave, 5000.0, "unknown")
+    assert abs(swept[0] - unknown[0]) > 1e-3 * rig.stroke_um
+    whole = make_rig("everett", 2).without("noise", "adc").run(wave, 5000.0)
+    cut = make_rig("everett", 2).without("noise", "adc")
+    halves = cut.run(wave[:3000], 5000.0), cut.run(wave[3000:], 5000.0, "carried")
+    assert np.allclose(np.concatenate(halves), whole, atol=1e-9)
+    with pytest.raises(ValueError, match="no run before at this sample rate"):
+        cut.run(wave, 4000.0, "carried")
+    with pytest.raises(ValueError, match="swept, unknown or carried"):
+        cut.run(wave, 4000.0, "reset")
+
+
+def test_same_seed_same_data():
+    def readings(seed: int) -> list[np.ndarray]:
+        rig = make_rig("duhem", seed)
+        wave = rig.volts(waves.drive("two_sines", 2000.0, 1, scale=0.3))
+        return [rig.run(wave, 2000.0), rig.run(wave, 2000.0, "unknown")]
+
+    first, again, other = readings(1), readings(1), readings(2)
+    assert all(map(np.array_equal, first, again)) and not np.array_equal(first[0], other[0])
+    assert not np.array_equal(first[0], make_rig("dahl", 1).run(np.zeros(len(first[0])), 2000.0))
+
+
+def test_drawn_sins_lie_in_their_ranges():
+    made = [make_rig(family, seed) for family in FAMILIES for seed in range(12)]
+    truths = [rig.truth for rig in made]
+
+    def drawn(name: str, parameter: str) -> np.ndarray:
+        return np.array([truth[name][parameter] for truth in truths if name in truth])
+
+    ranges = {("delay", "delay_s"): (5e-5, 1e-3), ("lag", "time_constant_s"): (5e-5, 1e-3),
+              ("relaxation", "share"): (0.02, 0.08), ("relaxation", "time_constant_s"): (3e-4, 2e-2),
+              ("creep", "percent_per_decade"): (0.5, 2), ("resonance", "f0_hz"): (200, 2000)}
+    for key, (low, high) in ranges.items():
+        values = drawn(*key)
+        assert low <= values.min() < 1.3 * low + 0.1 * high and 0.7 * high < values.max() <= high
+    widths = [rig.width for rig in made]
+    assert 0.05 <= min(widths) < 0.07 and 0.18 < max(widths) <= 0.2
+    assert 0.3 < len(drawn("rate", "form")) / len(made) < 0.7 and set(drawn("rate", "form")) == {0, 1, 2}
+    assert {rig.start_share for rig in made} == {0.0, 0.5, 1.0}
+
+
+@pytest.mark.parametrize("name", SINS)
+def test_without_takes_one_sin_away_and_nothing_else(name):
+    rig = make_rig("maxwell-slip", 4, [*SINS])
+    other = rig.without(name)
+    assert set(rig.truth) - set(other.truth) == {name}
+    assert {key: value for key, value in rig.truth.items() if key != name} == other.truth
+    assert make_rig("maxwell-slip", 4, [*SINS], without=[name]) == other
+    assert other.put(name) == rig
+    if name != "edge_start":  # which is for the drives to obey
+        wave = rig.volts(waves.drive("two_sines", 2000.0, 1, scale=0.2))
+        assert not np.array_equal(rig.run(wave, 2000.0), other.run(wave, 2000.0))
+
+
+def test_wrong_names_are_refused():
+    with pytest.raises(ValueError, match="no family 'preisach'"):
+        make_rig("preisach", 1)
+    with pytest.raises(ValueError, match="no sin hum"):
+        make_rig("duhem", 1, without=["hum"])
+    with pytest.raises(ValueError, match="delay has no parameter lag_s: delay_s"):
+        make_rig("duhem", 1).put("delay", lag_s=1.0)
+
+
+# --- drives and recordings -------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("name", [*waves.COMMISSION, *waves.FIELD])
+def test_drives_stay_in_range_and_start_where_told(name):
+    for start in (0.0, 0.5):
+        first, again, other = (waves.drive(name, 2000.0, seed, start) for seed in (1, 1, 2))
+        assert np.array_equal(first, again) and not np.array_equal(first, other[:len(first)])
+        assert first.min() >= 0 and first.max() <= 1 and np.all(first[:round(waves.START_S * 2000)] == start)
+        assert np.abs(np.diff(first)).max() * 2000 < 130  # ranges per second: steps have edges
+
+
+def test_tracks_span_their_stroke():
+    for name in waves.TRACKS:
+        wave = waves.track(name, 5000.0, 2.2)
+        assert wave[0] == 0 and np.ptp(wave[1000:]) == pytest.approx(1, abs=0.03)
+
+
+def test_recording_is_as_the_contract_says(tmp_path):
+    rig = make_rig("bouc-wen", 1)
+    wave = rig.volts(waves.drive("moves", 2000.0, 1, scale=0.3))
+    reading = rigs.record(rig, tmp_path / "run.csv", wave, 2000.0, "unknown", monitor=True)
+    run = read_recording(str(tmp_path / "run.csv"))
+    assert run.memory == "unknown" and run.sample_time_s == pytest.approx(1 / 2000) and len(run.command_V) == len(wave)
+    assert np.allclose(run.displacement_um, reading, rtol=1e-7, atol=1e-7)
+    late = rig.truth["delay"]["delay_s"] + rig.truth["lag"]["time_constant_s"]
+    moved = np.gradient(wave) * 2000
+    fitted = np.sum((run.command_V - run.columns["monitor_V"]) * moved) / np.sum(moved**2)
+    assert fitted == pytest.approx(late, abs=2.5e-4), "the monitor sees delay and lag"
+    rigs.record(rig, tmp_path / "swept.csv", wave, 2000.0)
+    assert read_recording(str(tmp_path / "swept.csv")).memory == "reset"
+
+
+# --- measure.py ------------------------------------------------------------------------------------------------------
+
+def test_sizes_that_are_put_in():
+    names = [set(measure.choose("dahl", seed, "alone").sins) & set(CHAIN) for seed in range(5)]
+    assert sorted(map(len, names)) == [1] * 5 and set().union(*names) == set(measure.PUT)
+    threes = measure.choose("dahl", 7, "threes")
+    assert len(set(threes.sins) & set(CHAIN)) == 3 and threes == measure.choose("dahl", 7, "threes")
+    for name in set(threes.sins) & set(CHAIN):
+        for parameter, (low, high, _) in measure.PUT[name].items():
+            assert low <= threes.sins[name][parameter] <= high
+    assert measure.choose("dahl", 7, "ordinary") == make_rig("dahl", 7)
+
+
+def result(family: str, sins: float, plain: float, effects: list[dict] = [], truth: dict = {}) -> dict:
+    both = {name: {"prediction": value, "middle": -0.1 * value, "tenth": 0.2, "edge": 0.3, "10hz": 1.0,
+                   "5-20-35hz": 2.0, "effects": effects if name == "sins" else []}
+            for name, value in (("sins", sins), ("plain", plain))}
+    return {"family": family, "seed": 1, "rate_hz": 1e4, "truth": truth, **both}
+
+
+def test_table_counts_as_it_says():
+    found = [result("a", 2, 1), result("a", 6, 2), result("b", 1, 1), {"family": "b", "seed": 2, "failed": "sins: no"}]
+    lines = measure.table(found, leave_one_out=True).splitlines()[2:]
+    cells = {line.strip().split("  ")[0]: line.split() for line in lines}
+    assert cells["a"][1:6] == ["2", "4.00", "1.50", "2.50", "3.00"] and cells["a"][6:8] == ["0.40/", "0.60"]
+    assert cells["b"][1:6] == ["1", "1.00", "1.00", "1.00", "1.00"] and cells["all"][1:4] == ["3", "2.00", "1.00"]
+    assert lines[1].split()[2:5] == ["1", "1.00", "1.00"] and lines[-1] == "failed: b 2: sins: no"
+
+
+def test_effects_of_models_are_compared_with_the_truth():
+    def delay(value: float, low: float, high: float) -> list[dict]:
+        return [{"name": "delay", "parameters": {"delay_s": {"value": value, "ci95": [low, high]}}}]
+
+    truth = {"delay": {"delay_s": 1e-3}}
+    lines = measure.chain_rows([result("a", 1, 1, delay(1.1e-3, 0.9e-3, 1.3e-3), truth),
+                                result("a", 1, 1, delay(0.7e-3, 0.6e-3, 0.8e-3), truth),
+                                result("a", 1, 1, [], truth), result("a", 1, 1, delay(3e-5, 0, 1)),
+                                result("a", 1, 1, delay(4e-5, 0, 1))])
+    assert lines == ["delay: named on 2 of 3 rigs that have it, and on 2 of 7 that do not, 1 times with a size that "
+                     "matters",
+                     "  delay_s: median error 20 %; the 95 % interval holds the true value in 1 of 2"]
+
+
+def test_measure_one_rig(tmp_path, capsys):
+    assert measure.main(["--rigs", "1", "--families", "everett", "--rate", "2000", "--scale", "0.2", "-o",
+                         str(tmp_path), "--", "--operators", "6", "--rate-independent"]) == 0
+    assert "failed" not in capsys.readouterr().out
+    (made,) = measure.json.loads((tmp_path / "results.json").read_text())
+    assert made["truth"]["family"] == "everett" and 0 < made["plain"]["prediction"] < 5
+    assert made["plain"]["5-20-35hz"] < made["sins"]["5-20-35hz"]
