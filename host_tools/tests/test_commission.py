@@ -158,15 +158,16 @@ def test_what_is_too_fast_is_not_found(name: str, times: float) -> None:
 
 @pytest.mark.parametrize("name", ["delay", "creep"])
 def test_limits_are_not_careful_without_need(name: str) -> None:
+    """The error is a fair part of the limit, which is three standard errors."""
     change, rivals, limit = CHECKS[name](said())
-    assert max(abs(found(0, change, rivals, shape)) for shape in SHAPES) > limit / 10
+    assert max(abs(found(0, change, rivals, shape)) for shape in SHAPES) > limit / 20
 
 
 def test_slow_edges_ring_less() -> None:
     """What the slew limit keeps from ringing stays under the noise and under what the operator misses of an edge."""
     slow = Limits(0.0, 10.0, sample_rate_hz=RATE_HZ, slew_V_per_s=20.0)
     one, free = said(slow)["resonance"], said()["resonance"]
-    assert one.high < free.high == pytest.approx(RATE_HZ / 3) and "--slew" in one.text and "3 samples" in free.text
+    assert one.high < free.high == pytest.approx(RATE_HZ / 3) and "edges of" in one.text and "3 samples" in free.text
     u = drawn(slow)[0]["command_V"] / 10
     held = part("steps", slow)
     assert np.abs(ringing(1.5 * one.high, RATE_HZ)(u)[held]).max() < 3 * 0.005 * 0.25
@@ -188,9 +189,10 @@ def test_parts_are_what_they_say() -> None:
     u = drawn()[0]["command_V"] / 10
     steps = np.abs(np.diff(u))
     assert part("sweep").start == 0 and part("hold").stop == len(u) - 1
-    assert np.all(u[part("hold")][1:] == 0.5) and np.ptp(u[part("hold")]) == 0.25
-    levels = {0.25 * k for k in range(5)}
-    assert set(u[part("steps")]) == levels
+    assert np.all(u[part("hold")][3:] == 0.5) and np.ptp(u[part("hold")]) == 0.25
+    values, counts = np.unique(u[part("steps")], return_counts=True)
+    assert list(values[counts > 500]) == [0.0, 0.25, 0.5, 0.75, 1.0] and counts[counts <= 500].max() <= 2
+    assert steps[part("steps")].max() * RATE_HZ <= 2.5 * 80 * (1 + 1e-9)
     wave = u[part("multisine")][50:-150] - 0.5  # without the moves
     assert np.abs(wave[:len(wave) // 30]).max() < 0.5 * 0.35
     assert np.abs(wave[len(wave) // 3:]).max() == pytest.approx(0.5)

@@ -64,7 +64,6 @@ class _Drive:
         self.span_V -= self.low_V
         self.rate_hz = float(metadata["sample_rate_hz"])
         self.step_s = 1 / self.rate_hz
-        self.slew = float(metadata["slew_V_per_s"]) / self.span_V if "slew_V_per_s" in metadata else np.inf
         self.parts = {name: slice(*(round(float(time) * self.rate_hz) for time in times.split("-")))
                       for name, times, _ in (part.split() for part in metadata["parts"].split(", "))}
         self.u = (command_V - self.low_V) / self.span_V - 0.5
@@ -121,7 +120,8 @@ class _Drive:
     @property
     def edge_s(self) -> float:
         """How long the move to a step lasts."""
-        return max(self.step_s, 0.25 / self.slew)
+        begin, end = self.edges[-2], self.edges[-1]
+        return float(1 + np.argmax(self.u[begin:end] == self.u[end - 1])) * self.step_s
 
     def _imitators(self) -> np.ndarray:
         """Columns of what is fitted in any case: plays, rate law, bends, drift, and a constant per hold."""
@@ -253,14 +253,14 @@ def _resonance(drive: _Drive) -> Shown:
     rivals = [drive.delayed(), drive.lagged(2 * drive.step_s)]
     seen = SURE * drive.errors([rung(f0) for f0 in grid], rivals) <= 1
     if not seen.any():
-        return Shown("resonance", None, None, "Hz", "the edges are too slow to make it ring; allow a higher --slew")
+        return Shown("resonance", None, None, "Hz", "the edges are too slow to make it ring; allow faster rates")
     # The edge's spectrum has gaps; above the first one only some resonances would ring.
     first = int(np.argmax(seen))
     last = len(seen) - 1 if seen[first:].all() else first + int(np.argmin(seen[first:])) - 1
     low, high = float(grid[first]), float(grid[last])
     why = (f"{LEAST_PERIOD:g} samples per period are needed, {2 * high / drive.rate_hz:.2g} of half the sample rate"
            if last == len(seen) - 1 else
-           f"edges of {_time(drive.edge_s)}, which --slew allows, do not make a higher one ring")
+           f"edges of {_time(drive.edge_s)} do not make a higher one ring")
     return Shown("resonance", low, high, "Hz", f"from {low:.4g} to {high:.4g} Hz (damping {DAMPING:g}); {why}")
 
 
