@@ -14,7 +14,8 @@ from plants import changed, marked, rate_of, recording, slopes_um_per_V, stack, 
 
 from rdpi.errors import BadInput
 from rdpi.fit import thresholds
-from rdpi.fit.identify import Options, fit, rate_slopes
+from rdpi.fit.bands import rate_slopes
+from rdpi.fit.identify import Options, fit
 from rdpi.model import Drive
 
 

@@ -12,7 +12,8 @@ from test_chain import paper_model, run_after
 
 from rdpi.errors import BadInput
 from rdpi.fit import report, summary
-from rdpi.fit.identify import Fit, RateSlopes, RunScore
+from rdpi.fit.bands import RateSlopes
+from rdpi.fit.identify import Fit, RunScore
 from rdpi.simulate import chain
 
 

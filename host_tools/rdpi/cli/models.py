@@ -82,7 +82,7 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
 def plot(model: str, runs: tuple[str, ...], output: str) -> dict[str, Any]:
     """Plot loops, slopes against rate, the worst part of the prediction, and the residual."""
     from ..data import read_recording
-    from ..fit import identify, report
+    from ..fit import rate_slopes, report
     from ..model import read_model
     from ..simulate import chain
 
@@ -91,7 +91,7 @@ def plot(model: str, runs: tuple[str, ...], output: str) -> dict[str, Any]:
         parameters = read_model(model)
         recordings = [read_recording(path) for path in runs]
         predictions = chain.simulate(parameters, recordings)
-        figure = report.picture(parameters, recordings, predictions, identify.rate_slopes(parameters, recordings))
+        figure = report.picture(parameters, recordings, predictions, rate_slopes(parameters, recordings))
         report.write_picture(figure, output)
     click.echo(output)
     return {"file": output}

@@ -1,40 +1,32 @@
 """Identification: recordings to a model, as one bounded linear least-squares problem over all samples of all runs.
 
-With the dead zones given, the model (Ang et al. 2003, eq. 8, 9, 14-17) is linear in its parameters once the saturation
-stage stands on the side of the displacement:
-
-    sum_i W_i(rho) (y_i - y_(i+1)) + offset = sum_j U_j seg_j(z),     W_i(rho) = A_i (1 - rho / top) + B_i rho / top
-
-y_i are the outputs of the plays, U_j the slopes of the inverse saturation on its pieces (U_0 = 1) and seg_j the part of
-z on piece j. A_i and B_i are the slopes at rest and at the highest rate, so that keeping every slope positive over the
-whole range of rates is a lower bound on each unknown. The data are reduced to one small triangular factor; the outer
-search over dead zones and the strength of the prior work on that alone.
+regression.py holds the problem itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from .. import arguments, firmware
+from .. import arguments
 from ..data import RUN_COLUMNS, Recording, taken
 from ..errors import BadInput
-from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, guarded,
-                     Passport, operators, records)
+from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, Passport,
+                     guarded, records)
 from ..simulate import chain, signals
 from . import localise, passport
 from . import thresholds as tuned
-from .checks import LARGEST_INPUT, check_run, check_together, correlation, reversals, stays_at_an_end
-from .document import FitDocument, RateBand
+from .checks import LARGEST_INPUT, check_run, check_together, correlation, stays_at_an_end
+from .bands import RateSlopes, slopes_of_bands
+from .document import FitDocument
+from .regression import (Columns, Plant, Reduced, Run, joined, offset_of, prepare, rate_of, reduce, saturation_of,
+                         search, smoothing_times_s, solve, without_rate)
 
 GRID = np.linspace(0.12, 0.88, 20)  # candidate dead zones, as shares of the displacement's range
 MAX_RATE_TIME_S = 1e3
-RATE_BINS = 8
-CHUNK = 1 << 12  # samples held as columns at a time: what fits into a processor's cache
 FOLDS = 8  # at most so many groups of runs are left out in turn for the passport
 THIN = 8  # of the samples, every how many are used to compare rate sources
 
@@ -56,19 +48,6 @@ class Options:
     slew_V_per_s: float | None = None
     dac_bits: int | None = None
     actuator: str | None = None
-
-
-class RateSlopes(NamedTuple):
-    """Slopes fitted to narrow bands of rate one by one, to compare with the model's lines (Fig. 7 of the paper)."""
-
-    rate_um_per_s: np.ndarray  # (bands,)
-    slopes: np.ndarray  # (bands, n + 1); NaN where the band's data do not reach the interval
-    samples: np.ndarray  # (bands,)
-
-    def bands(self) -> list[RateBand]:
-        """A section of the document for each band."""
-        return [RateBand(rate_um_per_s=rate, slopes=[None if np.isnan(w) else w for w in slopes], samples=samples)
-                for rate, slopes, samples in zip(*self)]
 
 
 class RunScore(NamedTuple):
@@ -104,28 +83,6 @@ class Fit:
                            gate_failed=gate_failed, rate_slopes=self.rate_slopes.bands())
 
 
-@dataclass
-class _Run:
-    """A recording prepared for the regression."""
-
-    recording: Recording
-    x_um: np.ndarray
-    rate_um_per_s: np.ndarray
-    states_um: np.ndarray
-    first: int  # samples before this depend on unknown memory
-
-
-class _Plant(NamedTuple):
-    """A candidate: slopes at rest and at the highest rate, inverse saturation, and how well it fits."""
-
-    rest: np.ndarray  # A_i
-    fast: np.ndarray  # B_i
-    picks: tuple[int, ...]  # dead zones, as indices into the grid
-    pieces: np.ndarray  # U_0 ... U_m
-    cost: float
-    residual: float  # rms, as a share of the stroke
-
-
 def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Sequence[Recording] = (),
         progress: Callable[[float], None] = lambda fraction: None) -> Fit:
     """Identify a model from `runs`, score it on them and on `hold_out`. BadInput is raised if they cannot be fitted."""
@@ -138,7 +95,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     warnings: list[str] = []
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
     noise = float(np.median(noises[:len(runs)]))
-    smoothing_s = _smoothing(runs)
+    smoothing_s = smoothing_times_s(runs)
 
     low_V = min(float(np.min(run.command_V)) for run in runs)
     high_V = max(float(np.max(run.command_V)) for run in runs)
@@ -150,7 +107,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     offset_V = low_V if gain > 0 else high_V  # x >= 0, as one-sided dead zones need it
     thresholds = _thresholds(options, abs(gain) * max(float(np.ptp(run.command_V)) for run in runs), warnings)
 
-    prepared = _prepare(runs, gain, offset_V, thresholds, options.rate_source, options.rate_window_s,
+    prepared = prepare(runs, gain, offset_V, thresholds, options.rate_source, options.rate_window_s,
                         options.rate_filter_s, smoothing_s)
     usable = np.concatenate([run.rate_um_per_s[run.first:] for run in prepared])
     top = float(np.percentile(usable, 99.9))
@@ -158,14 +115,14 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         raise BadInput(f"{runs[0].path}: the displacement never moves after warm-up; "
                        "record a drive that moves the actuator")
     grid = low_um + GRID * (high_um - low_um)
-    columns = _Columns(thresholds, grid, 0.0 if options.rate_independent else top)
-    reduced = _reduce(prepared, columns, stroke, lambda share: progress(0.6 * share))
-    factor, samples = _joined(reduced)
+    columns = Columns(thresholds, grid, 0.0 if options.rate_independent else top)
+    reduced = reduce(prepared, columns, stroke, lambda share: progress(0.6 * share))
+    factor, samples = joined(reduced)
     unknowns = columns.plays + options.deadzones + len(runs)
     if samples < tuned.MIN_SAMPLES_PER_UNKNOWN * unknowns:
         raise BadInput(f"{runs[0].path}: {samples} samples after warm-up for {unknowns} unknowns; "
                        "record longer, state the memory, or use fewer --operators")
-    plant = _search(factor, columns, options.deadzones, samples)
+    plant = search(factor, columns, options.deadzones, samples)
 
     if not options.rate_independent:
         _compare_sources(runs, prepared, columns, options, plant, stroke, smoothing_s, warnings)
@@ -196,27 +153,27 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     _remark(plant, scores, warnings)
     left_out = _leave_out(model, prepared, predictions, reduced, columns, options.deadzones)
     model.passport = _passport(runs, hold_out, predictions, left_out, noises).to_json()
-    bands = _rate_slopes(model, prepared)
+    bands = slopes_of_bands(model, prepared)
     progress(1.0)
     without = plant
     if not options.rate_independent:
-        without = _search(*_without_rate(factor, columns), options.deadzones, samples)
+        without = search(*without_rate(factor, columns), options.deadzones, samples)
     found = Fit(model, (plant.residual, without.residual), scores, bands, noise, warnings)
     model.fit = found.record().to_json()
     return found
 
 
-def _compare_sources(runs: Sequence[Recording], prepared: Sequence[_Run], columns: _Columns, options: Options,
-                     plant: _Plant, stroke: float, smoothing_s: Sequence[float], warnings: list[str]) -> None:
+def _compare_sources(runs: Sequence[Recording], prepared: Sequence[Run], columns: Columns, options: Options,
+                     plant: Plant, stroke: float, smoothing_s: Sequence[float], warnings: list[str]) -> None:
     """Say so if the other source of the rate explains the recordings much better."""
     other = next(source for source in SOURCES if source != options.rate_source)
-    rates = [_rate(run, used.x_um, other, options.rate_window_s, options.rate_filter_s, smoothing)
+    rates = [rate_of(run, used.x_um, other, options.rate_window_s, options.rate_filter_s, smoothing)
              for run, used, smoothing in zip(runs, prepared, smoothing_s)]
     swapped = [replace(run, rate_um_per_s=rate) for run, rate in zip(prepared, rates)]
-    factor, samples = _joined(_reduce(swapped, columns, stroke, every=THIN))
+    factor, samples = joined(reduce(swapped, columns, stroke, every=THIN))
     residual = plant.residual
     for _ in range(3):  # the prior follows the residual
-        residual = _solve(factor, columns, plant.picks, samples, residual).residual
+        residual = solve(factor, columns, plant.picks, samples, residual).residual
     if residual < tuned.OTHER_SOURCE * plant.residual:
         warnings.append(f"the rate of the {other} explains these recordings better ({100 * residual:.2g} % rms of the "
                         f"stroke against {100 * plant.residual:.2g} %): try --rate-source {other}")
@@ -283,197 +240,18 @@ def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> n
     return wanted[wanted <= 0.98 * reach]
 
 
-def _smoothing(runs: Sequence[Recording]) -> list[float]:
-    return [signals.smoothing_time_s(run.displacement_um, run.sample_time_s) for run in runs]
-
-
-def _prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds: np.ndarray, source: str,
-             window_s: float, filter_s: float, smoothing_s: Sequence[float]) -> list[_Run]:
-    prepared: list[_Run] = []
-    end: np.ndarray | None = None
-    for run, smoothing in zip(runs, smoothing_s):
-        x = gain * (run.command_V - offset_V)
-        rate = _rate(run, x, source, window_s, filter_s, smoothing)
-        known = run.memory == "reset" or (run.memory == "carried" and end is not None)
-        carried = run.memory == "carried" and end is not None
-        states = np.array(end) if carried else chain.states_after(x[0], x[0], thresholds)
-        first = 0 if known else chain.warm_up(x, thresholds[-1])
-        if first and reversals(x, 0.1, first) == 0:
-            raise BadInput(f"{run.path}: its memory is unknown, and the drive does not turn round any more once it has "
-                           "erased it; state the memory (reset, carried) or record longer")
-        prepared.append(_Run(run, x, rate, states, first))
-        end = firmware.plays(x, thresholds, states)[1]
-    return prepared
-
-
-def _rate(run: Recording, x_um: np.ndarray, source: str, window_s: float, filter_s: float,
-          smoothing_s: float) -> np.ndarray:
-    """The rate that modulates the slopes; the command is free of noise and is not smoothed."""
-    if source == "control":
-        return signals.rate(x_um, run.sample_time_s, window_s, filter_s, 0.0)
-    return signals.rate(run.displacement_um, run.sample_time_s, window_s, filter_s, smoothing_s)
-
-
-class _Columns(NamedTuple):
-    """Layout of the regression's columns: plays (twice with a rate law), candidate dead zones, displacement."""
-
-    thresholds_um: np.ndarray
-    grid_um: np.ndarray
-    top_um_per_s: float  # 0: rate-independent
-
-    @property
-    def plays(self) -> int:
-        return len(self.thresholds_um) * (2 if self.top_um_per_s else 1)
-
-    def blocks(self, run: _Run, every: int = 1) -> Iterator[np.ndarray]:
-        """Blocks of at most CHUNK rows, one row for `every` samples, warm-up left out; first column 1."""
-        states = run.states_um
-        z = run.recording.displacement_um
-        for start in range(0, len(z), CHUNK):
-            part = slice(start, start + CHUNK)
-            outputs, states = firmware.plays(run.x_um[part], self.thresholds_um, states)
-            outputs[:, :-1] -= outputs[:, 1:]
-            if self.top_um_per_s:
-                share = (run.rate_um_per_s[part] / self.top_um_per_s)[:, None]
-                outputs = np.hstack([outputs * (1 - share), outputs * share])
-            zone = np.maximum(z[part, None] - self.grid_um, 0)
-            block = np.hstack([np.ones((len(outputs), 1)), outputs, zone, z[part, None]])
-            block = block[max(0, run.first - start)::every]
-            if len(block):
-                yield block
-
-
-class _Reduced(NamedTuple):
-    """What the regression needs of one run; displacements in units of the stroke."""
-
-    factor: np.ndarray  # triangular, of all columns with the run's mean removed: each run has its own offset
-    means: np.ndarray  # of the columns
-    samples: int
-
-
-def _reduce(runs: Sequence[_Run], columns: _Columns, stroke: float,
-            progress: Callable[[float], None] = lambda fraction: None, every: int = 1) -> list[_Reduced]:
-    reduced: list[_Reduced] = []
-    everything, done = sum(len(run.x_um) for run in runs), 0
-    for run in runs:
-        factor, samples = np.zeros((0, columns.plays + len(columns.grid_um) + 2)), 0
-        for block in columns.blocks(run, every):
-            block[:, 1:] /= stroke
-            factor = np.linalg.qr(np.vstack([factor, block]), mode="r")
-            samples += len(block)
-            progress(min(1.0, (done + samples) * every / everything))
-        done += samples
-        means = factor[0, 1:] / factor[0, 0]  # of a factor with a leading column of ones
-        reduced.append(_Reduced(factor[1:, 1:], means, samples))
-    return reduced
-
-
-def _joined(reduced: Sequence[_Reduced]) -> tuple[np.ndarray, int]:
-    """Triangular factor of several runs together, and their samples."""
-    factor = reduced[0].factor[:0]
-    for run in reduced:
-        factor = np.linalg.qr(np.vstack([factor, run.factor]), mode="r")
-    return factor, sum(run.samples for run in reduced)
-
-
-def _assemble(rows: np.ndarray, columns: _Columns, picks: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Design matrix [plays, -seg_1 ... -seg_m] and target seg_0, for dead zones at grid[picks]."""
-    zones = rows[:, [columns.plays + j for j in picks]]
-    parts = np.hstack([rows[:, -1:], zones])
-    parts[:, :-1] -= zones
-    return np.hstack([rows[:, :columns.plays], -parts[:, 1:]]), parts[:, 0]
-
-
-@lru_cache(maxsize=16)
-def _prior(n: int, plays: int, m: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and targets that keep the loading curve smooth, the rate law smooth and small, the saturation straight.
-
-    For n slopes in as many columns, `plays`, or with a rate law twice as many, and m dead zones.
-    """
-    bend, none = np.diff(np.eye(n), 2, axis=0), np.zeros
-    rows = [tuned.PRIOR_BEND * np.hstack([bend, none((len(bend), plays + m - n))])]
-    if plays > n:
-        rows.append(tuned.PRIOR_RATE_BEND * np.hstack([-bend, bend, none((len(bend), m))]))
-        rows.append(tuned.PRIOR_RATE * np.hstack([-np.eye(n), np.eye(n), none((n, m))]))
-    straight = tuned.PRIOR_SATURATION * np.hstack([none((m, plays)), np.eye(m)])
-    rows.append(straight)
-    return np.vstack(rows), np.r_[none(sum(map(len, rows)) - m), straight.sum(axis=1)]
-
-
-def _solve(factor: np.ndarray, columns: _Columns, picks: tuple[int, ...], samples: int, residual: float) -> _Plant:
-    """Slopes and pieces for given dead zones; `residual` is the relative error that the prior is weighed against."""
-    from scipy.optimize import lsq_linear
-
-    n, m = len(columns.thresholds_um), len(picks)
-    design, target = _assemble(factor, columns, picks)
-    prior, wish = (residual * np.sqrt(samples) * part for part in _prior(n, columns.plays, m))
-    low = np.r_[np.full(columns.plays, tuned.SLOPE_FLOOR), np.full(m, tuned.PIECE_RANGE[0])]
-    high = np.r_[np.full(columns.plays, np.inf), np.full(m, tuned.PIECE_RANGE[1])]
-    both = np.vstack([design, prior]), np.r_[target, wish]
-    found = np.linalg.lstsq(*both, rcond=None)[0]
-    if np.any(found < low) or np.any(found > high):
-        found = lsq_linear(*both, (low, high), method="bvls").x
-    left = np.sum((design @ found - target) ** 2)
-    cost = np.sum((both[0] @ found - both[1]) ** 2)
-    rest = found[:n]
-    fast = found[n:2 * n] if columns.top_um_per_s else rest
-    return _Plant(rest, fast, picks, np.r_[1.0, found[columns.plays:]], float(cost), float(np.sqrt(left / samples)))
-
-
-def _search(factor: np.ndarray, columns: _Columns, m: int, samples: int) -> _Plant:
-    """Outer search over the dead zones, one at a time until none moves; the prior follows the residual."""
-    spread = np.linspace(0, len(columns.grid_um) - 1, m + 2)[1:-1]
-    plant = _solve(factor, columns, tuple(int(round(j)) for j in spread), samples, 1e-3)
-    for _ in range(4):
-        residual = plant.residual
-        plant = _solve(factor, columns, plant.picks, samples, residual)
-        before = plant.picks
-        for j in range(m):
-            lowest = plant.picks[j - 1] + tuned.GRID_GAP if j else 0
-            highest = plant.picks[j + 1] - tuned.GRID_GAP if j + 1 < m else len(columns.grid_um) - 1
-            for place in range(lowest, highest + 1):
-                picks = (*plant.picks[:j], place, *plant.picks[j + 1:])
-                plant = min(plant, _solve(factor, columns, picks, samples, residual), key=lambda p: p.cost)
-        if plant.picks == before:
-            break
-    return plant
-
-
-def _without_rate(factor: np.ndarray, columns: _Columns) -> tuple[np.ndarray, _Columns]:
-    """The same regression with slopes that do not depend on rate: both columns of a play added."""
-    n = len(columns.thresholds_um)
-    return np.hstack([factor[:, :n] + factor[:, n:2 * n], factor[:, 2 * n:]]), columns._replace(top_um_per_s=0.0)
-
-
-def _offset(means: np.ndarray, columns: _Columns, plant: _Plant) -> float:
-    """Offset of one run, in units of the stroke: what its means leave."""
-    design, target = _assemble(means[None, :], columns, plant.picks)
-    slopes = np.r_[plant.rest, plant.fast] if columns.top_um_per_s else plant.rest
-    return float((target - design @ np.r_[slopes, plant.pieces[1:]])[0])
-
-
-def _saturation(corners_um: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """d_j and ws_j of S from the corners of its inverse (in um of z, increasing) and the slopes U_j of that."""
-    corners = np.r_[0.0, corners_um]
-    if np.any(np.diff(corners) <= 0):
-        raise BadInput("the saturation stage does not fit these recordings (a dead zone lies at or below zero); "
-                       "use fewer --deadzones")
-    deadzones = np.r_[0.0, np.cumsum(np.diff(corners) * pieces[:-1])]
-    return deadzones, np.diff(1 / pieces, prepend=0.0)
-
-
-def _of_plant(model: Model, plant: _Plant, columns: _Columns, runs: Sequence[_Run],
-              reduced: Sequence[_Reduced]) -> Model:
+def _of_plant(model: Model, plant: Plant, columns: Columns, runs: Sequence[Run],
+              reduced: Sequence[Reduced]) -> Model:
     """The model with slopes, saturation, guard and offset of a plant fitted to these runs.
 
     Raises BadInput for a saturation that has no meaning.
     """
-    offsets = np.array([_offset(run.means, columns, plant) for run in reduced]) * model.stroke_um
+    offsets = np.array([offset_of(run.means, columns, plant) for run in reduced]) * model.stroke_um
     # The offset of a run whose unknown memory is never erased holds what its plays remember: only if there is no other.
     erased = [run.first == 0 or np.ptp(run.x_um) >= 2 * model.thresholds_um[-1] for run in runs]
     weights = [(len(run.x_um) - run.first) * (sure or not any(erased)) for run, sure in zip(runs, erased)]
     offset_um = float(np.average(offsets, weights=weights))
-    deadzones, deadzone_weights = _saturation(columns.grid_um[list(plant.picks)] - offset_um, plant.pieces)
+    deadzones, deadzone_weights = saturation_of(columns.grid_um[list(plant.picks)] - offset_um, plant.pieces)
     top = model.rate.identified_um_per_s
     change = (plant.fast - plant.rest) / top
     found = replace(model, offset_um=offset_um, slopes=plant.rest, slope_rate_s_per_um=change, deadzones_um=deadzones,
@@ -481,8 +259,8 @@ def _of_plant(model: Model, plant: _Plant, columns: _Columns, runs: Sequence[_Ru
     return guarded(found, 1 - model.rate.min_slope_ratio, tuned.RATE_HEADROOM * top)
 
 
-def _leave_out(model: Model, runs: Sequence[_Run], predictions: Sequence[chain.Prediction],
-               reduced: Sequence[_Reduced], columns: _Columns, m: int) -> list[np.ndarray | None]:
+def _leave_out(model: Model, runs: Sequence[Run], predictions: Sequence[chain.Prediction],
+               reduced: Sequence[Reduced], columns: Columns, m: int) -> list[np.ndarray | None]:
     """Each run as predicted by a model fitted to the others, (samples,); None where the others do not make a model.
 
     Rate and memory are those of the model's own prediction: they hardly differ, and finding them anew takes long.
@@ -494,8 +272,8 @@ def _leave_out(model: Model, runs: Sequence[_Run], predictions: Sequence[chain.P
             continue
         left = [reduced[k] for k in rest]
         try:
-            factor, samples = _joined(left)
-            plant = _search(factor, columns, m, samples)
+            factor, samples = joined(left)
+            plant = search(factor, columns, m, samples)
             other = _of_plant(model, plant, columns, [runs[k] for k in rest], left)
             for k in group:
                 run, seen = runs[k].recording, predictions[k]
@@ -533,54 +311,7 @@ def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], prediction
     return scores
 
 
-def rate_slopes(model: Model, runs: Sequence[Recording]) -> RateSlopes:
-    """The slopes that each band of rate has when fitted alone, thresholds and saturation those of `model`."""
-    prepared = _prepare(runs, model.gain_um_per_V, model.offset_V, model.thresholds_um, model.rate.source,
-                        model.rate.window_s, model.rate.filter_s, _smoothing(runs))
-    return _rate_slopes(model, prepared)
-
-
-def _rate_slopes(model: Model, runs: Sequence[_Run]) -> RateSlopes:
-    from scipy.optimize import lsq_linear
-
-    columns = _Columns(model.thresholds_um, np.zeros(0), 0.0)
-    n = len(model.thresholds_um)
-    edges = np.linspace(0, np.percentile(np.concatenate([run.rate_um_per_s for run in runs]), 99.9), RATE_BINS + 1)
-    factors = [np.zeros((0, n + 2))] * RATE_BINS
-    samples, totals = np.zeros(RATE_BINS, int), np.zeros(RATE_BINS)
-    for run in runs:
-        start = run.first
-        for block in columns.blocks(run):
-            rate = run.rate_um_per_s[start:start + len(block)]
-            start += len(block)
-            block[:, -1] = operators.saturation_inverse(block[:, -1] - model.offset_um, model.deadzones_um,
-                                                        model.deadzone_weights)
-            bands = np.digitize(rate, edges[1:-1])
-            for band in range(RATE_BINS):
-                inside = bands == band
-                factors[band] = np.linalg.qr(np.vstack([factors[band], block[inside]]), mode="r")
-                samples[band] += np.count_nonzero(inside)
-                totals[band] += np.sum(rate[inside])
-    seen = samples >= 8 * n
-    slopes = np.full((RATE_BINS, n), np.nan)
-    for band in np.flatnonzero(seen):
-        factor = factors[band] / np.sqrt(samples[band])
-        factor[:, 1:] /= model.stroke_um
-        residual = 1e-3
-        for _ in range(3):  # the prior follows the residual, as in the fit itself
-            bend = residual * np.pad(_prior(n, n, 0)[0], ((0, 0), (1, 0)))
-            bound = np.eye(1, n + 1) * tuned.BAND_OFFSET  # runs drift, but hardly from one rate to the next
-            design = np.vstack([factor[:, :-1], bend, bound])
-            target = np.r_[factor[:, -1], np.zeros(len(bend) + 1)]
-            lowest = np.r_[-np.inf, np.full(n, tuned.SLOPE_FLOOR)]
-            found = lsq_linear(design, target, (lowest, np.inf), method="bvls").x
-            residual = float(np.linalg.norm(factor[:, :-1] @ found - factor[:, -1]))
-        reached = np.linalg.norm(factor[:, 1:-1], axis=0) > 0.1 / n  # an interval the band hardly enters says nothing
-        slopes[band, reached] = found[1:][reached]
-    return RateSlopes(totals[seen] / samples[seen], slopes[seen], samples[seen])
-
-
-def _remark(plant: _Plant, scores: Sequence[RunScore], warnings: list[str]) -> None:
+def _remark(plant: Plant, scores: Sequence[RunScore], warnings: list[str]) -> None:
     slopes = np.r_[plant.rest, plant.fast]
     if np.any(slopes <= tuned.SLOPE_FLOOR * 1.0001):
         warnings.append(f"a slope lies on its floor of {tuned.SLOPE_FLOOR:g}: the recordings do not determine it; "

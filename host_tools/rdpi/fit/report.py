@@ -14,7 +14,7 @@ from ..data import Recording, atomic_write
 from ..errors import BadInput
 from ..model import Model
 from ..simulate import Prediction
-from .identify import RateSlopes
+from .bands import RateSlopes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,7 +13,7 @@ Sources:
 
 from __future__ import annotations
 
-# --- the fit (identify.py)
+# --- the fit (identify.py, regression.py, bands.py)
 # The prior: what the model cannot explain must not bend the slopes, so its strength follows the residual. Each weight
 # times the relative residual times a slope's departure weighs as much as that residual in every sample.
 PRIOR_BEND = 2.5  # [1] bend along the loading curve; picma

@@ -1,0 +1,231 @@
+"""The regression behind a fit: recordings as columns, reduced to a triangular factor, and the search that works on it.
+
+With the dead zones given, the model (Ang et al. 2003, eq. 8, 9, 14-17) is linear in its parameters once the saturation
+stage stands on the side of the displacement:
+
+    sum_i W_i(rho) (y_i - y_(i+1)) + offset = sum_j U_j seg_j(z),     W_i(rho) = A_i (1 - rho / top) + B_i rho / top
+
+y_i are the outputs of the plays, U_j the slopes of the inverse saturation on its pieces (U_0 = 1) and seg_j the part of
+z on piece j. A_i and B_i are the slopes at rest and at the highest rate, so that keeping every slope positive over the
+whole range of rates is a lower bound on each unknown. The data are reduced to one small triangular factor; the outer
+search over dead zones and the strength of the prior work on that alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from .. import firmware
+from ..data import Recording
+from ..errors import BadInput
+from ..simulate import chain, signals
+from . import thresholds as tuned
+from .checks import reversals
+
+CHUNK = 1 << 12  # samples held as columns at a time: what fits into a processor's cache
+
+
+@dataclass
+class Run:
+    """A recording prepared for the regression."""
+
+    recording: Recording
+    x_um: np.ndarray
+    rate_um_per_s: np.ndarray
+    states_um: np.ndarray
+    first: int  # samples before this depend on unknown memory
+
+
+class Plant(NamedTuple):
+    """A candidate: slopes at rest and at the highest rate, inverse saturation, and how well it fits."""
+
+    rest: np.ndarray  # A_i
+    fast: np.ndarray  # B_i
+    picks: tuple[int, ...]  # dead zones, as indices into the grid
+    pieces: np.ndarray  # U_0 ... U_m
+    cost: float
+    residual: float  # rms, as a share of the stroke
+
+
+class Columns(NamedTuple):
+    """Layout of the regression's columns: plays (twice with a rate law), candidate dead zones, displacement."""
+
+    thresholds_um: np.ndarray
+    grid_um: np.ndarray
+    top_um_per_s: float  # 0: rate-independent
+
+    @property
+    def plays(self) -> int:
+        return len(self.thresholds_um) * (2 if self.top_um_per_s else 1)
+
+    def blocks(self, run: Run, every: int = 1) -> Iterator[np.ndarray]:
+        """Blocks of at most CHUNK rows, one row for `every` samples, warm-up left out; first column 1."""
+        states = run.states_um
+        z = run.recording.displacement_um
+        for start in range(0, len(z), CHUNK):
+            part = slice(start, start + CHUNK)
+            outputs, states = firmware.plays(run.x_um[part], self.thresholds_um, states)
+            outputs[:, :-1] -= outputs[:, 1:]
+            if self.top_um_per_s:
+                share = (run.rate_um_per_s[part] / self.top_um_per_s)[:, None]
+                outputs = np.hstack([outputs * (1 - share), outputs * share])
+            zone = np.maximum(z[part, None] - self.grid_um, 0)
+            block = np.hstack([np.ones((len(outputs), 1)), outputs, zone, z[part, None]])
+            block = block[max(0, run.first - start)::every]
+            if len(block):
+                yield block
+
+
+class Reduced(NamedTuple):
+    """What the regression needs of one run; displacements in units of the stroke."""
+
+    factor: np.ndarray  # triangular, of all columns with the run's mean removed: each run has its own offset
+    means: np.ndarray  # of the columns
+    samples: int
+
+
+def reduce(runs: Sequence[Run], columns: Columns, stroke: float,
+            progress: Callable[[float], None] = lambda fraction: None, every: int = 1) -> list[Reduced]:
+    reduced: list[Reduced] = []
+    everything, done = sum(len(run.x_um) for run in runs), 0
+    for run in runs:
+        factor, samples = np.zeros((0, columns.plays + len(columns.grid_um) + 2)), 0
+        for block in columns.blocks(run, every):
+            block[:, 1:] /= stroke
+            factor = np.linalg.qr(np.vstack([factor, block]), mode="r")
+            samples += len(block)
+            progress(min(1.0, (done + samples) * every / everything))
+        done += samples
+        means = factor[0, 1:] / factor[0, 0]  # of a factor with a leading column of ones
+        reduced.append(Reduced(factor[1:, 1:], means, samples))
+    return reduced
+
+
+def joined(reduced: Sequence[Reduced]) -> tuple[np.ndarray, int]:
+    """Triangular factor of several runs together, and their samples."""
+    factor = reduced[0].factor[:0]
+    for run in reduced:
+        factor = np.linalg.qr(np.vstack([factor, run.factor]), mode="r")
+    return factor, sum(run.samples for run in reduced)
+
+
+def assemble(rows: np.ndarray, columns: Columns, picks: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Design matrix [plays, -seg_1 ... -seg_m] and target seg_0, for dead zones at grid[picks]."""
+    zones = rows[:, [columns.plays + j for j in picks]]
+    parts = np.hstack([rows[:, -1:], zones])
+    parts[:, :-1] -= zones
+    return np.hstack([rows[:, :columns.plays], -parts[:, 1:]]), parts[:, 0]
+
+
+@lru_cache(maxsize=16)
+def prior(n: int, plays: int, m: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and targets that keep the loading curve smooth, the rate law smooth and small, the saturation straight.
+
+    For n slopes in as many columns, `plays`, or with a rate law twice as many, and m dead zones.
+    """
+    bend, none = np.diff(np.eye(n), 2, axis=0), np.zeros
+    rows = [tuned.PRIOR_BEND * np.hstack([bend, none((len(bend), plays + m - n))])]
+    if plays > n:
+        rows.append(tuned.PRIOR_RATE_BEND * np.hstack([-bend, bend, none((len(bend), m))]))
+        rows.append(tuned.PRIOR_RATE * np.hstack([-np.eye(n), np.eye(n), none((n, m))]))
+    straight = tuned.PRIOR_SATURATION * np.hstack([none((m, plays)), np.eye(m)])
+    rows.append(straight)
+    return np.vstack(rows), np.r_[none(sum(map(len, rows)) - m), straight.sum(axis=1)]
+
+
+def solve(factor: np.ndarray, columns: Columns, picks: tuple[int, ...], samples: int, residual: float) -> Plant:
+    """Slopes and pieces for given dead zones; `residual` is the relative error that the prior is weighed against."""
+    from scipy.optimize import lsq_linear
+
+    n, m = len(columns.thresholds_um), len(picks)
+    design, target = assemble(factor, columns, picks)
+    wanted, wish = (residual * np.sqrt(samples) * part for part in prior(n, columns.plays, m))
+    low = np.r_[np.full(columns.plays, tuned.SLOPE_FLOOR), np.full(m, tuned.PIECE_RANGE[0])]
+    high = np.r_[np.full(columns.plays, np.inf), np.full(m, tuned.PIECE_RANGE[1])]
+    both = np.vstack([design, wanted]), np.r_[target, wish]
+    found = np.linalg.lstsq(*both, rcond=None)[0]
+    if np.any(found < low) or np.any(found > high):
+        found = lsq_linear(*both, (low, high), method="bvls").x
+    left = np.sum((design @ found - target) ** 2)
+    cost = np.sum((both[0] @ found - both[1]) ** 2)
+    rest = found[:n]
+    fast = found[n:2 * n] if columns.top_um_per_s else rest
+    return Plant(rest, fast, picks, np.r_[1.0, found[columns.plays:]], float(cost), float(np.sqrt(left / samples)))
+
+
+def search(factor: np.ndarray, columns: Columns, m: int, samples: int) -> Plant:
+    """Outer search over the dead zones, one at a time until none moves; the prior follows the residual."""
+    spread = np.linspace(0, len(columns.grid_um) - 1, m + 2)[1:-1]
+    plant = solve(factor, columns, tuple(int(round(j)) for j in spread), samples, 1e-3)
+    for _ in range(4):
+        residual = plant.residual
+        plant = solve(factor, columns, plant.picks, samples, residual)
+        before = plant.picks
+        for j in range(m):
+            lowest = plant.picks[j - 1] + tuned.GRID_GAP if j else 0
+            highest = plant.picks[j + 1] - tuned.GRID_GAP if j + 1 < m else len(columns.grid_um) - 1
+            for place in range(lowest, highest + 1):
+                picks = (*plant.picks[:j], place, *plant.picks[j + 1:])
+                plant = min(plant, solve(factor, columns, picks, samples, residual), key=lambda p: p.cost)
+        if plant.picks == before:
+            break
+    return plant
+
+
+def without_rate(factor: np.ndarray, columns: Columns) -> tuple[np.ndarray, Columns]:
+    """The same regression with slopes that do not depend on rate: both columns of a play added."""
+    n = len(columns.thresholds_um)
+    return np.hstack([factor[:, :n] + factor[:, n:2 * n], factor[:, 2 * n:]]), columns._replace(top_um_per_s=0.0)
+
+
+def offset_of(means: np.ndarray, columns: Columns, plant: Plant) -> float:
+    """Offset of one run, in units of the stroke: what its means leave."""
+    design, target = assemble(means[None, :], columns, plant.picks)
+    slopes = np.r_[plant.rest, plant.fast] if columns.top_um_per_s else plant.rest
+    return float((target - design @ np.r_[slopes, plant.pieces[1:]])[0])
+
+
+def saturation_of(corners_um: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """d_j and ws_j of S from the corners of its inverse (in um of z, increasing) and the slopes U_j of that."""
+    corners = np.r_[0.0, corners_um]
+    if np.any(np.diff(corners) <= 0):
+        raise BadInput("the saturation stage does not fit these recordings (a dead zone lies at or below zero); "
+                       "use fewer --deadzones")
+    deadzones = np.r_[0.0, np.cumsum(np.diff(corners) * pieces[:-1])]
+    return deadzones, np.diff(1 / pieces, prepend=0.0)
+
+
+def smoothing_times_s(runs: Sequence[Recording]) -> list[float]:
+    return [signals.smoothing_time_s(run.displacement_um, run.sample_time_s) for run in runs]
+
+
+def prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds: np.ndarray, source: str,
+             window_s: float, filter_s: float, smoothing_s: Sequence[float]) -> list[Run]:
+    prepared: list[Run] = []
+    end: np.ndarray | None = None
+    for run, smoothing in zip(runs, smoothing_s):
+        x = gain * (run.command_V - offset_V)
+        rate = rate_of(run, x, source, window_s, filter_s, smoothing)
+        known = run.memory == "reset" or (run.memory == "carried" and end is not None)
+        carried = run.memory == "carried" and end is not None
+        states = np.array(end) if carried else chain.states_after(x[0], x[0], thresholds)
+        first = 0 if known else chain.warm_up(x, thresholds[-1])
+        if first and reversals(x, 0.1, first) == 0:
+            raise BadInput(f"{run.path}: its memory is unknown, and the drive does not turn round any more once it has "
+                           "erased it; state the memory (reset, carried) or record longer")
+        prepared.append(Run(run, x, rate, states, first))
+        end = firmware.plays(x, thresholds, states)[1]
+    return prepared
+
+
+def rate_of(run: Recording, x_um: np.ndarray, source: str, window_s: float, filter_s: float,
+          smoothing_s: float) -> np.ndarray:
+    """The rate that modulates the slopes; the command is free of noise and is not smoothed."""
+    if source == "control":
+        return signals.rate(x_um, run.sample_time_s, window_s, filter_s, 0.0)
+    return signals.rate(run.displacement_um, run.sample_time_s, window_s, filter_s, smoothing_s)
