@@ -231,7 +231,7 @@ REFUSED = {
     "both": (["--frequencies", "5", "--rates", "50"], ["--frequencies and --rates", "one of them"]),
     "duration": (["--duration", "nan"], ["--duration nan", "positive number of s"]),
     "endless": (["--duration", "1e6"], ["20,000,000 samples"]),
-    "another kind's option": (["--levels", "3"], ["--levels: has no meaning for commission"]),
+    "another kind's option": (["--levels", "3"], ["--levels: is not valid for commission"]),
 }
 
 
@@ -245,7 +245,7 @@ def test_refused(name: str, refused: Callable) -> None:
 
 def test_advice_helps() -> None:
     """The duration that a refusal names is enough."""
-    with pytest.raises(BadInput, match="ask for at least") as refusal:
+    with pytest.raises(BadInput, match="use at least") as refusal:
         make_drive("commission", LIMITS, frequencies_hz=(0.1, 40.0))
     make_drive("commission", LIMITS, frequencies_hz=(0.1, 40.0),
-               duration_s=float(str(refusal.value).split("ask for at least ")[1].split(" s")[0]))
+               duration_s=float(str(refusal.value).split("use at least ")[1].split(" s")[0]))

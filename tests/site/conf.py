@@ -31,7 +31,8 @@ project = "rdpi"
 version = release = rdpi.version()
 root_doc = "README"
 exclude_patterns = ["build*", ".*", "**/.*", "host_tools/build", "host_tools/*.egg-info"]
-include_patterns = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "*/README.md", "*/*/README.md", f"{SITE}/*.rst"]
+include_patterns = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "*/README.md", "*/*/README.md", "host_tools/formats.md",
+                    f"{SITE}/*.rst"]
 extensions = ["myst_parser", "breathe", "sphinx.ext.autodoc"]
 myst_heading_anchors = 4
 breathe_projects = {"rdpi": str(ROOT / "build/site/doxygen/xml")}
@@ -171,7 +172,8 @@ def is_below(page: str, readme: str) -> bool:
     """Whether a page is one level below this README."""
     if readme == "README":
         return page.count("/") == (1 if page.endswith("/README") else 0)
-    return page.endswith("/README") and str(Path(page).parent.parent) == str(Path(readme).parent)
+    beside = str(Path(page).parent) if not page.endswith("/README") else str(Path(page).parent.parent)
+    return beside == str(Path(readme).parent)
 
 
 def target(folder: Path, link: str) -> str:
