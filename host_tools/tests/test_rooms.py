@@ -1,4 +1,7 @@
-"""The rooms of the package: imports run down the list only, and through what a room exports."""
+"""The rooms of the package: imports run down the list only, and through what a room exports.
+
+Run as a program it prints which room imports which.
+"""
 
 from __future__ import annotations
 
@@ -77,3 +80,11 @@ def test_boxes_at_the_top() -> None:
 def test_a_room_says_what_is_in_it(room: str) -> None:
     door = importlib.import_module(f"rdpi.{room}")
     assert door.__doc__ and all(hasattr(door, name) for name in door.__all__)
+
+
+if __name__ == "__main__":
+    for room in ROOMS:
+        modules = {name: path for name, path in MODULES.items() if name.split(".")[1:2] == [room]}
+        below = {target.split(".")[1] for name, path in modules.items()
+                 for target in imported(name, path.read_text("utf-8"), path.name == "__init__.py")} & {*ROOMS} - {room}
+        print(f"{room:9} {len(modules):2} modules -> {', '.join(sorted(below, key=ROOMS.index)) or 'none'}")

@@ -46,9 +46,8 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
 
     Raises BadInput for recordings that cannot be this model's, and for a run whose drive no earlier recording has.
     """
-    runs, earlier, notes = _checked(model, runs, without, earlier)
-    given, known = AugmentedModel.given(model, runs, earlier), passport.read(model)
-    known = passport.repeated(known) if earlier and known is not None else known
+    runs, earlier, known, notes = _checked(model, runs, without, earlier)
+    given = AugmentedModel.given(model, runs, earlier)
     decision = decide(given, known, without, progress)
     selection, verdict, before = decision.selection, decision.verdict, decision.selection.before_um
     state, after = selection.accepted, selection.after_um
@@ -96,23 +95,26 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
 
 
 def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], earlier: Sequence[Recording]
-             ) -> tuple[list[Recording], list[Recording], list[str]]:
-    """The recordings, the earlier one of each, and remarks. Raises BadInput for what cannot be diagnosed."""
+             ) -> tuple[list[Recording], list[Recording], Passport | None, list[str]]:
+    """The recordings, the earlier one of each, what to expect of them, and remarks.
+
+    Raises BadInput for what cannot be diagnosed.
+    """
     runs, earlier = taken(runs, RUN_COLUMNS, "runs", 1), taken(earlier, RUN_COLUMNS, "earlier")
     for name in arguments.listed(without, str, "without"):
         arguments.one_of(name, CATALOGUE, "without")
     arguments.of_kind(model, Model, "model").validate()
-    notes = checks.check_against(model, runs)
-    passport.read(model)
+    notes, known = checks.check_against(model, runs), passport.read(model)
     if earlier:
         notes += [f"earlier, {note}" for note in checks.check_against(model, earlier) if any(
             note.startswith(run.path) for run in earlier)]
         earlier = checks.same_drives(runs, earlier)
+        known = None if known is None else passport.repeated(known)
         if any(not entry.get("new") for entry in model.effects):
             notes.append("the effects that the model has are taken to have acted in the earlier recordings too")
         notes += [f"{run.path}: its memory is {run.memory}, and {then.memory} in its earlier recording: a start that "
                   "differs looks like a change" for run, then in zip(runs, earlier) if run.memory != then.memory]
-    return runs, earlier, notes
+    return runs, earlier, known, notes
 
 
 def _offset(selection: Selection) -> Offset:
