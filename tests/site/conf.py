@@ -188,6 +188,12 @@ def docstring(app: Sphinx, what: str, name: str, thing: object, options: object,
     lines[:] = [] if lines[:1] and lines[0].startswith("Alias for field number") else plain("\n".join(lines))
 
 
+def signature(app: Sphinx, what: str, name: str, thing: object, options: object, arguments: str | None,
+              returns: str | None) -> tuple[str | None, str | None]:
+    """A default that is no expression, such as <factory>, is shown as ...: otherwise Sphinx cannot read the signature."""
+    return arguments and re.sub(r"= ?<(?:[^<>]|<[^<>]*>)*>", "= ...", arguments), returns
+
+
 def join_paragraphs(app: Sphinx, doctree: nodes.document) -> None:
     """Breathe 4.34 puts paragraphs into paragraphs, which a browser shows as a break in the middle of a sentence."""
     for paragraph in [*doctree.findall(nodes.paragraph)]:
@@ -206,5 +212,6 @@ def front_page(app: Sphinx, error: Exception | None) -> None:
 def setup(app: Sphinx) -> None:
     app.connect("source-read", add_what_is_made)
     app.connect("autodoc-process-docstring", docstring)
+    app.connect("autodoc-process-signature", signature)
     app.connect("doctree-read", join_paragraphs)
     app.connect("build-finished", front_page)

@@ -197,14 +197,15 @@ rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi
 /** Checks `params`, and prepares `self` for one step every `sample_time_s`, in the state that rdpi_f32_reset makes.
  * `params` and its arrays must outlive `self`. Some numbers are derived from others: V_per_um, the intercepts, the
  * inverse of the saturation, and the numbers that make codes. Only the digest vouches that these fit the others.
- * @return RDPI_OK, or the first fault found; each kind of fault has a value of its own (rdpi_status_t). After a fault,
- * `self` must not be used.
  *
  * The function is inline, so that it knows how its caller was compiled. If the library was compiled differently, it
  * returns RDPI_ERR_SIZE, and has neither read nor written anything.
  *
  * A damaged count or pointer can make it read beyond the arrays before it refuses. O(n + m), but long: not for an
- * ISR. */
+ * ISR.
+ *
+ * @return RDPI_OK, or the first fault found; each kind of fault has a value of its own (rdpi_status_t). After a fault,
+ * `self` must not be used. */
 static inline rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
 {
     return rdpi_f32_init_layout(RDPI_F32_LAYOUT, self, params, sample_time_s);
@@ -217,10 +218,9 @@ void rdpi_f32_reset(rdpi_f32_t *self);
 /** Replaces the states of the plays by the `plays` values of `y_um`. y_um[0] is x, and sets drive_V. One history must
  * be able to lead to these states: |y_i - y_(i-1)| <= r_i - r_(i-1), with drive_V inside [min_V, max_V]. Departures as
  * small as rounding leaves are accepted. The rate history and the counters stay. A sweep in progress ends. drive_V is
- * not rounded to a code.
- * @return RDPI_OK; or RDPI_ERR_NULL or RDPI_ERR_MEMORY, and then nothing has changed.
+ * not rounded to a code. O(n). ISR safe.
  *
- * O(n). ISR safe. */
+ * @return RDPI_OK; or RDPI_ERR_NULL or RDPI_ERR_MEMORY, and then nothing has changed. */
 rdpi_status_t rdpi_f32_set_memory(rdpi_f32_t *self, const rdpi_real_t *y_um);
 
 /** Copies the states of the plays, `plays` values, to `y_um`, in the form that rdpi_f32_set_memory takes.
@@ -280,6 +280,7 @@ bool rdpi_f32_sweep(rdpi_f32_t *self);
 rdpi_real_t rdpi_f32_predict(const rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s);
 
 /** Tells the library that another source applied `drive_V`: the plays follow it, and so do drive_V and the slew limit.
+ *
  * @return what rdpi_f32_predict predicts for it.
  *
  * Use it for simulation, and to enable the step without a bump:
