@@ -13,7 +13,7 @@ tells little more.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -75,7 +75,7 @@ class _Drive:
         self.holds = np.append(self.edges, len(self.u))
         self.blur = self._blur()
         self.rows, self.weight = self._rows(max(float(f) for f in metadata["multisine_hz"].split()))
-        self.imitators = self._imitators()[self.rows]
+        self.imitators = np.column_stack([column[self.rows] for column in self._imitators()])
 
     @property
     def hold_s(self) -> float:
@@ -123,18 +123,17 @@ class _Drive:
         begin, end = self.edges[-2], self.edges[-1]
         return float(1 + np.argmax(self.u[begin:end] == self.u[end - 1])) * self.step_s
 
-    def _imitators(self) -> np.ndarray:
+    def _imitators(self) -> Iterator[np.ndarray]:
         """Columns of what is fitted in any case: plays, rate law, bends, drift, and a constant per hold."""
-        u, t = self.u, np.linspace(-1, 1, len(self.u))
+        yield from self.plays.T
+        yield from (self.z**2, self.z**3, np.linspace(-1, 1, len(self.u)))
         fast = self.speed / self.speed.max()
-        columns = [*self.plays.T, self.z**2, self.z**3, t]
-        columns += [fast * self.plays[:, k] for k in (0, 2, 4)]
-        edges = [0, *self.edges, len(u)]
+        yield from (fast * self.plays[:, k] for k in (0, 2, 4))
+        edges = [0, *self.edges, len(self.u)]
         for first, last in zip(edges, edges[1:]):
-            constant = np.zeros(len(u))
+            constant = np.zeros(len(self.u))
             constant[first:last] = 1
-            columns.append(constant)
-        return np.column_stack(columns)
+            yield constant
 
     def lagged(self, time_s: float) -> np.ndarray:
         """What a first-order lag takes away, exact for a signal that is straight between samples."""
@@ -148,21 +147,23 @@ class _Drive:
         """Change per second of delay."""
         return -np.diff(self.z, prepend=self.z[0]) * self.rate_hz
 
-    def errors(self, columns: list[np.ndarray], rivals: list[np.ndarray], without: Sequence[int] = ()) -> np.ndarray:
-        """Standard error of each column's coefficient, by itself beside the rivals and the imitators."""
-        imitators = np.delete(self.imitators, without, axis=1)
-        columns = np.column_stack([imitators, *(column[self.rows] for column in (*rivals, *columns))])
-        columns *= self.weight[:, None]
-        size = imitators.shape[1] + len(rivals)
-        gram = columns.T @ columns
-        scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
-        gram /= np.outer(scale, scale)
-        cross = gram[:size, size:]
-        explained = np.einsum("ij,ij->j", cross, np.linalg.lstsq(gram[:size, :size], cross, rcond=1e-10)[0])
-        left = np.maximum(1 - explained, 0.0)
-        left[left < 1e-9] = 0
-        with np.errstate(divide="ignore"):
-            return 1 / (scale[size:] * np.sqrt(left))
+    def errors(self, columns: Iterable[np.ndarray], rivals: list[np.ndarray], without: Sequence[int] = ()
+               ) -> np.ndarray:
+        """Standard error of each column's coefficient, by itself beside the rivals and the imitators.
+
+        `columns` may be an iterator: one at a time is held.
+        """
+        beside = np.column_stack([np.delete(self.imitators, without, axis=1), *(rival[self.rows] for rival in rivals)])
+        beside *= self.weight[:, None]
+        beside /= np.maximum(np.linalg.norm(beside, axis=0), np.finfo(float).tiny)
+        gram, found = beside.T @ beside, []
+        for column in columns:
+            column = column[self.rows] * self.weight
+            size = max(float(np.linalg.norm(column)), np.finfo(float).tiny)
+            cross = beside.T @ (column / size)
+            left = 1 - float(cross @ np.linalg.lstsq(gram, cross, rcond=1e-10)[0])
+            found.append(1 / (size * np.sqrt(left)) if left >= 1e-9 else np.inf)
+        return np.array(found)
 
     def times_s(self) -> np.ndarray:
         """Time constants from far under a sample to the longest hold."""
@@ -199,7 +200,7 @@ def _delay(drive: _Drive) -> Shown:
 
 def _lag(drive: _Drive) -> Shown:
     times = drive.times_s()
-    seen = drive.errors([drive.lagged(time) for time in times], [drive.delayed()]) * SURE <= 1
+    seen = drive.errors((drive.lagged(time) for time in times), [drive.delayed()]) * SURE <= 1
     if not seen.any():
         return Shown("lag", None, None, "s", "cannot be told from a delay: no edge is fast enough; allow a higher "
                      "--slew or --sample-rate")
@@ -212,7 +213,7 @@ def _relaxation(drive: _Drive) -> Shown:
     times = drive.times_s()
     times = times[times >= drive.step_s]
     rivals = [drive.delayed(), drive.lagged(drive.step_s), _creeping(drive)]
-    share = SURE * drive.errors([drive.lagged(time) for time in times], rivals)
+    share = SURE * drive.errors((drive.lagged(time) for time in times), rivals)
     seen = share <= RELAXED
     if not seen.any():
         return Shown("relaxation", None, None, "s", f"a share of {100 * RELAXED:g} % cannot be told from delay, lag "
@@ -251,7 +252,7 @@ def _resonance(drive: _Drive) -> Shown:
 
     # Ringing must be seen beside delay and lag, which are what its slow side looks like.
     rivals = [drive.delayed(), drive.lagged(2 * drive.step_s)]
-    seen = SURE * drive.errors([rung(f0) for f0 in grid], rivals) <= 1
+    seen = SURE * drive.errors(map(rung, grid), rivals) <= 1
     if not seen.any():
         return Shown("resonance", None, None, "Hz", "the edges are too slow to make it ring; allow faster rates")
     # The edge's spectrum has gaps; above the first one only some resonances would ring.
