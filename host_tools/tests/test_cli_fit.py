@@ -124,6 +124,13 @@ def test_report(fitted: Callable, tmp_path: Path) -> None:
     assert json.loads((folder / "fit.json").read_text()) == result
 
 
+def test_the_model_beside_the_report(runs: dict[str, Path], rdpi: Callable, tmp_path: Path) -> None:
+    folder = tmp_path / "new"
+    done = rdpi("fit", runs["large"], "-o", folder / "model.json", "--report", folder)
+    assert done.exit_code == 0, done.output
+    assert {path.name for path in folder.iterdir()} == {"fit.png", "fit.json", "model.json"}
+
+
 # ---- what the options do ----
 
 @pytest.mark.parametrize("arguments, place, value", [

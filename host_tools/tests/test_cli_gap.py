@@ -117,6 +117,11 @@ def test_report(folder: Path, rdpi: Callable) -> None:
     assert not re.search(r'(src|href)="https?:', page)  # no network
 
 
+def test_the_improved_model_beside_the_report(folder: Path, rdpi: Callable) -> None:
+    gap_of(rdpi, "model.json", *FRESH, "-o", "new/improved.json", "--report", "new")
+    assert sorted(path.name for path in Path("new").iterdir()) == ["gap.json", "improved.json", "index.html"]
+
+
 def test_without(folder: Path, rdpi: Callable) -> None:
     result, _ = gap_of(rdpi, "model.json", *LATE, "--without", "delay", "--without", "lag")
     assert not {"delay", "lag"} & {one["name"] for one in result["effects"]}

@@ -89,6 +89,28 @@ def test_unwritable_json(rdpi: Callable, tmp_path: Path) -> None:
     assert not (tmp_path / "drive.csv").exists()  # found before the work
 
 
+@pytest.mark.parametrize("words, message", [
+    ("-o new --report new", "new: is the directory of --report too; give another name"),
+    ("-o new.json --json new --report ./new/", "new: is the directory of --report too"),
+    ("-o new.json --report dangling", "dangling: is not a directory; give another name for --report"),
+    ("-o new.json --report run.csv/x/y", "run.csv: is not a directory; give another name for --report"),
+    ("-o new/fit.png --report new", "new/fit.png: would be written over another output"),
+    (["-o", ""], "-o: the name is empty; give a name"),
+    (["-o", "new.json", "--json", ""], "--json: the name is empty"),
+    (["-o", "new.json", "--report", ""], "--report: the name is empty"),
+    (["-o", "new.json", "--hold-out", ""], "--hold-out: the name is empty"),
+])
+def test_names_that_make_no_output(words: str | list[str], message: str, rdpi: Callable, tmp_path: Path,
+                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    """Found before the work: a run is not even read."""
+    monkeypatch.chdir(tmp_path)
+    Path("dangling").symlink_to("nowhere")
+    Path("run.csv").touch()
+    result = rdpi("fit", "run.csv", *(words.split() if isinstance(words, str) else words))
+    assert result.exit_code == 2 and f"rdpi: {message}" in result.output
+    assert {path.name for path in tmp_path.iterdir()} == {"dangling", "run.csv"}
+
+
 def test_json_replaces_in_one_step(rdpi: Callable, scratch: Callable, tmp_path: Path) -> None:
     import numpy as np
     path = tmp_path / "result.json"

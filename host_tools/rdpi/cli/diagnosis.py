@@ -90,7 +90,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
     column monitor_V (the measured amplifier output), the diagnosis separates causes before and after the amplifier's
     output. With --earlier it finds smaller changes.
     """
-    from ..data import read_recording
+    from ..data import make_folder, read_recording
     from ..gap import diagnose, report as gap_report
     from ..model import read_model, write_model
     from ..simulate import effects
@@ -103,6 +103,8 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
         found = diagnose(parameters, [read_recording(path) for path in runs], without, report_progress,
                          [read_recording(path) for path in earlier])
     document = replace(found.document, model=model, model_digest=parameters.digest())
+    if report is not None:
+        make_folder(report)  # the model may go there too
     if output is not None:
         write_model(output, found.improved)
     if report is not None:

@@ -44,7 +44,7 @@ from .types import Numbers, Output, Percent, Report
 @click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
               help="Exit with status 1 if the rms error of any held-out run exceeds this, % of stroke. Without "
                    "--hold-out, the limit applies to all runs.")
-@click.option("--report", metavar="DIR", type=Report("fit.json"),
+@click.option("--report", metavar="DIR", type=Report("fit.json", "fit.png"),
               help="Write fit.png (loops, slopes, residual) and fit.json to this directory.")
 def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_percent: float | None,
         report: str | None, **options: Any) -> dict[str, Any]:
@@ -54,7 +54,7 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
     recordings at several rates and amplitudes whose memory is known (metadata memory: reset). `rdpi excite` makes the
     drives for them.
     """
-    from ..data import read_recording
+    from ..data import make_folder, read_recording
     from ..fit import Options, fit as identify, summary
     from ..model import write_model
 
@@ -62,6 +62,8 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
         fitted = [read_recording(path) for path in runs]
         held = [read_recording(path) for path in hold_out]
         result = identify(fitted, Options(**options), held, report_progress)
+    if report is not None:
+        make_folder(report)  # the model may go there too
     write_model(output, result.model)
     worst = summary.worst_rms_percent(result)
     failed = max_rms_percent is not None and worst > max_rms_percent

@@ -118,8 +118,10 @@ def _check_paths(context: click.Context) -> None:
     made = None
     for parameter in context.command.params:
         kind, value = parameter.type, context.params.get(parameter.name)
-        if not isinstance(kind, click.Path) or not value:
+        if not isinstance(kind, click.Path) or value is None or value == ():
             continue
+        if "" in (value, *value):
+            raise BadInput(f"{parameter.opts[0]}: the name is empty; give a name")
         if isinstance(kind, Report):
             made = value
             outputs += [os.path.join(value, file) for file in kind.files]

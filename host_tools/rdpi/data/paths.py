@@ -29,14 +29,28 @@ def check_outputs(outputs: Sequence[str], inputs: Collection[str] = (), made: st
     The caller makes the directory `made`. An output that is listed in `folders` and ends with "/" is a directory,
     which the caller makes too. Devices may be given several times.
     """
-    if made is not None and os.path.exists(made) and not os.path.isdir(made):
-        raise BadInput(f"{made}: is not a directory; give another name for --report")
+    if made is not None:
+        _check_made(made, outputs)
     for k, name in enumerate(outputs):
         _check_folder(name, made, folders)
         for other in (*inputs, *outputs[:k]):
             if os.path.realpath(name) == os.path.realpath(other) and os.path.basename(name) and not is_device(name):
                 kind = "an input" if other in inputs else "another output"
                 raise BadInput(f"{name}: would be written over {kind}; give another name")
+
+
+def _check_made(made: str, outputs: Sequence[str]) -> None:
+    """Raise BadInput unless the directory of --report is there or can be made."""
+    above = Path(made)
+    while not os.path.lexists(above) and above != above.parent:
+        above = above.parent
+    if not above.is_dir():
+        raise BadInput(f"{above}: is not a directory; give another name for --report")
+    if not os.access(above, os.W_OK):
+        raise BadInput(f"{made}: you may not write to the directory {above}; check its permissions")
+    for name in outputs:
+        if same_file(name, made):
+            raise BadInput(f"{name}: is the directory of --report too; give another name")
 
 
 def _check_folder(name: str, made: str | None, folders: Collection[str]) -> None:
