@@ -278,27 +278,17 @@ def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | N
     The drive starts and ends at --rest-V. It begins with a decaying sweep of about one second, which brings the
     hysteresis to a known state; --no-sweep leaves the sweep out. The metadata `sweep_s` is the duration of the sweep.
     The same options give the same file.
-
-    commission also prints, before anything is played, what the drive can show and what it cannot: the smallest delay,
-    the range of lags and so on, for a sensor noise of 0.05 % and an operator error of 0.5 % of the stroke.
     """
-    from ..data import Limits, make_drive, shown, write_recording
+    from ..data import Limits, make_drive, write_recording
 
     limits = Limits(min_V, max_V, rest_V, sample_rate_hz, slew_V_per_s)
     given = {name: value for name, value in options.items() if value is not None}
     with progress("generating"):
         columns, metadata = make_drive(kind, limits, not no_sweep, **given)
-        shows = shown(columns, metadata) if kind == "commission" else None
         write_recording(output, columns, metadata)
     voltage = columns["command_V"]
     duration_s = (len(voltage) - 1) / sample_rate_hz
     click.echo(f"{output}: {kind}, {len(voltage)} samples at {sample_rate_hz:g} per second, {duration_s:.6g} s, "
                f"{voltage.min():g} to {voltage.max():g} V, starts at {voltage[0]:g} V and ends at {voltage[-1]:g} V")
-    result = {"file": output, "kind": kind, "samples": len(voltage), "duration_s": duration_s,
-              "min_V": voltage.min(), "max_V": voltage.max(), "metadata": metadata}
-    if shows is None:
-        return result
-    click.echo("It can show:")
-    for one in shows:
-        click.echo(f"  {one.what}: {one.text}")
-    return result | {"shows": [one.to_json() for one in shows]}
+    return {"file": output, "kind": kind, "samples": len(voltage), "duration_s": duration_s,
+            "min_V": voltage.min(), "max_V": voltage.max(), "metadata": metadata}

@@ -20,10 +20,10 @@ from .pen import DEFAULT_LINES, SAMPLES_PER_PERIOD, Pen, check_frequency, check_
 
 # Of the time after the sweep; the hold takes what remains. Measured on the virtual Preisach and Bouc-Wen actuators of
 # tests/bench (with creep, amplifier and noise): identified from this drive and tracked on references that were not
-# fitted, 10 Hz and 5-20-35 Hz. Shares of 0.25 to 0.35 for both waves differ by 0.02 % on Preisach and 0.2 % on Bouc-Wen. Holds
-# after large steps cost most while `fit` knows no creep (16 s of them: 0.81 to 1.08 %). So the staircase is short, and
-# ends beside the rest voltage: the long hold follows a small step. The multisine comes first, as the sweep has left the
-# actuator without memory: Bouc-Wen 0.56 % instead of 0.71 % with the sawtooth first.
+# fitted, 10 Hz and 5-20-35 Hz. Shares of 0.25 to 0.35 for both waves differ by 0.02 % on Preisach and 0.2 % on
+# Bouc-Wen. Holds after large steps cost most while `fit` knows no creep (16 s of them: 0.81 to 1.08 %). So the
+# staircase is short, and ends beside the rest voltage: the long hold follows a small step. The multisine comes first,
+# as the sweep has left the actuator without memory: Bouc-Wen 0.56 % instead of 0.71 % with the sawtooth first.
 SHARES = {"sawtooth": 0.35, "multisine": 0.25, "steps": 0.05}
 TOP_HZ = 40.0  # of the fastest triangle
 LADDER = (1 / 40, 1 / 8, 1 / 4, 1 / 2, 1.0)  # rates as shares of the fastest

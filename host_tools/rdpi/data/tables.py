@@ -221,8 +221,8 @@ def _header(line: str, delimiter: str | None, count: int) -> list[str] | None:
     most = count + _MAX_EXTRA
     if delimiter is None:  # "Time (s)  Voltage (V)"
         most = count
-        options += [re.split(r"\s{2,}|\t", line.strip()), " ".join(line.split()).replace(" [", "_[").replace(" (", "_(").split(),
-                    fields(line, ",")]
+        joined = " ".join(line.split()).replace(" [", "_[").replace(" (", "_(")
+        options += [re.split(r"\s{2,}|\t", line.strip()), joined.split(), fields(line, ",")]
     for names in options:
         if count <= len(names) <= most and not any(map(_NUMBER.fullmatch, names)):
             return [name.strip().strip('"').strip() for name in names]
