@@ -9,7 +9,7 @@ import numpy as np
 from .. import version
 from ..data import Recording
 from ..errors import BadInput
-from ..firmware import TEMPLATES, comment, file_name
+from ..firmware import comment, file_name, template
 from ..model import MAX_DAC_BITS, MAX_REFERENCE_UM
 
 MAX_RATE_HZ = 2**32 - 1
@@ -41,7 +41,7 @@ def literals(reference_um: np.ndarray) -> list[str]:
 
 def render(run: Recording, rate_hz: int, references: Sequence[str]) -> str:
     """The header of references written for C; `run` is where they come from."""
-    return TEMPLATES.get_template("rdpi_profile.h.j2").render(
+    return template("rdpi_profile.h.j2").render(
         version=comment(version()), source=comment(file_name(run.path)), digest=run.digest, rate_hz=rate_hz,
         count=len(references), dac=None, rows=_rows(references))
 
@@ -52,7 +52,7 @@ def render_drive(run: Recording, dac_bits: int, min_V: float, max_V: float) -> s
     Raises BadInput for volts beyond that, and for what render_reference refuses.
     """
     codes, swept = drive_codes(run, dac_bits, min_V, max_V), sweep_samples(run)
-    return TEMPLATES.get_template("rdpi_profile.h.j2").render(
+    return template("rdpi_profile.h.j2").render(
         version=comment(version()), source=comment(file_name(run.path)), digest=run.digest,
         rate_hz=integer_rate_hz(run), count=len(codes), dac=(dac_bits, float(min_V), float(max_V)), swept=swept,
         rows=_rows([f"{code}u" for code in codes.tolist()]))

@@ -7,10 +7,10 @@ import os
 import re
 import unicodedata
 from collections.abc import Callable
+from functools import cache
 from importlib import resources
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import jinja2
 import numpy as np
 
 from .. import version
@@ -19,6 +19,9 @@ from ..errors import BadInput
 from ..model import Model
 from .library import Firmware, FixedPoint, digest
 from .parameters import INT32_MAX, Q31
+
+if TYPE_CHECKING:
+    import jinja2
 
 SCHEMA = 3  # of the parameters as the template fills them in; the header compares it with the library's
 NAME = "rdpi_params"
@@ -96,8 +99,14 @@ KEYWORDS = frozenset("""
 """.split())
 RESERVED = re.compile(r"\w+_t|\w*__\w*|U?INT\w*_(MIN|MAX|WIDTH|C)|(PTRDIFF|SIG_ATOMIC|SIZE|WCHAR|WINT)_(MIN|MAX|WIDTH)")
 
-TEMPLATES = jinja2.Environment(loader=jinja2.PackageLoader(__package__), undefined=jinja2.StrictUndefined,
-                                trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+
+@cache
+def template(name: str) -> jinja2.Template:
+    """A template of this room."""
+    import jinja2
+
+    return jinja2.Environment(loader=jinja2.PackageLoader(__package__), undefined=jinja2.StrictUndefined, trim_blocks=True,
+                              lstrip_blocks=True, keep_trailing_newline=True).get_template(name)
 
 
 def render(model: Model, name: str = NAME, source: str = "") -> str:
@@ -128,7 +137,7 @@ def _render(model: Model, name: str, source: str) -> Header:
         raise BadInput(f"{where}: rounded to single precision, {error}; move the model away from this limit") from None
     numbers, reason = fixed_point(model)
     model_digest = model.digest()
-    text = TEMPLATES.get_template("rdpi_params.h.j2").render(
+    text = template("rdpi_params.h.j2").render(
         name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(file_name(source)),
         actuator=comment(model.actuator), digest=model_digest, rate_source=model.rate.source, runs=_runs(model.fit),
         plays=single.plays, deadzones=single.deadzones, dac_bits=single.dac_bits, sweep_cycles=single.sweep_cycles,
