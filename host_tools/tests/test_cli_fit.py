@@ -161,7 +161,8 @@ def test_options(arguments: list[object], place: str, value: Callable, fitted: C
 def test_unobservable_thresholds_are_named(fitted: Callable) -> None:
     document, result, text = fitted("--thresholds", "1,3,50")
     assert document["thresholds_um"] == [0, 1, 3]
-    assert "note: thresholds 50 um not fitted: unobservable" in text and "unobservable" in result["warnings"][0]
+    assert "note: thresholds 50 um are not fitted: they are unobservable" in text
+    assert "unobservable" in result["warnings"][0]
 
 
 def test_quality_gate(fitted: Callable, runs: dict[str, Path]) -> None:

@@ -141,8 +141,8 @@ def test_earlier_recordings_of_the_same_drives(folder: Path, rdpi: Callable) -> 
 def test_earlier_recordings_of_other_drives(folder: Path, rdpi: Callable, refused: Callable) -> None:
     told = refused("gap", "model.json", *LATE[1:3], "--earlier", "fresh1.csv", "--earlier", "fresh3.csv",
                    "-o", refused.output)
-    assert re.match(r"late2\.csv: no earlier recording has the same drive all along "
-                    r"\(nearest is \S+\.csv, (up to \S+ % of|which ends)", told)
+    assert re.match(r"late2\.csv: no earlier recording has the same drive throughout "
+                    r"\(the nearest is \S+\.csv, (which differs by up to \S+ % of|which ends)", told)
     done = rdpi("gap", "model.json", "late0.csv", "--earlier", "fresh0.csv", "-o", "fresh0.csv")
     assert done.exit_code == 2 and "fresh0.csv: would be written over an input" in done.output
 
@@ -188,9 +188,9 @@ def test_the_next_experiment_runs_as_given(folder: Path, rdpi: Callable) -> None
 # ---- what recordings cannot show ----
 
 @pytest.mark.parametrize(("names", "changes", "remark"), [
-    (LATE[:1], {}, "one recording only"),
+    (LATE[:1], {}, "there is only one recording"),
     (LATE, {"passport": None}, "the model has no passport"),
-    (LATE, {"actuator": "stack 8"}, "recorded from stack 7, the model is of stack 8"),
+    (LATE, {"actuator": "stack 8"}, "the recordings are of stack 7, but the model is of stack 8"),
 ])
 def test_says_what_it_cannot_claim(names: tuple[str, ...], changes: dict, remark: str, folder: Path, rdpi: Callable
                                    ) -> None:
@@ -216,8 +216,8 @@ def test_recordings_of_another_actuator(folder: Path, rdpi: Callable) -> None:
     altered(lambda run: changed(run, displacement_um=4 * run.displacement_um))
     result, text = gap_of(rdpi, "model.json", *FRESH)
     assert result["verdict"] != "none"
-    assert any("is it the same actuator?" in note for note in result["notes"])
-    assert "is it the same actuator?" in " ".join(text.split())
+    assert any("check that it is of the same actuator" in note for note in result["notes"])
+    assert "check that it is of the same actuator" in " ".join(text.split())
 
 
 # ---- what it refuses ----
@@ -232,11 +232,12 @@ BAD_RUNS: dict[str, tuple[Callable[[Recording], Recording], str]] = {
     "a sensor that is dead": (lambda run: changed(run, displacement_um=0 * run.time_s + 1),
                               r"fresh0\.csv: displacement_um is constant at 1 um; check the sensor"),
     "displacement in nm": (lambda run: changed(run, displacement_um=1000 * run.displacement_um),
-                           r"fresh0\.csv: moves \S+ um/V, the model \S+: the units differ; .*rdpi import"),
+                           r"fresh0\.csv: moves \S+ um/V, but the model moves \S+ um/V: the units differ; "
+                           ".*rdpi import"),
     "displacement in mm": (lambda run: changed(run, displacement_um=run.displacement_um / 1000),
-                           r"fresh0\.csv: moves \S+ um/V, the model \S+: the units differ"),
+                           r"fresh0\.csv: moves \S+ um/V, but the model moves \S+ um/V: the units differ"),
     "command in mV": (lambda run: changed(run, command_V=1000 * run.command_V),
-                      r"fresh0\.csv: moves \S+ um/V, the model \S+: the units differ"),
+                      r"fresh0\.csv: moves \S+ um/V, but the model moves \S+ um/V: the units differ"),
     "opposite sign": (lambda run: changed(run, displacement_um=-run.displacement_um),
                       r"fresh0\.csv: moves opposite to the model; check the sign"),
     "unrelated": (lambda run: changed(run, displacement_um=np.random.default_rng(0).standard_normal(len(run))),
@@ -256,7 +257,7 @@ def test_bad_recordings(case: str, folder: Path, refused: Callable) -> None:
 
 def test_one_recording_in_other_units_among_others(folder: Path, refused: Callable) -> None:
     altered(lambda run: changed(run, displacement_um=1000 * run.displacement_um), FRESH[2:3])
-    assert re.match(r"fresh2\.csv: moves \S+ um/V, the model \S+: the units differ",
+    assert re.match(r"fresh2\.csv: moves \S+ um/V, but the model moves \S+ um/V: the units differ",
                     refused("gap", "model.json", *FRESH, "-o", refused.output))
 
 

@@ -428,7 +428,7 @@ def test_one_recording_gives_no_interval_and_says_so() -> None:
     document = diagnosed("one recording").document
     assert document.effects[0].name == "delay" and document.effects[0].shrink_ci95 is None
     assert document.promised.ci90 is None and "one recording" in document.promised.why_no_interval
-    assert any("one recording only" in note for note in document.notes)
+    assert any("there is only one recording" in note for note in document.notes)
 
 
 def test_several_recordings_give_an_interval() -> None:
@@ -533,14 +533,15 @@ def test_a_monitor_before_and_after() -> None:
     assert found.document.verdict == "effect" and name_of(found) == "delay"
     assert found.document.effects[0].parameters["delay_s"].value == pytest.approx(0.002, rel=0.1)
     assert found.document.where.stage == "timing"
-    with pytest.raises(BadInput, match=r"lacks monitor_V of sawtooth 0\.9\.csv"):
+    with pytest.raises(BadInput, match=r"lacks monitor_V, which sawtooth 0\.9\.csv has"):
         diagnose(with_creep(), monitored(now, lag, late), earlier=before)
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    (lambda run: scaled(run, command=1.01), r"no earlier recording has the same drive all along \(nearest is \S+ "),
+    (lambda run: scaled(run, command=1.01),
+     r"no earlier recording has the same drive throughout \(the nearest is \S+ "),
     (lambda run: changed(run, **{name: values[:-1] for name, values in run.columns.items()}),
-     r"the same drive all along \(nearest is .+, which ends after \d+ of its \d+ samples\)"),
+     r"the same drive throughout \(the nearest is .+, which ends after \d+ of its \d+ samples\)"),
     (lambda run: marked(changed(run, time_s=run.time_s / 2), sample_rate_hz="2000"), "1000 samples per second"),
     (lambda run: scaled(run, displacement=-1.0), "moves opposite to the model"),
 ])
@@ -621,7 +622,8 @@ def test_a_sensor_that_became_noisy() -> None:
 def test_remarks_on_earlier_recordings() -> None:
     before, now = twice()
     notes = diagnose(with_creep(), now, earlier=[scaled(run, displacement=5.0) for run in before]).document.notes
-    assert any(note.startswith("earlier, sawtooth 0.9.csv moves") and "same actuator?" in note for note in notes)
+    assert any(note.startswith("earlier, sawtooth 0.9.csv moves")
+               and "check that it is of the same actuator" in note for note in notes)
     model = replace(with_creep(), effects=[entry("delay", delay_s=0.001)])
     assert any("taken to have acted in the earlier" in note
                for note in diagnose(model, now, earlier=before).document.notes)
@@ -660,14 +662,14 @@ def test_recordings_that_cannot_be_this_models(change: Any, message: str) -> Non
 @pytest.mark.parametrize("share", [0.2, 5.0])
 def test_recordings_of_another_actuator_are_remarked_on(share: float) -> None:
     document = diagnose(commissioned(), [scaled(run, displacement=share) for run in later()]).document
-    assert any("is it the same actuator?" in note for note in document.notes)
+    assert any("check that it is of the same actuator" in note for note in document.notes)
     assert document.verdict != "none"
 
 
 def test_another_actuators_name_is_remarked_on() -> None:
     model = replace(commissioned(), actuator="stack 7")
     document = diagnose(model, [marked(run, actuator="stack 8") for run in later()]).document
-    assert any("recorded from stack 8, the model is of stack 7" in note for note in document.notes)
+    assert any("the recordings are of stack 8, but the model is of stack 7" in note for note in document.notes)
     notes = diagnose(model, [marked(run, actuator="stack 7") for run in later()]).document.notes
     assert not any("recorded from" in note for note in notes)
 
@@ -681,7 +683,7 @@ def test_a_clipped_sensor_is_remarked_on() -> None:
 def test_a_command_beyond_what_the_model_was_fitted_to_is_remarked_on() -> None:
     wide = recorded(plain_model(), [changed(run, command_V=1.3 * run.command_V) for run in drives(LATER)])
     document = diagnose(commissioned(), wide).document
-    assert any("V beyond what the model was fitted to" in note for note in document.notes)
+    assert any("V beyond the range that the model was fitted to" in note for note in document.notes)
 
 
 def test_every_stage_lies_in_the_chain() -> None:

@@ -162,7 +162,7 @@ def test_refused_recording(case: str, held_out: bool) -> None:
 
 
 @pytest.mark.parametrize("change, message", [
-    (dict(command_V=lambda V: V / 1000), r"bad\.csv moves 1\d\d um/V and run\.csv 0\.1\d+: .* same units.*check"),
+    (dict(command_V=lambda V: V / 1000), r"bad\.csv moves 1\d\d um/V, but run\.csv moves 0\.1\d+ um/V: their units or .*differ; check"),
     (dict(displacement_um=lambda z: z + 9),
      r"bad\.csv: lies 9(\.0\d*)? um from run\.csv at the same command; .*subtract"),
     (dict(displacement_um=lambda z: 12 - z), r"bad\.csv: moves opposite to run\.csv; .*sign"),
@@ -176,9 +176,9 @@ def test_runs_that_do_not_belong_together(change: dict[str, Callable], message: 
 
 @pytest.mark.parametrize("run, note", [
     (bent(displacement_um=lambda z: np.minimum(z, 11.0)),
-     r"^bad\.csv: \d+ samples stand at the very highest .*clipped"),
+     r"^bad\.csv: \d+ samples stay at the highest .*clipped"),
     (bent(displacement_um=lambda z: z + np.linspace(0, 4, len(z))),
-     r"^bad\.csv: explained only to [3-9]\.?\d* % rms .*drift"),
+     r"^bad\.csv: the model misses this run by [3-9]\.?\d* % rms .*drift"),
     (static_run(visited((90.0, 0.0)), name="bad.csv"), r"^bad\.csv: marked memory: reset, but .*unknown"),
 ])
 def test_doubtful_recordings_are_remarked_on(run: Recording, note: str) -> None:
@@ -209,7 +209,7 @@ def test_refused_options(options: Options, message: str) -> None:
 def test_a_short_recording() -> None:
     """Sixteen samples, the fewest that a recording may have, are too few for ten slopes and enough for one."""
     run = static_run(cycles=1, rate_hz=16, noise_um=0.0)
-    with pytest.raises(BadInput, match=r"^run\.csv: 16 samples .* for 13 unknowns; record longer"):
+    with pytest.raises(BadInput, match=r"^run\.csv: the fit has 13 unknowns, but only 16 samples .*; record longer"):
         fit([run], STATIC)
     result: Fit = fit([run], replace(STATIC, operators=1, deadzones=0))
     result.model.validate()

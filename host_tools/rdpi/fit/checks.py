@@ -59,22 +59,23 @@ def reversals(command: np.ndarray, share: float, first: int = 0) -> int:
 def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> None:
     """Each run once, all of one actuator: same sign, same zero, about as many um per volt (small loops have fewer)."""
     _check_once([run.digest or id(run) for run in (*runs, *hold_out)], [*runs, *hold_out],
-                ", and one that is fitted is not held out")
+                " and cannot be both fitted and held out")
     gains = [float(np.ptp(run.displacement_um) / np.ptp(run.command_V)) for run in runs]
     low, high = int(np.argmin(gains)), int(np.argmax(gains))
     if gains[high] > tuned.GAIN_SPREAD * gains[low]:
-        raise BadInput(f"{runs[high].path} moves {gains[high]:.3g} um/V and {runs[low].path} {gains[low]:.3g}: "
-                       "they are not in the same units, or not of the same actuator; "
+        raise BadInput(f"{runs[high].path} moves {gains[high]:.3g} um/V, but {runs[low].path} moves "
+                       f"{gains[low]:.3g} um/V: their units or actuators differ; "
                        "check --command-gain and units of `rdpi import`")
     largest = max(runs, key=lambda run: np.ptp(run.command_V))
     slope, zero = np.polyfit(largest.command_V, largest.displacement_um, 1)
     for run in runs:
         if correlation(run) * slope < 0:
-            raise BadInput(f"{run.path}: moves opposite to {largest.path}; one of them has the sign inverted")
+            raise BadInput(f"{run.path}: moves opposite to {largest.path}; the sign of one of them is inverted")
         moved = float(np.mean(run.displacement_um) - slope * np.mean(run.command_V) - zero)
         if abs(moved) > np.ptp(largest.displacement_um) / 2:
             raise BadInput(f"{run.path}: lies {moved:.4g} um from {largest.path} at the same command; "
-                           "the sensor's zero or the command's offset has changed: subtract it, or fit the runs apart")
+                           "the sensor's zero or the command's offset has changed; subtract the change, or fit the "
+                           "runs separately")
 
 
 def _check_once(marks: Sequence[object], runs: Sequence[Recording], why: str = "") -> None:
@@ -100,32 +101,33 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
         gain = float(np.ptp(run.displacement_um) / np.ptp(run.command_V))
         times = max(gain / usual, usual / gain)
         if times > tuned.OTHER_UNITS:
-            raise BadInput(f"{run.path}: moves {gain:.3g} um/V, the model {usual:.3g}: the units differ; give "
-                           "volts as at commissioning and displacement in um (`rdpi import`)")
+            raise BadInput(f"{run.path}: moves {gain:.3g} um/V, but the model moves {usual:.3g} um/V: the units "
+                           "differ; give volts as at commissioning and displacement in um (`rdpi import`)")
         if times > tuned.MODEL_SPREAD and abs(together) > tuned.MIN_CORRELATION:
-            notes.append(f"{run.path} moves {gain:.3g} um/V and the model {usual:.3g}: is it the same actuator?")
+            notes.append(f"{run.path} moves {gain:.3g} um/V, but the model moves {usual:.3g} um/V; check that it is "
+                         "of the same actuator")
         stays = stays_at_an_end(run)
         if stays:
-            notes.append(f"{run.path}: {stays} samples stand at the very highest or lowest reading while the command "
-                         "moves: a clipped sensor looks like saturation of the amplifier or a curved scale")
+            notes.append(f"{run.path}: {stays} samples stay at the highest or lowest reading while the command "
+                         "moves; a clipped sensor looks like saturation of the amplifier or a curved scale")
         _check_covariates(run, related=run is widest)
         low, high = float(np.min(run.command_V)), float(np.max(run.command_V))
         beyond = max(model.drive.min_V - low, high - model.drive.max_V)
         if beyond > 0.05 * (model.drive.max_V - model.drive.min_V):
-            notes.append(f"{run.path}: the command goes {beyond:.3g} V beyond what the model was fitted to")
+            notes.append(f"{run.path}: the command goes {beyond:.3g} V beyond the range that the model was fitted to")
     others = sorted({name for run in runs if (name := run.metadata.get("actuator", "")) and name != model.actuator})
     if others and model.actuator:
-        notes.append(f"recorded from {', '.join(others)}, the model is of {model.actuator}")
+        notes.append(f"the recordings are of {', '.join(others)}, but the model is of {model.actuator}")
     fitted = fitted_digests(model)
     known = [run.path for run in runs if run.digest and run.digest in fitted]
     if known:
-        notes.append(f"the model was fitted to {', '.join(known)}: give other recordings")
+        notes.append(f"the model was fitted to {', '.join(known)}; give other recordings")
     if model.passport is None:
-        notes.append("the model has no passport, so its own error cannot be separated from what is new: "
+        notes.append("the model has no passport, so its own error cannot be separated from what is new; "
                      "fit the model again to get one")
     if len(runs) == 1:
-        notes.append("one recording only: effects were judged on parts of it that were left out, which promises more "
-                     "than other recordings keep; give several with different waveforms")
+        notes.append("there is only one recording, so effects were judged on parts of it that were left out; this "
+                     "promises more than other recordings keep; give several recordings with different waveforms")
     return notes
 
 
@@ -152,15 +154,16 @@ def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list
             raise BadInput(f"{run.path}: no earlier recording has its {run.sample_rate_hz:g} samples per second")
         apart, nearest = min(((_apart(run, one), one) for one in alike), key=lambda pair: pair[0])
         if apart > tuned.SAME_DRIVE or len(nearest) < len(run):
-            short = f"up to {100 * apart:.3g} % of the range away" \
+            short = f"which differs by up to {100 * apart:.3g} % of the range" \
                 if apart > tuned.SAME_DRIVE and len(nearest) >= len(run) \
                 else f"which ends after {len(nearest)} of its {len(run)} samples"
-            raise BadInput(f"{run.path}: no earlier recording has the same drive all along (nearest is {nearest.path}, "
-                           f"{short}); remove this run, or give its earlier recording after an --earlier of its own")
+            raise BadInput(f"{run.path}: no earlier recording has the same drive throughout (the nearest is "
+                           f"{nearest.path}, {short}); remove this run, or add its earlier recording with another "
+                           "--earlier")
         lacks = [name for name in run.columns if name.endswith(("_V", "_degC")) and name not in nearest.columns]
         if lacks:
-            raise BadInput(f"{nearest.path}: lacks {', '.join(lacks)} of {run.path}; remove it there, or give "
-                           "another earlier recording")
+            raise BadInput(f"{nearest.path}: lacks {', '.join(lacks)}, which {run.path} has; remove it from "
+                           f"{run.path}, or give another earlier recording")
         found.append(replace(nearest, columns={name: values[:len(run)] for name, values in nearest.columns.items()}))
     return found
 

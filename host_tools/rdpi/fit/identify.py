@@ -120,8 +120,8 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     factor, samples = joined(reduced)
     unknowns = columns.plays + options.deadzones + len(runs)
     if samples < tuned.MIN_SAMPLES_PER_UNKNOWN * unknowns:
-        raise BadInput(f"{runs[0].path}: {samples} samples after warm-up for {unknowns} unknowns; "
-                       "record longer, state the memory, or use fewer --operators")
+        raise BadInput(f"{runs[0].path}: the fit has {unknowns} unknowns, but only {samples} samples after "
+                       "warm-up; record longer, state the memory, or use fewer --operators")
     plant = search(factor, columns, options.deadzones, samples)
 
     if not options.rate_independent:
@@ -144,8 +144,8 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         model.memory = Memory(float(states[0]), states)
     model.memory = chain.within_drive(model)
     if options.dac_bits is not None and None in (options.min_V, options.max_V):
-        warnings.append(f"the codes of the DAC are taken to span {model.drive.min_V:g} to {model.drive.max_V:g} V, the "
-                        "range recorded: give --min-V and --max-V, the drives of its first and of its last code")
+        warnings.append(f"the DAC's codes are assumed to span {model.drive.min_V:g} to {model.drive.max_V:g} V, the "
+                        "recorded range; give the drive of the first code as --min-V, of the last as --max-V")
     _check_reset(model, runs, warnings)
     progress(0.7)
     predictions = chain.simulate(model, [*runs, *hold_out])
@@ -185,9 +185,9 @@ def _check_reset(model: Model, runs: Sequence[Recording], warnings: list[str]) -
         if run.memory == "reset":
             _, at_rest, best = chain.start_states(model, run)
             if best < tuned.RESET_DOUBT * at_rest and at_rest - best > 0.003 * model.stroke_um:
-                warnings.append(f"{run.path}: marked memory: reset, but its beginning is explained better by another "
-                                f"state ({best:.2g} um rms against {at_rest:.2g}); did the sweep decay from both "
-                                "sides? Else mark it unknown")
+                warnings.append(f"{run.path}: marked memory: reset, but another state explains its beginning better "
+                                f"({best:.2g} um rms against {at_rest:.2g}); check that the sweep decayed from both "
+                                "sides, or mark the memory unknown")
 
 
 def _check_options(options: Options) -> None:
@@ -207,7 +207,7 @@ def _check_options(options: Options) -> None:
     if not 0 <= options.operators <= 128:
         raise BadInput(f"--operators {options.operators}: must be 0 to 128")
     if not 0 <= options.deadzones <= 6:
-        raise BadInput(f"--deadzones {options.deadzones}: must be 0 to 6; more cannot be told apart")
+        raise BadInput(f"--deadzones {options.deadzones}: must be 0 to 6; recordings cannot tell more of them apart")
     if not 0 < options.min_slope_ratio < 1:
         raise BadInput(f"--min-slope-ratio {options.min_slope_ratio:g}: must lie between 0 and 1")
     for option, value in (("--rate-window", options.rate_window_s), ("--rate-filter", options.rate_filter_s)):
@@ -230,13 +230,13 @@ def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> n
         return np.arange(options.operators + 1) * reach / (options.operators + 1)
     wanted = np.array([0.0, *options.thresholds_um])
     if not np.all(np.diff(wanted) > 0) or not np.isfinite(wanted[-1]):  # refuses NaN too
-        raise BadInput("--thresholds: must be positive, finite and increase")
+        raise BadInput("--thresholds: must be positive, finite and increasing")
     if len(wanted) > MAX_PLAYS:
-        raise BadInput(f"--thresholds: {len(wanted) - 1} of them; at most {MAX_PLAYS - 1}")
+        raise BadInput(f"--thresholds: {len(wanted) - 1} values; at most {MAX_PLAYS - 1}")
     hidden = wanted[wanted > 0.98 * reach]
     if len(hidden):
-        warnings.append(f"thresholds {', '.join(f'{r:g}' for r in hidden)} um not fitted: unobservable, "
-                        f"beyond half the largest excursion in the recordings ({reach:.4g} um)")
+        warnings.append(f"thresholds {', '.join(f'{r:g}' for r in hidden)} um are not fitted: they are unobservable, "
+                        f"because they exceed half the largest excursion in the recordings ({reach:.4g} um)")
     return wanted[wanted <= 0.98 * reach]
 
 
@@ -314,7 +314,7 @@ def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], prediction
 def _remark(plant: Plant, scores: Sequence[RunScore], warnings: list[str]) -> None:
     slopes = np.r_[plant.rest, plant.fast]
     if np.any(slopes <= tuned.SLOPE_FLOOR * 1.0001):
-        warnings.append(f"a slope lies on its floor of {tuned.SLOPE_FLOOR:g}: the recordings do not determine it; "
+        warnings.append(f"a slope is at its lower bound of {tuned.SLOPE_FLOOR:g}: the recordings do not determine it; "
                         "use fewer --operators or record more amplitudes and rates")
     actuators = sorted({run.recording.metadata["actuator"] for run in scores if "actuator" in run.recording.metadata})
     if len(actuators) > 1:
@@ -322,12 +322,12 @@ def _remark(plant: Plant, scores: Sequence[RunScore], warnings: list[str]) -> No
     for run in scores:
         path, stays = run.recording.path, stays_at_an_end(run.recording)
         if run.memory == "estimated":
-            warnings.append(f"{path}: memory at the start unknown; estimated"
-                            + ("" if run.held_out else ", and left out of the fit until the drive had erased it"))
+            warnings.append(f"{path}: the memory at the start is unknown; it was estimated" + (
+                "" if run.held_out else "; the fit uses this run only after the drive has erased that memory"))
         if stays:
-            warnings.append(f"{path}: {stays} samples stand at the very highest or lowest reading "
-                            "while the command moves: is the sensor clipped?")
+            warnings.append(f"{path}: {stays} samples stay at the highest or lowest reading "
+                            "while the command moves; check whether the sensor is clipped")
         if run.score.rms_percent > tuned.POOR_PERCENT:
-            warnings.append(f"{path}: explained only to {run.score.rms_percent:.2g} % rms of its stroke: "
-                            "is it the same actuator, in the same units, without drift, delay or ringing? "
-                            "The model may not be fit for use")
+            warnings.append(f"{path}: the model misses this run by {run.score.rms_percent:.2g} % rms of its stroke and "
+                            "may not be fit for use; check that the run is of the same actuator, in the same units, "
+                            "and without drift, delay or ringing")

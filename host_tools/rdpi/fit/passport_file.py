@@ -25,7 +25,7 @@ def read(model: Model) -> Passport | None:
     known = _Checked(model.passport, f"{model.where}: passport")
     schema = known.item("schema")
     if schema != Passport.SCHEMA:
-        known.refuse("schema", f"is {schema!r}, and this version reads {Passport.SCHEMA}")
+        known.refuse("schema", f"is {schema!r}, but this version reads {Passport.SCHEMA}")
     for name in ("noise_um", "rms_um", "expected_um", "kurtosis", "spread"):
         known.number(name)
     if known.item("held_out") not in SOURCES:
@@ -38,7 +38,7 @@ def read(model: Model) -> Passport | None:
         axis = known.section("axes").section(name)
         edges = axis.numbers("edges", low=-np.inf)
         if len(edges) < 2 or np.any(np.diff(edges) < 0):
-            axis.refuse("edges", "must be at least two numbers that do not fall")
+            axis.refuse("edges", "must be at least two numbers that do not decrease")
         for part in ("rms_um", "occupancy"):
             axis.numbers(part, len(edges) - 1)
         if name in SHAPE_AXES and not np.all(axis.numbers("factor", len(edges) - 1) > 0):

@@ -216,8 +216,8 @@ def prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds:
         states = np.array(end) if carried else chain.states_after(x[0], x[0], thresholds)
         first = 0 if known else chain.warm_up(x, thresholds[-1])
         if first and reversals(x, 0.1, first) == 0:
-            raise BadInput(f"{run.path}: its memory is unknown, and the drive does not turn round any more once it has "
-                           "erased it; state the memory (reset, carried) or record longer")
+            raise BadInput(f"{run.path}: its memory is unknown, and the drive has no reversal after it has erased "
+                           "the memory; state the memory (reset, carried) or record longer")
         prepared.append(Run(run, x, rate, states, first))
         end = firmware.plays(x, thresholds, states)[1]
     return prepared
