@@ -563,7 +563,7 @@ def test_a_disturbance_that_was_there_before_is_not_new() -> None:
         document = diagnose(with_creep(), hummed(now, later_, 0.5), earlier=hummed(before, earlier, 2.0)).document
         assert not document.effects
         (line,) = (one for one in document.candidates if one.name == "periodic_disturbance")
-        assert line.rejected_because == "was in the earlier recordings as well"
+        assert line.rejected_because == "was already in the earlier recordings"
     found = diagnose(with_creep(), hummed(now, 0.1, 0.5), earlier=hummed(before, 0.02, 2.0))
     assert found.document.verdict == "effect" and name_of(found) == "periodic_disturbance"
 
@@ -576,7 +576,7 @@ def test_the_sensors_zero_is_compared_with_the_earlier_one() -> None:
     moved = diagnose(with_creep(), [changed(run, displacement_um=run.displacement_um + 1.0) for run in now],
                      earlier=before)
     assert moved.document.offset_um.mean == pytest.approx(found.offset_um.mean + 1.0, abs=0.01)
-    assert any("um from the earlier ones, a constant" in note for note in moved.document.notes)
+    assert any("um from the earlier ones; these constants, one a recording, are not counted" in note for note in moved.document.notes)
 
 
 def test_a_grid_of_readings_that_was_there_before_is_not_new() -> None:
@@ -599,7 +599,7 @@ def test_a_mended_model_has_no_change_left() -> None:
     before, now = twice(entry("gain_change", factor=1.02))
     improved = diagnose(with_creep(), now, earlier=before).improved
     again = diagnose(improved, now, earlier=before).document
-    assert again.verdict == "none" and not any("taken to have acted" in note for note in again.notes)
+    assert again.verdict == "none" and not any("also acted in the earlier" in note for note in again.notes)
 
 
 def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
@@ -608,7 +608,7 @@ def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
     runs = [changed(run, monitor_V=effects.driven(lag, run.command_V, run, plain_model())) for run in later()]
     found = diagnose(commissioned(), runs)
     assert found.document.verdict == "none" and found.improved.digest() == commissioned().digest()
-    assert any("it is the monitor that is late" in note for note in found.document.notes)
+    assert any("the monitor is late" in note for note in found.document.notes)
 
 
 def test_a_sensor_that_became_noisy() -> None:
@@ -625,10 +625,10 @@ def test_remarks_on_earlier_recordings() -> None:
     assert any(note.startswith("earlier, sawtooth 0.9.csv moves")
                and "check that it is of the same actuator" in note for note in notes)
     model = replace(with_creep(), effects=[entry("delay", delay_s=0.001)])
-    assert any("taken to have acted in the earlier" in note
+    assert any("also acted in the earlier" in note
                for note in diagnose(model, now, earlier=before).document.notes)
     notes = diagnose(with_creep(), now, earlier=[marked(run, memory="unknown") for run in before]).document.notes
-    assert any("its memory is reset, and unknown in its earlier recording" in note for note in notes)
+    assert any("its memory is reset, but unknown in its earlier recording" in note for note in notes)
 
 
 def test_earlier_recordings_may_be_longer_and_more() -> None:

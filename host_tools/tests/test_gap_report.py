@@ -527,7 +527,7 @@ def test_the_terminal_without_an_effect_worth_a_row() -> None:
 def test_lines_of_the_terminal_fit() -> None:
     """The command stays in one line, for it is copied."""
     content = document("ambiguous")
-    content["candidates"][3]["rejected_because"] = "takes up a part of the gap, but leaves too much to be its cause"
+    content["candidates"][3]["rejected_because"] = "explains a part of the gap, but leaves too much to be its cause"
     lines = tables(content).splitlines()
     command = f"record next: {content['next_experiment']['command']}"
     assert len(command) > gap_report.WIDTH
@@ -537,10 +537,10 @@ def test_lines_of_the_terminal_fit() -> None:
 
 def test_what_was_left_out_is_told_apart_from_what_cannot_be_seen() -> None:
     content = document()
-    content["candidates"].append(candidate("backlash", 0.0, 0.0, "left out by --without", excited=False))
-    assert "not tried: backlash (left out by --without)" in tables(content)
+    content["candidates"].append(candidate("backlash", 0.0, 0.0, "excluded by --without", excited=False))
+    assert "not tried: backlash (excluded by --without)" in tables(content)
     text = rendered(content).text
-    assert "Not tried: backlash (left out by --without)" in text and "slew_limit: needs" in text
+    assert "Not tried: backlash (excluded by --without)" in text and "slew_limit: needs" in text
     assert "backlash: needs" not in text and "Not tried: slew_limit" not in text
 
 

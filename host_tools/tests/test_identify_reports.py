@@ -162,7 +162,8 @@ def test_refused_recording(case: str, held_out: bool) -> None:
 
 
 @pytest.mark.parametrize("change, message", [
-    (dict(command_V=lambda V: V / 1000), r"bad\.csv moves 1\d\d um/V, but run\.csv moves 0\.1\d+ um/V: their units or .*differ; check"),
+    (dict(command_V=lambda V: V / 1000),
+     r"bad\.csv moves 1\d\d um/V, but run\.csv moves 0\.1\d+ um/V: their units or .*differ; check"),
     (dict(displacement_um=lambda z: z + 9),
      r"bad\.csv: lies 9(\.0\d*)? um from run\.csv at the same command; .*subtract"),
     (dict(displacement_um=lambda z: 12 - z), r"bad\.csv: moves opposite to run\.csv; .*sign"),

@@ -86,8 +86,8 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
     notes = _remarks(selection, gap, verdict)
     accepted = bool(selection.accepted.chosen)
     if accepted and given.dataset.monitored and rms(selection.after_um) > rms(selection.before_um):
-        notes.append("monitor_V shows what would move the actuator further from where it is: it is the monitor that "
-                     "is late, filtered or wrong; leave the column out")
+        notes.append("the effects that monitor_V shows would make the residual larger, so the monitor is late, "
+                     "filtered or wrong; leave its column out")
         verdict = "unknown" if _sure(selection, gap) else "none"
     if verdict in ("unknown", "none"):
         selection = selection.rejecting_all()
@@ -111,9 +111,9 @@ def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], ea
         earlier = checks.same_drives(runs, earlier)
         known = None if known is None else passport.repeated(known)
         if any(not entry.get("new") for entry in model.effects):
-            notes.append("the effects that the model has are taken to have acted in the earlier recordings too")
-        notes += [f"{run.path}: its memory is {run.memory}, and {then.memory} in its earlier recording: a start that "
-                  "differs looks like a change" for run, then in zip(runs, earlier) if run.memory != then.memory]
+            notes.append("the diagnosis assumes that the model's effects also acted in the earlier recordings")
+        notes += [f"{run.path}: its memory is {run.memory}, but {then.memory} in its earlier recording; a different "
+                  "start looks like a change" for run, then in zip(runs, earlier) if run.memory != then.memory]
     return runs, earlier, known, notes
 
 
@@ -138,12 +138,13 @@ def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Off
     """Zero, noise, and the place where the gap exceeds the passport most."""
     notes, before_um = [], rms(selection.before_um)
     if offset.moved:
-        notes.append(f"beside it the recordings lie {offset.low:.3g} to {offset.high:.3g} um from "
-                     f"{'the earlier ones' if selection.given.earlier else 'the model'}, a constant of each that is "
-                     "not counted: the sensor's zero has changed, or the mount"
-                     + ("; the improved model has their mean" if selection.accepted.chosen else ""))
+        notes.append(f"the recordings also lie {offset.low:.3g} to {offset.high:.3g} um from "
+                     f"{'the earlier ones' if selection.given.earlier else 'the model'}; these constants, one "
+                     "a recording, are not counted; the sensor's zero or the mount has changed"
+                     + ("; the improved model includes their mean" if selection.accepted.chosen else ""))
     if verdict == "unknown" and noise_um**2 > 0.5 * before_um**2:
-        notes.append(f"most of it is noise from sample to sample, {noise_um:.3g} um rms: look at the sensor and cables")
+        notes.append(f"most of the {_terms(selection).gap} is noise from sample to sample, {noise_um:.3g} um rms; "
+                     "check the sensor and its cables")
     if verdict == "none" and (there := _elsewhere(axes, _terms(selection))):
         notes.append(there)
     return notes
@@ -161,8 +162,8 @@ def _elsewhere(axes: Sequence[localise.Axis], words: Terms) -> str | None:
     if worst is None or worst[0] < thresholds.BIN_RATIO:
         return None
     ratio, share, axis, k = worst
-    return (f"the whole is as expected, but {100 * share:.0f} % of it lies at {axis.name} {axis.labels[k]}, "
-            f"{ratio:.2g} times what {words.usual_there}: too little to be named")
+    return (f"the {words.gap} as a whole is as expected, but {100 * share:.0f} % of it lies at {axis.name} "
+            f"{axis.labels[k]}, {ratio:.2g} times what {words.usual_there}; this is too little to name a cause")
 
 
 def _verdict(selection: Selection, gap: Excess) -> Verdict:
@@ -195,14 +196,15 @@ def _remarks(selection: Selection, gap: Excess, verdict: str) -> list[str]:
     notes, best, state = [], selection.rounds[0].best, selection.reached
     left = gap.left(_left(selection))
     if verdict == "unknown" and best is not None:
-        notes.append(f"{best.name} takes up a part of the gap, but leaves too much to be its cause")
+        notes.append(f"{best.name} explains a part of the gap, but leaves too much to be its cause")
     elif state.chosen and gap.ratio and left > thresholds.MUCH_LEFT:
-        notes.append(f"with {' and '.join(one.effect.name for one in state.chosen)} the gap is still {left:.2g} times "
-                     f"what {_terms(selection).usual}: the cause may be something like it, not known here")
+        notes.append(f"with {' and '.join(one.effect.name for one in state.chosen)}, the gap is still {left:.2g} times "
+                     f"what {_terms(selection).usual}; the cause may be a similar effect that rdpi does not know")
     top = state.model.rate.identified_um_per_s
     fastest = max(float(np.percentile(one.rate_um_per_s, 99.9)) for one in state.dataset.model_runs)
     far = top and not 1 / thresholds.OTHER_RATE < fastest / top < thresholds.OTHER_RATE
     if far and not np.any(state.model.slope_rate_s_per_um) and any(one.effect.hides_rate for one in state.chosen):
-        notes.append(f"the model is rate-independent and was fitted up to {top:.3g} um/s, these recordings reach "
-                     f"{fastest:.3g}: a rate dependence looks like a changed loop or gain; record at several rates")
+        notes.append(f"the model is rate-independent and was fitted up to {top:.3g} um/s, but these recordings "
+                     f"reach {fastest:.3g} um/s; a rate dependence looks like a changed loop or gain; "
+                     "record at several rates")
     return notes

@@ -99,7 +99,7 @@ def _candidates(selection: Selection) -> list[CandidateEntry]:
         if one.name in accepted:
             rejected = None
         elif one is first.best or not accepted and one in first.rivals:
-            rejected = "takes up a part of the gap, but leaves too much to be its cause"
+            rejected = "explains a part of the gap, but leaves too much to be its cause"
         elif rejected is None and one not in first.rivals:
             rejected = f"{first.best.name} explains more of the gap"
         result[one.name] = CandidateEntry(
@@ -109,7 +109,7 @@ def _candidates(selection: Selection) -> list[CandidateEntry]:
             excited=True, share_of_excess=one.share, rejected_because=rejected)
     for name, kind in CATALOGUE.items():
         if name not in result:
-            why = "left out by --without" if name in selection.without else \
+            why = "excluded by --without" if name in selection.without else \
                 selection.refused.get(name, "these recordings do not excite it")
             result[name] = CandidateEntry(name=name, stage=kind.stages[0], shrink=0.0, shrink_ci95=None,
                                           refitted_shrink=0.0, parameters={}, excited=False, rejected_because=why)

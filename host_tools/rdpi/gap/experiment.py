@@ -31,7 +31,7 @@ def propose(selection: Selection, verdict: Verdict) -> NextExperiment | None:
     """The canned recording that would tell the survivors apart best per second of bench time."""
     state = selection.accepted
     if verdict == "unknown":
-        why = "fast edges and holds show what kind of motion is missing; record monitor_V beside it"
+        why = "fast edges and holds show what kind of motion is missing; record a column monitor_V too"
         return NextExperiment(command=_command(state, "steps", {"levels": 3, "hold_s": 1.0}), why=why, seconds=None)
     open_ = next((done for done in selection.rounds if done.rivals), None) if verdict == "ambiguous" else None
     if open_ is None:
@@ -59,11 +59,11 @@ def propose(selection: Selection, verdict: Verdict) -> NextExperiment | None:
     if best is None:
         return None
     names = " and ".join([truth.effect.name, *dict.fromkeys(rival.name for rival in rivals)])
-    why = f"of the canned recordings it tells {names} apart best per second"
+    why = f"of the canned recordings, this one tells {names} apart best per second"
     if best[1] < float(np.mean(state.residual**2)) / 4:
-        why += "; if it does not, monitor_V beside it will tell what lies before the actuator from what lies after"
+        why += "; if it does not, a column monitor_V will separate causes before the actuator from causes after it"
     if state.earlier:
-        why += "; no earlier recording has this drive: it helps where the change shows without --earlier too"
+        why += "; no earlier recording has this drive, so it helps only if the change also shows without --earlier"
     return NextExperiment(command=_command(state, best[2], best[3]), why=why, seconds=best[4])
 
 

@@ -330,9 +330,9 @@ def _why_rejected(one: Score, further: bool, clear: bool, born_in: float) -> str
     if one.share <= share or one.gain <= shrink:
         return "explains too little of the gap"
     if one.follows_drive:
-        return "stands at a frequency of the drive itself"
+        return "lies at a frequency of the drive itself"
     if one.was_there:
-        return "was in the earlier recordings as well"
+        return "was already in the earlier recordings"
     if not clear and min(one.gain, one.refitted_shrink) < born_in:
         return "the gap is no larger than the passport expects"
     return None
