@@ -250,7 +250,7 @@ def check_text(text: str) -> None:
 def test_an_effect_is_named_with_its_size() -> None:
     assert sentence(document()) == (
         "The gap is 0.412 µm rms (3.1 % of the stroke) over 4 recordings, 4.2 times what the model missed at "
-        "commissioning. A signal delay of 0.521 ms (95 % interval 0.479 to 0.561 ms) explains it: on recordings "
+        "commissioning. A signal delay of 0.521 ms (95 % interval 0.479 to 0.561 ms) explains it. On recordings "
         "it was not fitted to, the residual falls from 0.412 to 0.100 µm rms.")
 
 
@@ -285,7 +285,7 @@ def test_several_effects() -> None:
     content = document()
     content["effects"].append(hum())
     assert ("A signal delay of 0.521 ms (95 % interval 0.479 to 0.561 ms) and a periodic disturbance (frequency "
-            "50.010 Hz, 95 %: 49.980 to 50.040; amplitude 0.0310 µm, 95 %: 0.0280 to 0.0350) explain it: on "
+            "50.010 Hz, 95 %: 49.980 to 50.040; amplitude 0.0310 µm, 95 %: 0.0280 to 0.0350) explain it. On "
             "recordings they were not fitted to, the residual falls from 0.412 to 0.060 µm rms.") in sentence(content)
     content["verdict"] = "ambiguous"
     content["effects"][1]["confusable_with"] = ["resonance"]
@@ -299,13 +299,13 @@ def test_how_much_is_explained() -> None:
     for after in (0.12, 0.25, 0.35):
         content = document()
         content["effects"][0]["held_out_rms_um"]["after"] = after
-        words[after] = re.search(r"explains (.*?):", sentence(content)).group(1)
+        words[after] = re.search(r"explains (.*?)\. On ", sentence(content)).group(1)
     assert words == {0.12: "it", 0.25: "most of it", 0.35: "a part of it"}
     content["passport"].update(rms_um=0.33, ratio=1.25)
-    assert "explains it:" in sentence(content)
+    assert "explains it. On " in sentence(content)
     content["effects"][0]["held_out_rms_um"]["after"] = 0.43
     content["passport"]["rms_um"] = 0.5
-    assert "explains a part of it: on" in sentence(content) and "goes from 0.412 to 0.430 µm" in sentence(content)
+    assert "explains a part of it. On" in sentence(content) and "goes from 0.412 to 0.430 µm" in sentence(content)
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
@@ -317,7 +317,7 @@ def test_a_model_without_a_passport(verdict: str) -> None:
         one["ratio"] = None
     text = sentence(content)
     check_text(text)
-    assert text.endswith("The model carries no passport: how much of this it missed at commissioning is not known.")
+    assert text.endswith("The model has no passport, so it is not known how much of this it missed at commissioning.")
     assert "times" not in text and "as much" not in text
     page = rendered(content)
     assert page.text.replace(NBSP, " ").count("commissioning") == 1
@@ -332,7 +332,7 @@ def test_a_comparison_with_earlier_recordings(verdict: str) -> None:
         run["earlier"] = f"first/{Path(run['file']).name}"
     text, page = sentence(content), rendered(content)
     check_text(text)
-    assert text.startswith("What has changed since these drives were first recorded is 0.")
+    assert text.startswith("The change since these drives were first recorded is 0.")
     assert " two recordings of the same drive may differ by anyway. " in text
     assert not re.search(r"commissioning|The gap|sim-to-real", page.text + tables(content), re.IGNORECASE)
     assert "Where the change lies" in page.text and ["1 multisine_large.csv", "66 %"] in [row[:2] for row in page.rows]
@@ -340,7 +340,7 @@ def test_a_comparison_with_earlier_recordings(verdict: str) -> None:
     labels = figure_labels(gap_pictures.runs_figure(read(content).runs, False, gap_words.CHANGE.usually))
     assert labels == ["now", "may differ anyway", "noise floor"]
     unjudged = document(verdict, paired=True, passport=None)
-    assert sentence(unjudged).endswith(" how much two recordings of the same drive may differ is not known.")
+    assert sentence(unjudged).endswith(" it is not known how much two recordings of the same drive may differ.")
 
 
 def quantised(stage: str = "sensor", **changes: Any) -> dict[str, Any]:
@@ -355,10 +355,10 @@ def test_a_grid_of_readings_is_no_error_of_the_model() -> None:
     """A step of 1.2 µm rounds by 0.346 µm rms; no shrink is promised, but what a finer converter would bring."""
     content = document(effects=[quantised()], promised={"shrink": 0.002, "ci90": [0.0, 0.01], "why_no_interval": None})
     content["candidates"][1] = candidate("quantisation", 0.002, 0.0, None)
-    coarse = ("Of the gap, 0.346 µm rms is the grid's own rounding, which no better model takes away. A finer "
-              "converter would bring 0.412 to 0.223 µm rms.")
+    coarse = ("The grid's own rounding makes up 0.346 µm rms of the gap; no better model removes it. A finer "
+              "converter would reduce the gap from 0.412 to 0.223 µm rms.")
     assert sentence(content).endswith(f"commissioning. Quantisation in steps of 1.2 µm explains most of it. {coarse}")
-    assert promise(content) == "" and "promises" not in rendered(content).text
+    assert promise(content) == "" and "Adding this" not in rendered(content).text
     text = rendered(content).text.replace(NBSP, " ")
     assert text.count(coarse) == 2 and "step / √12 = 0.346 µm rms" in text
     assert "with a finer converter0.223 µmthe grid's own 0.346 µm" in text
@@ -370,28 +370,28 @@ def test_a_grid_beside_another_effect() -> None:
     content = document()
     content["effects"].append(quantised(held_out_rms_um={"before": 0.1, "after": 0.1}))
     content["effects"][1]["parameters"]["step"]["value"] = 0.12
-    assert ("Of what is left, 0.0346 µm rms is the grid's own rounding, which no better model takes away. A finer "
-            "converter would bring 0.100 to 0.098 µm rms.") in sentence(content)
-    assert "smaller by 76 %" in promise(content)
+    assert ("The grid's own rounding makes up 0.0346 µm rms of what is left; no better model removes it. A finer "
+            "converter would reduce what is left from 0.100 to 0.098 µm rms.") in sentence(content)
+    assert "should shrink the residual by 76 %" in promise(content)
 
 
 def test_a_finer_converter_mends_nothing_else() -> None:
     content = document(effects=[quantised()])
     content["effects"][0]["parameters"]["step"]["value"] = 9.0
-    assert sentence(content).endswith(" A finer converter would bring 0.412 to 0.098 µm rms.")
+    assert sentence(content).endswith(" A finer converter would reduce the gap from 0.412 to 0.098 µm rms.")
 
 
 def test_the_grid_of_a_dac_is_predicted() -> None:
     content = document(effects=[quantised("DAC", shrink=0.7)])
-    assert "rounding" not in sentence(content) and "on recordings it was not fitted to" in sentence(content)
-    assert "smaller by 76 %" in promise(content)
+    assert "rounding" not in sentence(content) and "On recordings it was not fitted to" in sentence(content)
+    assert "should shrink the residual by 76 %" in promise(content)
 
 
 @pytest.mark.parametrize("share", [0.004, 0.0, -0.2])
 def test_no_smaller_residual_is_promised(share: float) -> None:
     content = document(promised={"shrink": share, "ci90": [-0.3, 0.1], "why_no_interval": None},
                        refit={"shrink": share})
-    assert promise(content) == "Added to the model, this promises no smaller residual on new recordings."
+    assert promise(content) == "Adding this to the model should not shrink the residual on new recordings."
     assert "without any effect, would not help." in rendered(content).text
 
 
@@ -407,7 +407,7 @@ def test_one_recording(verdict: str) -> None:
     check_text(text)
     assert " in one recording, " in text
     page = rendered(content, pictures(verdict, runs=1))
-    assert ("on blocks of the recording" in text) == (f"no interval can be given: {why}." in page.text) \
+    assert ("On blocks of the recording" in text) == (f"no interval can be given: {why}." in page.text) \
         == bool(content["effects"])
     assert "These recordings" not in text and "worst recording" not in page.text
 
@@ -475,7 +475,8 @@ def test_the_dominant_axis_is_told_and_marked(axis_name: str, words: str) -> Non
     assert f" {words}, " in sentence(content)
     with UNDRAWN:
         page = page_of(content, pictures(samples=64))
-    assert page.count('class="dominant"') == page.count("Concentrates the gap most.") == (axis_name != "recording")
+    assert page.count('class="dominant"') == page.count("The gap is most concentrated here.") \
+        == (axis_name != "recording")
     if axis_name != "recording":
         caption = page.partition('class="dominant"')[2].partition("<figcaption>")[2].partition("<")[0]
         assert caption.startswith("Spectrum" if axis_name == "frequency_hz" else
@@ -492,10 +493,11 @@ def test_the_terminal_says_what_the_page_says(verdict: str) -> None:
     assert text.startswith(sentence(content).replace("µ", "u")) and tables(content).isascii()
     assert text.count("67 % of the energy lies at rates of 1840 to 3470 um/s") == (known or verdict == "unknown")
     assert ("stage of the chain: timing" in text) == known
-    assert text.count("not to be seen in these recordings: ") == 2
+    assert text.count("not visible in these recordings: ") == 2
     assert ("record next: rdpi excite multisine" in text) == (verdict == "ambiguous")
-    told = "this promises a residual smaller by 76 % on new recordings (90 % interval 70 to 80 %)."
-    assert (told in text) == ("promises" in text) == known
+    told = ("Adding this to the model should shrink the residual by 76 % on new recordings "
+            "(90 % interval 70 to 80 %).")
+    assert (told in text) == ("Adding this" in text) == known
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
@@ -634,7 +636,7 @@ def test_a_passport_of_fitted_recordings_is_told() -> None:
     content = document()
     assert "larger than it is" not in rendered(content).text
     content["passport"]["held_out"] = "fitted"
-    assert "The passport was taken on the recordings the model was fitted to" in rendered(content).text
+    assert "The passport comes from the recordings that the model was fitted to" in rendered(content).text
 
 
 def test_coarse_arithmetic_is_told() -> None:

@@ -24,11 +24,11 @@ TWIN = "gap.json"
 VERDICTS = {"effect": "effect found", "ambiguous": "not decided yet", "none": "nothing new",
             "unknown": "no known effect"}
 NOTHING_TO_RECORD = {
-    **dict.fromkeys(("effect", "none"), "Nothing is open that another recording would settle."),
+    **dict.fromkeys(("effect", "none"), "No question is open that another recording would settle."),
     "ambiguous": "None of the drives that rdpi excite makes would tell these effects apart. A column monitor_V (the "
                  "amplifier's output as measured) or a second sensor may.",
-    "unknown": "No drive is proposed, for it is not known what to look for. More columns beside the displacement may "
-               "show it: monitor_V, temperature_degC, the drives of other axes.",
+    "unknown": "No drive is proposed, because it is not known what to look for. More columns beside the displacement "
+               "may show the cause: monitor_V, temperature_degC, the drives of other axes.",
 }
 ALIKE, PAIRS = 0.9, 6  # R² from which on an effect is said to look like another, and how many pairs are told
 SHADE = 0.7  # opacity of a cell of the matrix at R² = 1: its number can still be read
@@ -81,7 +81,7 @@ def tables(document: GapDocument) -> str:
         lines += [_wrapped(f"where: {spot}", "  ") for spot in [words.place(document)] if spot]
         lines.append(f"stage of the chain: {document.where.stage}")
     lines += _rows(document)
-    remarks = [*(f"not to be seen in these recordings: {one['id']} (needs {one['needs']})"
+    remarks = [*(f"not visible in these recordings: {one['id']} (needs {one['needs']})"
                  for one in _hidden(document)),
                *(f"not tried: {one}" for one in _left_out(document)),
                *(f"note: {note}" for note in words.notes(document))]
@@ -106,7 +106,7 @@ def _rows(document: GapDocument) -> list[str]:
                            f"{row['refitted']:>{widths['refitted']}}  {row['verdict']}".rstrip(), hang)
                   for row in table]
         lines.append(_wrapped(f"  shrink: of the residual's rms, on {words.unseen_parts(document)} not fitted to; "
-                              "refitted: beyond what fitting the model itself anew brings", "  "))
+                              "refitted: beyond the shrink by fitting the model itself again", "  "))
     if others:
         lines.append(_wrapped(f"  {'less' if rows else 'shrink it by less'} than {percent(LITTLE)}: "
                               f"{', '.join(others)}", "  "))
@@ -223,7 +223,7 @@ def _facts(document: GapDocument) -> list[tuple[str, str]]:
              ("tool", document.tool)]
     if passport:
         facts.append(("the passport's recordings", passport.held_out))
-    return [*facts, ("detection score", f"{number(document.detection)} (larger: surer that something is new)")]
+    return [*facts, ("detection score", f"{number(document.detection)} (larger: more certain that something is new)")]
 
 
 def _provenance(document: GapDocument) -> list[dict[str, str]]:

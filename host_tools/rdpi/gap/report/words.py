@@ -42,14 +42,14 @@ GAP = Terms(
     usual="the model missed at commissioning",
     usual_there="the model missed there at commissioning", usually="at commissioning", ratio="ratio to commissioning",
     nothing_beyond="the model's own error and the sensor's noise",
-    unjudged="The model carries no passport: how much of this it missed at commissioning is not known.")
+    unjudged="The model has no passport, so it is not known how much of this it missed at commissioning.")
 CHANGE = Terms(
     heading="Change since the earlier recordings", gap="change", left="change",
-    opening="What has changed since these drives were first recorded is",
+    opening="The change since these drives were first recorded is",
     usual="two recordings of the same drive may differ by anyway",
     usual_there="two recordings of the same drive may differ by anyway there", usually="may differ anyway",
     ratio="ratio to usual", nothing_beyond="that",
-    unjudged="The model carries no passport: how much two recordings of the same drive may differ is not known.")
+    unjudged="The model has no passport, so it is not known how much two recordings of the same drive may differ.")
 
 
 def terms(document: GapDocument) -> Terms:
@@ -159,8 +159,8 @@ def rounding(document: GapDocument) -> str:
     if found is None:
         return ""
     whole = f"the {terms(document).gap}" if found.alone else "what is left"
-    return (f"Of {whole}, {um(found.own_um)} rms is the grid's own rounding, which no better model takes away. A finer "
-            f"converter would bring {change(found.whole_um, found.finer_um, 'to')}.")
+    return (f"The grid's own rounding makes up {um(found.own_um)} rms of {whole}; no better model removes it. A finer "
+            f"converter would reduce {whole} from {change(found.whole_um, found.finer_um, 'to')}.")
 
 
 # ---- the verdict ----
@@ -176,7 +176,7 @@ def sentence(document: GapDocument) -> str:
     if passport and not less:  # than may be, and found all the same
         text += f", {times(passport.ratio)} {words.usual}"
     zero = document.offset_um
-    apart = (f"Not counted: the zero lies {um(zero.mean)} off{' since then' if document.paired else ''}."
+    apart = (f"The zero lies {um(zero.mean)} off{' since then' if document.paired else ''}; this is not counted."
              if zero.moved else "")
     say = {"effect": _explained, "ambiguous": _explained, "none": _nothing, "unknown": _unexplained}
     return " ".join(filter(None, (f"{text}.", say[document.verdict](document), apart,
@@ -194,7 +194,7 @@ def _explained(document: GapDocument) -> str:
         text += _how_much(document, coarse.whole_um, coarse.finer_um)
     else:
         they = "they were" if several or effects[0].confusable_with else "it was"
-        text += (f"{_how_much(document, before, after)}: on {unseen_parts(document)} {they} not fitted to, the "
+        text += (f"{_how_much(document, before, after)}. On {unseen_parts(document)} {they} not fitted to, the "
                  f"{terms(document).left} {'falls' if after < before else 'goes'} from {change(before, after, 'to')}")
     lines = [sentence_of(text), rounding(document)]
     if document.verdict == "ambiguous":
@@ -212,7 +212,7 @@ def _cause(effect: AcceptedEffect) -> str:
 def _nothing(document: GapDocument) -> str:
     if document.passport:
         return f"Nothing goes beyond {terms(document).nothing_beyond}."
-    return f"{_none_tried(document)} makes it smaller by more than chance would."
+    return f"{_none_tried(document)} reduces it by more than chance would."
 
 
 def _unexplained(document: GapDocument) -> str:
@@ -254,13 +254,13 @@ def promise(document: GapDocument) -> str:
     if promised.shrink is None or coarse and coarse.alone:
         return ""
     if promised.shrink < NOTICED:
-        return "Added to the model, this promises no smaller residual on new recordings."
+        return "Adding this to the model should not shrink the residual on new recordings."
     share = percent(promised.shrink)
     sure = f" (90 % interval {shrinks(promised.ci90)})" if promised.ci90 else ""
-    text = f"Added to the model, this promises a residual smaller by {share} on new recordings{sure}"
+    text = f"Adding this to the model should shrink the residual by {share} on new recordings{sure}"
     if whole := document.gap.whole_um:
-        text = (f"Added to the model, this makes up for {share}{sure} of the change on new recordings, and leaves what "
-                "the model always missed. In all, the residual of these recordings goes from "
+        text = (f"Adding this to the model should remove {share}{sure} of the change on new recordings. What the "
+                "model always missed remains. In all, the residual of these recordings goes from "
                 f"{change(whole.before, whole.after, 'to')}")
     return f"{text}." if sure else f"{text}; no interval can be given: {promised.why_no_interval}."
 
@@ -285,7 +285,7 @@ def where(document: GapDocument) -> list[str]:
     found, gap = document.where, terms(document).gap
     lines = []
     if spot := place(document):
-        lines.append(f"The {gap} concentrates most along {AXES[found.dominant].title}: {spot}")
+        lines.append(f"The {gap} is most concentrated along {AXES[found.dominant].title}: {spot}")
     lines.append(f"Stage of the chain: {found.stage}.")
     if stages := found.stages:
         lines.append(f"The recorded monitor_V splits the {gap}'s energy: {percent(stages.before_monitor)} arises "
@@ -307,18 +307,18 @@ def why(document: GapDocument) -> list[str]:
     """Why these effects: what they gain, the best of the others, and what refitting the model alone gains."""
     lines, verdict, several, coarse = [], document.verdict, len(document.effects) > 1, grid(document)
     if verdict == "ambiguous":
-        lines.append("More than one effect explains these recordings equally well; to take one of them for the cause "
-                     "would be a guess.")
+        lines.append("Several effects explain these recordings equally well; to take one of them for the cause would "
+                     "be a guess.")
     elif coarse and coarse.alone:
-        lines.append(f"{len(tried(document))} effects were tried. This one is read off the values themselves.")
+        lines.append(f"{len(tried(document))} effects were tried. This one is read from the recorded values.")
     elif verdict == "effect":
         lines.append(f"{len(tried(document))} effects were tried. {'These hold' if several else 'This one holds'} on "
                      f"{unseen_parts(document)} {'they were' if several else 'it was'} not fitted to.")
     elif verdict == "none":
-        lines.append("No effect is needed: those that were tried gain no more than chance gives.")
+        lines.append("No effect is needed: none of those tried gains more than chance gives.")
     else:
-        lines.append("The cause is not among the effects that are known here, or what it needs to be seen is not in "
-                     "these recordings.")
+        lines.append("Either the cause is not among the effects that rdpi knows, or these recordings do not contain "
+                     "what would show it.")
     open_ = {effect.name for effect in document.effects} | rivals(document)
     best = max((one for one in tried(document) if one.name not in open_), key=lambda one: one.shrink,
                default=None)
@@ -326,7 +326,7 @@ def why(document: GapDocument) -> list[str]:
         lines.append(f"The best of those rejected, {title(best.name)}, would shrink the residual by "
                      f"{percent(best.shrink)}: {best.rejected_because}.")
     refit = document.refit.shrink
-    lines.append("Fitting the model anew to these recordings, without any effect, would "
+    lines.append("Fitting the model again to these recordings, without any effect, would "
                  + (f"shrink the residual by {percent(refit)}." if refit >= NOTICED else "not help."))
     return lines
 
@@ -335,7 +335,7 @@ def far(document: GapDocument) -> list[str]:
     """What adding the effects gains over all recordings."""
     words = terms(document)
     if not document.effects:
-        return [f"No effect was added; this is the {words.gap} in each recording as it is."]
+        return [f"No effect was added, so the {words.gap} of each recording is unchanged."]
     before, after = held_out(document)
     text = (f"On {unseen_parts(document)} not used to fit or to select, the {words.left} is {um(before)} rms without "
             f"and {um(after)} rms with the effects")
@@ -351,11 +351,11 @@ def limits(document: GapDocument) -> list[str]:
     """What limits what can be said, besides effects not excited."""
     passport, lines = document.passport, []
     if passport and passport.held_out == FITTED and not document.paired:
-        lines.append("The passport was taken on the recordings the model was fitted to, which makes the gap look "
-                     "larger than it is; fit with two or more recordings, or with --hold-out.")
+        lines.append("The passport comes from the recordings that the model was fitted to. This makes the gap look "
+                     "larger than it is. Fit with two or more recordings, or with --hold-out.")
     if document.where.stages is None:
-        lines.append("Without a column monitor_V (the amplifier's output as measured) in every recording, amplifier "
-                     "and sensor can be told apart only by the effect itself.")
+        lines.append("Not every recording has a column monitor_V (the amplifier's output as measured). Only the effect "
+                     "itself can then tell amplifier and sensor apart.")
     return [*lines, *notes(document)]
 
 
