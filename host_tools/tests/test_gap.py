@@ -576,7 +576,8 @@ def test_the_sensors_zero_is_compared_with_the_earlier_one() -> None:
     moved = diagnose(with_creep(), [changed(run, displacement_um=run.displacement_um + 1.0) for run in now],
                      earlier=before)
     assert moved.document.offset_um.mean == pytest.approx(found.offset_um.mean + 1.0, abs=0.01)
-    assert any("um from the earlier ones; these constants, one a recording, are not counted" in note for note in moved.document.notes)
+    assert any("um from the earlier ones; these constants, one a recording, are not counted" in note
+               for note in moved.document.notes)
 
 
 def test_a_grid_of_readings_that_was_there_before_is_not_new() -> None:

@@ -576,7 +576,7 @@ def test_the_page(verdict: str, tmp_path: Path) -> None:
     said = ["93 % arises before the tap", "7 % after it", "(q31 or f32) is not the cause", "less than 1 % of the gap",
             "0.012 µm", "shrink the residual by 12 %", "thermal_drift was estimated anew", "sha256:0f1e2d",
             "rdpi 1.4.0", "stack7.json", "left out in turn", "3.41", "slew_limit: needs a large fast move",
-            "cross_coupling: needs a logged column"]
+            "cross_coupling: needs a recorded column"]
     if content["effects"]:
         said += ["76 % (95 % interval 71 to 79 %)", "90 % interval 70 to 80 %", "explained 0.4 µm",
                  "0.412 → 0.100 µm rms", "On the bench: Shift the reference ahead"]

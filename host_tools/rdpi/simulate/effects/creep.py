@@ -22,7 +22,7 @@ class Creep(Effect):
     title = "creep"
     what = "after a move the actuator goes on moving, in proportion to the logarithm of time"
     remedy = "wait after large moves, close the loop for slow motion, or add creep to the inverse"
-    needs = "step and hold; it starts anew at each step"
+    needs = "steps, each with a hold after it; creep starts anew at each step"
     stages = ("actuator",)
     parameters = (Parameter("percent_per_decade", "%", -2.0, 20.0),)
     linear = True

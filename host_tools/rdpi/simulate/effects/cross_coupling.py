@@ -29,8 +29,8 @@ class CrossCoupling(Effect):
     name = "cross_coupling"
     title = "cross coupling from another axis"
     what = "another axis of the stage moves this one, mechanically or through the supply"
-    remedy = "decouple the axes, or subtract its share from the reference"
-    needs = "a logged column of the other axis, such as other_axis_V, that moves"
+    remedy = "decouple the axes, or subtract the share of the other axis from the reference"
+    needs = "a recorded column of the other axis that moves, such as other_axis_V"
     stages = ("environment",)
     parameters = (Parameter("um_per_V", "um/V", -np.inf, np.inf),)
     linear = True

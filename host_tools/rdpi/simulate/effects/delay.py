@@ -14,9 +14,9 @@ class Delay(Effect):
 
     name = "delay"
     title = "signal delay"
-    what = "the drive reaches the actuator, or the reading the record, later by a fixed time"
+    what = "the drive reaches the actuator, or the reading reaches the record, later by a fixed time"
     remedy = "shift the reference ahead by the delay, or shorten conversion and communication"
-    needs = "fast segments; at both ends of the record, or a clock error looks the same"
+    needs = "fast segments at both ends of the record; with one end only, a clock error looks the same"
     article = "a"
     stages = "timing", "sensor"
     parameters = (Parameter("delay_s", "s", 0.0, 1.0),)

@@ -17,8 +17,8 @@ class GainChange(Effect):
     name = "gain_change"
     title = "changed gain"
     what = "the actuator's stroke, its load or the sensor's scale has changed"
-    remedy = "calibrate the sensor, check the load; then identify anew or scale the model"
-    needs = "any motion, the model frozen"
+    remedy = "calibrate the sensor and check the load; then identify the model again, or scale it"
+    needs = "any motion, with the model frozen"
     article = "a"
     stages = "actuator", "sensor"
     parameters = (Parameter("factor", "1", 0.05, 20.0, 1.0, digits=5),)  # near 1, what counts lies behind it

@@ -17,8 +17,8 @@ class HysteresisChange(Effect):
 
     name = "hysteresis_change"
     title = "changed hysteresis"
-    what = "the loops have become wider or narrower: ageing, temperature, load or another operating point"
-    remedy = "identify anew"
+    what = "the loops have become wider or narrower through ageing, temperature, load or another operating point"
+    remedy = "identify the model again"
     needs = "the same loop at low rates"
     stages = ("actuator",)
     parameters = Parameter("scale", "1", -0.9, 5.0), Parameter("shape", "1", -2.0, 2.0)

@@ -17,8 +17,8 @@ class InitialMemory(Effect):
 
     name = "initial_memory"
     title = "unknown start of the memory"
-    what = "the hysteresis remembered something else at the first sample than the recording says"
-    remedy = "run the start-up sweep first, and mark recordings memory: reset only then"
+    what = "the hysteresis had another memory at the first sample than the recording states"
+    remedy = "run the start-up sweep first; mark a recording memory: reset only after that sweep"
     needs = "a first pass that differs from the second"
     article = "an"
     stages = ("actuator",)

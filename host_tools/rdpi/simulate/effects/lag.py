@@ -14,9 +14,9 @@ class Lag(Effect):
 
     name = "lag"
     title = "first-order lag"
-    what = "an amplifier into a capacitive load, or a sensor's output filter, follows late and rounds off"
-    remedy = "raise the bandwidth: a stronger amplifier or a faster output filter of the sensor"
-    needs = "frequencies above sqrt(2 e) / (2 pi T), e the model's relative error"
+    what = "an amplifier with a capacitive load, or a sensor's output filter, follows late and rounds fast changes off"
+    remedy = "raise the bandwidth: use a stronger amplifier, or a faster output filter of the sensor"
+    needs = "frequencies above sqrt(2 e) / (2 pi T); T is the time constant, e the model's relative error"
     article = "a"
     stages = "amplifier", "sensor"
     parameters = (Parameter("time_constant_s", "s", 0.0, 1.0),)

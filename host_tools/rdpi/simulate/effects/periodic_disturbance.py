@@ -20,8 +20,8 @@ class PeriodicDisturbance(Effect):
     name = "periodic_disturbance"
     title = "periodic disturbance"
     what = "mains hum, a pump or a fan shakes the stage or leaks into the sensor"
-    remedy = "find the source at this frequency: ground loops, fans, pumps; or average over its period"
-    needs = "a few of its periods in any recording"
+    remedy = "find the source at this frequency (ground loop, fan, pump), or average over its period"
+    needs = "a few periods of the disturbance in any recording"
     article = "a"
     stages = ("environment",)
     parameters = Parameter("frequency_hz", "Hz", 0.0, np.inf), Parameter("amplitude_um", "um", 0.0, np.inf)

@@ -27,8 +27,8 @@ class Quantisation(Effect):
 
     name = "quantisation"
     title = "quantisation"
-    what = "values stand on a grid: too few bits of the DAC or of the sensor's converter"
-    remedy = "use a converter of more bits, or a smaller range of it"
+    what = "the DAC or the sensor's converter has too few bits, so that its values lie on a grid"
+    remedy = "use a converter with more bits, or a smaller range of the converter"
     needs = "repeated values in the record"
     stages = "sensor", "DAC"
     shows_stage = True

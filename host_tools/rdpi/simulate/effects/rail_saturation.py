@@ -16,7 +16,7 @@ class RailSaturation(Effect):
 
     name = "rail_saturation"
     title = "saturation at the supply's rails"
-    what = "the amplifier cannot reach the lowest or highest drive asked of it"
+    what = "the amplifier cannot reach the lowest or highest drive that is requested"
     remedy = "reduce the drive's range (drive.min_V, drive.max_V), or raise the supply"
     needs = "a flat top at one command level"
     stages = ("amplifier",)

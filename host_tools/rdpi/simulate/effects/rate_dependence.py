@@ -23,8 +23,8 @@ class RateDependence(Effect):
 
     name = "rate_dependence"
     title = "rate dependence of the hysteresis"
-    what = "the loops widen and the slopes fall as the actuator moves faster, other than in the model"
-    remedy = "identify anew with recordings at several rates (without --rate-independent)"
+    what = "the loops widen and the slopes fall with increasing rate, but not as in the model"
+    remedy = "identify the model again with recordings at several rates (without --rate-independent)"
     needs = "two or more rates at two amplitudes"
     stages = ("actuator",)
     parameters = (Parameter("widening", "1", -1.0, 10.0), Parameter("change", "1", -0.9, 2.0),

@@ -22,9 +22,9 @@ class Relaxation(Effect):
 
     name = "relaxation"
     title = "relaxation"
-    what = "a share of each move comes late: domains turn on, a glue line yields"
+    what = "a share of each move comes late, because domains go on turning or a glue line yields"
     remedy = "wait a few time constants after fast moves, or stiffen the mount and its glue"
-    needs = "steps, or frequencies on both sides of 1 / (2 pi T)"
+    needs = "steps, or frequencies on both sides of 1 / (2 pi T); T is the time constant"
     stages = ("actuator",)
     parameters = (Parameter("share", "1", -0.2, 0.5), Parameter("time_constant_s", "s", SHORTEST_S, LONGEST_S, 0.01))
     contains = GainChange  # slower than the recordings, its share is missing from every move

@@ -26,7 +26,7 @@ class Resonance(Effect):
     title = "mechanical resonance"
     what = "the moved mass rings on the actuator's stiffness"
     remedy = "stay below a third of f0 or shape the reference; stiffen or lighten the mechanics"
-    needs = "steps, chirps or multisines that reach it"
+    needs = "steps, chirps or multisines that reach its frequency"
     article = "a"
     stages = ("mechanics",)
     parameters = Parameter("f0_hz", "Hz", 1e-3, np.inf, np.inf), Parameter("damping", "1", 1e-3, 0.95, 0.05)

@@ -16,9 +16,9 @@ class SlewLimit(Effect):
 
     name = "slew_limit"
     title = "slew limit of the amplifier"
-    what = "the amplifier's current charges the actuator only so fast"
-    remedy = "slow the fastest moves down (drive.slew_V_per_s), or use an amplifier of more current"
-    needs = "a large fast move; vanishes at small amplitude"
+    what = "the amplifier's current limits how fast the actuator is charged"
+    remedy = "slow the fastest moves down (drive.slew_V_per_s), or use an amplifier with more current"
+    needs = "a large fast move; the effect vanishes at small amplitude"
     article = "a"
     stages = ("amplifier",)
     parameters = (Parameter("V_per_s", "V/s", 1e-9, np.inf, np.inf),)

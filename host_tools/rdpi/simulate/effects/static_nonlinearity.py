@@ -22,7 +22,7 @@ class StaticNonlinearity(Effect):
     title = "static nonlinearity"
     what = "the sensor's or the actuator's scale is curved"
     remedy = "calibrate the sensor against a reference, or identify with more dead zones"
-    needs = "mean of both branches against position"
+    needs = "both branches of a loop; their mean against position shows the curve"
     article = "a"
     stages = "sensor", "actuator"
     parameters = (Parameter("linear", "1", -2.0, 2.0), Parameter("quadratic", "1", -2.0, 2.0),
