@@ -145,7 +145,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     model.memory = chain.within_drive(model)
     if options.dac_bits is not None and None in (options.min_V, options.max_V):
         warnings.append(f"the DAC's codes are assumed to span {model.drive.min_V:g} to {model.drive.max_V:g} V, the "
-                        "recorded range; give the drive of the first code as --min-V, of the last as --max-V")
+                        "recorded range; give --min-V and --max-V, the drives of the first and of the last code")
     _check_reset(model, runs, warnings)
     progress(0.7)
     predictions = chain.simulate(model, [*runs, *hold_out])
