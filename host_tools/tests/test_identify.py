@@ -209,8 +209,8 @@ def test_the_floor_is_reported() -> None:
     slack = replace(stack(), slopes=np.where(stack().thresholds_V < 10, 0.0, 0.15))
     result = fit([static_run(slack)], STATIC)
     assert result.model.slopes[:3].min() == pytest.approx(thresholds.SLOPE_FLOOR)
-    assert any("floor" in text and "--operators" in text for text in result.warnings)
-    assert not any("floor" in text for text in static_fit().warnings)
+    assert any("lower bound" in text and "--operators" in text for text in result.warnings)
+    assert not any("lower bound" in text for text in static_fit().warnings)
 
 
 @pytest.mark.parametrize("law, ratio", [(1.0, 0.2), (1.0, 0.5), (1.0, 0.7), (0.3, 0.2), (0.0, 0.2)])
