@@ -451,6 +451,19 @@ def test_values_that_single_precision_cannot_tell_apart_are_refused(key: str) ->
     assert_refused_or_flashed(model)
 
 
+@settings(max_examples=200)
+@given(SEEDS, st.integers(2, 12), st.integers(0, 11), st.floats(0.8e-5, 1.2e-5), st.sampled_from([-1, 1]))
+def test_states_at_the_end_of_what_rounding_may_do(seed: int, plays: int, which: int, beyond: float, sign: int) -> None:
+    """A state a little further from its neighbour than their thresholds: refused here, or taken by the library."""
+    model = random_model(seed, plays)
+    states = np.full(len(model.thresholds_um), model.memory.x_um)
+    k = 1 + which % (len(states) - 1)
+    gap = model.thresholds_um[k] - model.thresholds_um[k - 1]
+    states[k:] += sign * (gap + beyond * (model.thresholds_um[-1] + abs(states[k - 1])))
+    model.memory = Memory(model.memory.x_um, states)
+    assert_refused_or_flashed(model)
+
+
 @settings(max_examples=100)
 @given(SEEDS, st.integers(1, 12), st.floats(-5000, 5000))
 def test_states_far_from_zero_can_be_flashed(seed: int, plays: int, x_um: float) -> None:
