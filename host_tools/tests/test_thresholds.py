@@ -7,10 +7,12 @@ import re
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 import rdpi.fit.thresholds
 import rdpi.gap.thresholds
+from rdpi.fit.regression import prior
 
 ROOMS = [rdpi.fit.thresholds, rdpi.gap.thresholds]
 
@@ -43,3 +45,10 @@ def test_each_is_read_when_it_is_used(thresholds: ModuleType) -> None:
             if isinstance(node, ast.ImportFrom) and (node.module or "").endswith("thresholds"):
                 raise AssertionError(f"{path.name}, line {node.lineno}: bound early")
     assert used == set(names(thresholds))
+
+
+@pytest.mark.parametrize("name", ["PRIOR_BEND", "PRIOR_RATE_BEND", "PRIOR_RATE", "PRIOR_SATURATION"])
+def test_the_prior_that_is_kept_follows_its_weights(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = np.linalg.norm(prior(5, 10, 2)[0])
+    monkeypatch.setattr(rdpi.fit.thresholds, name, 2 * getattr(rdpi.fit.thresholds, name))
+    assert np.linalg.norm(prior(5, 10, 2)[0]) > before

@@ -122,18 +122,23 @@ def assemble(rows: np.ndarray, columns: Columns, picks: Sequence[int]) -> tuple[
     return np.hstack([rows[:, :columns.plays], -parts[:, 1:]]), parts[:, 0]
 
 
-@lru_cache(maxsize=16)
 def prior(n: int, plays: int, m: int) -> tuple[np.ndarray, np.ndarray]:
     """Rows and targets that keep the loading curve smooth, the rate law smooth and small, the saturation straight.
 
     For n slopes in as many columns, `plays`, or with a rate law twice as many, and m dead zones.
     """
+    return _prior(n, plays, m, tuned.PRIOR_BEND, tuned.PRIOR_RATE_BEND, tuned.PRIOR_RATE, tuned.PRIOR_SATURATION)
+
+
+@lru_cache(maxsize=16)
+def _prior(n: int, plays: int, m: int, curve_bend: float, rate_bend: float, rate: float, saturation: float
+           ) -> tuple[np.ndarray, np.ndarray]:
     bend, none = np.diff(np.eye(n), 2, axis=0), np.zeros
-    rows = [tuned.PRIOR_BEND * np.hstack([bend, none((len(bend), plays + m - n))])]
+    rows = [curve_bend * np.hstack([bend, none((len(bend), plays + m - n))])]
     if plays > n:
-        rows.append(tuned.PRIOR_RATE_BEND * np.hstack([-bend, bend, none((len(bend), m))]))
-        rows.append(tuned.PRIOR_RATE * np.hstack([-np.eye(n), np.eye(n), none((n, m))]))
-    straight = tuned.PRIOR_SATURATION * np.hstack([none((m, plays)), np.eye(m)])
+        rows.append(rate_bend * np.hstack([-bend, bend, none((len(bend), m))]))
+        rows.append(rate * np.hstack([-np.eye(n), np.eye(n), none((n, m))]))
+    straight = saturation * np.hstack([none((m, plays)), np.eye(m)])
     rows.append(straight)
     return np.vstack(rows), np.r_[none(sum(map(len, rows)) - m), straight.sum(axis=1)]
 
