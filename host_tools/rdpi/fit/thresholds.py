@@ -27,6 +27,8 @@ RATE_HEADROOM = 1.25  # [identified rate] beyond which the guard never lies; jud
 BAND_OFFSET = 3.0  # [1] weight that keeps the offset of a band of rate near the model's; judged
 MIN_SAMPLES_PER_UNKNOWN = 5  # [samples] fewer cannot be fitted; judged
 
+CHAIN_LEAST = 0.01  # [of the squares] held out, that an effect must bring; judged
+
 # --- what a fit remarks on (identify.py)
 POOR_PERCENT = 3.0  # [% of the stroke] rms of a run; judged
 RESET_DOUBT = 0.7  # [1] error of a run's beginning, best start over rest, below which reset is doubted; judged

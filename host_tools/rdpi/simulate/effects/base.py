@@ -67,6 +67,7 @@ class Effect:
     linear: ClassVar[bool] = False  # the displacement is linear in the parameters, at least while they are small
     of_column: ClassVar[str | None] = None  # the covariate that it follows by default; None: it follows none
     # --- how it is estimated
+    on_rig: ClassVar[Mapping[str, tuple[float, float]]] = {}  # narrower bounds of parameters where `fit` looks for it
     disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
     starts_memory: ClassVar[bool] = False  # acts by where the plays start, and by nothing else
     moves_zero: ClassVar[bool] = False  # the zero is estimated along with it

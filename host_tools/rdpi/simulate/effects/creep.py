@@ -25,6 +25,7 @@ class Creep(Effect):
     needs = "steps, each with a hold after it; creep starts anew at each step"
     stages = ("actuator",)
     parameters = (Parameter("percent_per_decade", "%", -2.0, 20.0),)
+    on_rig = {"percent_per_decade": (0.0, 10.0)}
     linear = True
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:

@@ -1,0 +1,404 @@
+"""Joint identification: what stands around the operator is found together with it.
+
+    measured = F(S(sum_i W_i(rho) y_i(H(command)))) + offset
+
+H are the effects ahead of the operator, F those behind it. With their parameters given, the rest is the regression of
+regression.py on the command that H passes on and on the displacement without F(z) - z, which the prediction z tells
+free of noise. Its residual
+
+    sum_i W_i(rho) (y_i - y_(i+1)) + offset - sum_j U_j seg_j(measured - (F(z) - z))
+
+is linearised in slopes, pieces and parameters together (separable least squares, Golub and Pereyra 1973) and reduced to
+one Gram matrix per block of each recording. Steps, leaving blocks out and intervals are linear algebra on those.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from .. import firmware
+from ..data import Recording
+from ..model import Model
+from ..simulate import effects
+from ..simulate.effects import Acting
+from . import thresholds as tuned
+from .regression import prior
+
+BLOCKS = 8  # of each recording
+ROWS = 12_000  # samples that the Gram matrices hold
+STEPS = 8  # of Levenberg and Marquardt
+ENOUGH = 1e-3  # relative change of the squares at which they end
+PROBE = 1e-3  # change of the prediction that a derivative is taken over, share of the stroke
+FASTEST = 1.25  # of the highest rate; faster samples count as so fast
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What acts beside the rate-independent operator."""
+
+    acting: tuple[Acting, ...] = ()  # in the order of the chain
+    rated: bool = False  # slopes depend on the rate
+
+    def having(self, one: Acting) -> Hypothesis:
+        return replace(self, acting=tuple(effects.in_order([*self.acting, one])))
+
+    def lacking(self, one: Acting) -> Hypothesis:
+        return replace(self, acting=tuple(other for other in self.acting if other is not one))
+
+    @property
+    def size(self) -> int:
+        """Number of parameters; a rate law counts as two."""
+        return sum(len(one.effect.fitted) for one in self.acting) + 2 * self.rated
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The regression's linear unknowns."""
+
+    rest: np.ndarray  # W_i at rest
+    change: np.ndarray  # W_i at the highest rate less rest
+    pieces: np.ndarray  # U_1 ... U_m
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What is the same for every hypothesis."""
+
+    runs: Sequence[Recording]
+    states_um: Sequence[np.ndarray | None]  # plays before the first sample; None: at rest where the drive begins
+    first: Sequence[int]  # samples before this depend on an unknown memory
+    model: Model  # gain, offset, thresholds and drive
+    corners_um: np.ndarray  # of the inverse saturation, um of measured displacement
+    rates_um_per_s: Sequence[np.ndarray]
+    top_um_per_s: float
+
+    @cached_property
+    def rows(self) -> list[np.ndarray]:
+        """Samples of each run that count."""
+        stride = max(1, sum(len(run) for run in self.runs) // ROWS)
+        return [np.arange(first, len(run), stride) for run, first in zip(self.runs, self.first)]
+
+    @cached_property
+    def samples(self) -> int:
+        return sum(map(len, self.rows))
+
+    @cached_property
+    def shares(self) -> list[np.ndarray]:
+        """Rate over the highest one, per run."""
+        return [np.minimum(rate / self.top_um_per_s, FASTEST) for rate in self.rates_um_per_s]
+
+    def driven(self, k: int, acting: Sequence[Acting]) -> Recording:
+        run = self.runs[k]
+        drive_V = effects.driven(acting, run.command_V, run, self.model)
+        return replace(run, columns={**run.columns, "command_V": drive_V})
+
+    def plays(self, k: int, drive_V: np.ndarray, whole: bool) -> np.ndarray:
+        """y_i - y_(i+1) of a run, (samples, n + 1): of all samples, or of those that count.
+
+        For those, only turning points matter of all that lies between.
+        """
+        x, at = self.model.x_of(drive_V), self.rows[k]
+        used = np.arange(len(x))
+        if not whole:
+            turns = np.flatnonzero(np.diff(np.sign(np.diff(x)))) + 1
+            used = np.union1d(at, turns)
+        r, start = self.model.thresholds_um, self.states_um[k]
+        outputs, _ = firmware.plays(x[used], r, np.full(len(r), x[0]) if start is None else start)
+        outputs[:, :-1] -= outputs[:, 1:]
+        return outputs if whole else outputs[np.searchsorted(used, at)]
+
+    def segments(self, z_um: np.ndarray) -> np.ndarray:
+        """seg_0 ... seg_m, (samples, m + 1)."""
+        beyond = np.maximum(z_um[:, None] - self.corners_um, 0)
+        parts = np.hstack([z_um[:, None], beyond])
+        parts[:, :-1] -= beyond
+        return parts
+
+    def straightened(self, z_um: np.ndarray, found: Unknowns) -> np.ndarray:
+        """sum_j U_j seg_j."""
+        return self.segments(z_um) @ np.r_[1.0, found.pieces]
+
+    def bent(self, v_um: np.ndarray, found: Unknowns) -> np.ndarray:
+        """The inverse of `straightened`."""
+        if not len(self.corners_um):
+            return v_um
+        corners = self.corners_um
+        levels = self.straightened(corners, found)
+        below, above = np.minimum(v_um - levels[0], 0), np.maximum(v_um - levels[-1], 0) / found.pieces[-1]
+        return np.interp(v_um, levels, corners) + below + above
+
+
+class Linearised:
+    """A hypothesis at parameters and unknowns: what it predicts, and its residual to first order."""
+
+    def __init__(self, setting: Setting, hypothesis: Hypothesis, found: Unknowns, joins: Sequence[Acting] = ()) -> None:
+        """`joins` are effects that may join it: their columns are there too."""
+        self.setting, self.hypothesis, self.found, self.joins = setting, hypothesis, found, list(joins)
+        n, m = len(found.rest), len(found.pieces)
+        self.linear = np.r_[np.arange(n * (1 + hypothesis.rated)), 2 * n + np.arange(m)]
+        at = 2 * n + m
+        self.free = [(place, name) for place, one in enumerate(hypothesis.acting) for name in one.effect.fitted]
+        self.own = at + np.arange(len(self.free))
+        at += len(self.free)
+        self.join_columns = []
+        for one in self.joins:
+            self.join_columns.append((at, np.arange(at + 1, at + 1 + len(one.effect.fitted))))
+            at += 1 + len(one.effect.fitted)
+        self.predicted_um: list[np.ndarray] = []
+        self._kept: list[tuple[np.ndarray, np.ndarray, np.ndarray, Recording, np.ndarray]] = []
+        self.blocks = self._grams([self._rows(k) for k in range(len(setting.runs))])
+
+    # --- columns
+
+    def _grams(self, rows: Sequence[np.ndarray]) -> np.ndarray:
+        """Of each block, every run without its mean; in units of the stroke."""
+        grams = []
+        for columns in rows:
+            columns = (columns - np.mean(columns, axis=0)) / self.setting.model.stroke_um
+            grams += [part.T @ part for part in np.array_split(columns, BLOCKS)]
+        return np.array(grams)
+
+    def _rows(self, k: int) -> np.ndarray:
+        setting, run, found = self.setting, self.setting.runs[k], self.found
+        acting, at, share = list(self.hypothesis.acting), setting.rows[k], setting.shares[k]
+        driven = setting.driven(k, acting)
+        outputs = setting.plays(k, driven.command_V, True)
+        v = outputs @ found.rest
+        if np.any(found.change):
+            v += share * (outputs @ found.change)
+        target = run.displacement_um
+        for _ in range(2):  # the offset is that of what F leaves
+            offset = np.mean(setting.straightened(target[at], found) - v[at])
+            z = setting.bent(v + offset, found)
+            shown = effects.displaced(acting, z, driven, setting.model)
+            target = run.displacement_um - (shown - z)
+        self.predicted_um.append(shown)
+        counted = outputs[at]
+        self._kept.append((counted, target[at], z, driven, shown))
+        slope = np.r_[1.0, found.pieces][np.searchsorted(setting.corners_um, target[at])]
+
+        def change(new: Sequence[Acting], ahead: bool) -> np.ndarray:
+            """Of the residual, with these in place of those that act."""
+            if not ahead:
+                return slope * (effects.displaced(new, z, driven, setting.model) - shown)[at]
+            moved = setting.plays(k, setting.driven(k, new).command_V, False) - counted
+            return moved @ found.rest + (share[at] * (moved @ found.change) if np.any(found.change) else 0.0)
+
+        segments = setting.segments(target[at])
+        columns = [counted, counted * share[at, None], -segments[:, 1:]]
+        columns += [self._derivative(acting, place, name, change)[:, None] for place, name in self.free]
+        for join in self.joins:
+            new = [*acting, join]
+            there = change(effects.in_order(new), join.effect.ahead)
+            columns += [there[:, None], *(self._derivative(new, len(acting), name, change, there)[:, None]
+                                          for name in join.effect.fitted)]
+        return np.hstack([*columns, segments[:, :1]])
+
+    def _derivative(self, acting: Sequence[Acting], place: int, name: str, change, at=0.0) -> np.ndarray:
+        """Of the residual by a parameter: a difference over a step that moves it by about PROBE."""
+        one = acting[place]
+        value, (low, high) = one.values[name], bounds(one, name)
+        sign, room = (1.0, high - value) if high - value >= value - low else (-1.0, value - low)
+        step = min(0.01 * abs(value) or 1e-4, room)
+        for _ in range(3):
+            moved = Acting(one.effect, {**one.values, name: value + sign * step})
+            difference = change(effects.in_order([*acting[:place], moved, *acting[place + 1:]]), one.effect.ahead) - at
+            size = float(np.sqrt(np.mean(difference**2))) / (PROBE * self.setting.model.stroke_um)
+            if 0.05 < size < 20 or size == 0 or size < 0.05 and step == room:
+                break
+            step = min(step / float(np.clip(size, 1e-3, 1e3)), room)
+        return sign * difference / step
+
+    # --- linear algebra
+
+    @property
+    def ends(self) -> list[bool]:
+        """Which of the own parameters stand at a bound."""
+        result = []
+        for place, name in self.free:
+            one = self.hypothesis.acting[place]
+            low, high = bounds(one, name)
+            result.append(not low < one.values[name] < high)
+        return result
+
+    def solve(self, kept: np.ndarray, used: np.ndarray, rated: bool, target: np.ndarray, residual: float) -> np.ndarray:
+        """Coefficients of the residual with the columns `used` fitted to these blocks, (columns,)."""
+        gram = np.sum(kept, axis=0)
+        samples = self.setting.samples * len(kept) / len(self.blocks)
+        n, m = len(self.found.rest), len(self.found.pieces)
+        rows, wish = self._prior(rated)
+        linear = rows.shape[1]
+        left, right = gram[np.ix_(used, used)], gram[used] @ target
+        left[:linear, :linear] += samples * residual**2 * rows.T @ rows
+        right[:linear] += samples * residual**2 * rows.T @ wish
+        size = np.sqrt(np.maximum(np.diag(left), 1e-300))
+        found = np.linalg.lstsq(left / np.outer(size, size), right / size, rcond=1e-12)[0] / size
+        weights = -target
+        weights[used] += found
+        return weights
+
+    def _prior(self, rated: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Its rows and targets for slopes at rest and their change, instead of slopes at both ends of the rate."""
+        n, m = len(self.found.rest), len(self.found.pieces)
+        rows, wish = prior(n, n * (1 + rated), m)
+        return (np.hstack([rows[:, :n] + rows[:, n:2 * n], rows[:, n:]]) if rated else rows), wish
+
+    @property
+    def target(self) -> np.ndarray:
+        """seg_0 as a sum of columns."""
+        return np.eye(self.blocks.shape[1])[-1]
+
+    @cached_property
+    def residual(self) -> float:
+        """Relative rms with the best unknowns."""
+        return self.best(self.blocks)[2]
+
+    def best(self, blocks: np.ndarray) -> tuple[Unknowns, float, float]:
+        """Unknowns at the present parameters, the squares they leave, and these as a relative rms."""
+        n, m, residual = len(self.found.rest), len(self.found.pieces), 3e-3
+        for _ in range(3):  # the prior follows the residual
+            weights = self.solve(blocks, self.linear, self.hypothesis.rated, self.target, residual)
+            squares = max(float(np.einsum("i,bij,j->", weights, blocks, weights)), 0.0)
+            residual = max(float(np.sqrt(squares / self.setting.samples)), 1e-6)
+        pieces = np.clip(weights[2 * n:2 * n + m], *tuned.PIECE_RANGE)
+        return Unknowns(weights[:n], weights[n:2 * n], pieces), squares, residual
+
+    def trial(self, acting: Sequence[Acting]) -> tuple[Unknowns, float]:
+        """Unknowns and squares with other parameters of the same effects, where those at hand changed F(z) - z alone or
+        H alone.
+        """
+        before, setting, rows = self.hypothesis.acting, self.setting, []
+        ahead = any(one.values != other.values for one, other in zip(acting, before) if one.effect.ahead)
+        behind = any(one.values != other.values for one, other in zip(acting, before) if not one.effect.ahead)
+        for k, (counted, target, z, driven, shown) in enumerate(self._kept):
+            at = setting.rows[k]
+            if ahead:
+                counted = setting.plays(k, setting.driven(k, acting).command_V, False)
+            if behind:
+                target = target - (effects.displaced(acting, z, driven, setting.model) - shown)[at]
+            segments = setting.segments(target)
+            share = setting.shares[k][at, None]
+            fill = np.zeros((len(at), self.blocks.shape[1] - 2 * counted.shape[1] - segments.shape[1]))
+            rows.append(np.hstack([counted, counted * share, -segments[:, 1:], fill, segments[:, :1]]))
+        found, squares, _ = self.best(self._grams(rows))
+        return found, squares
+
+    def step(self, damping: float) -> np.ndarray:
+        """Of Levenberg and Marquardt in the own parameters, by factors where those move in their logarithm.
+
+        Those at a bound stay there if they would leave it.
+        """
+        weights = np.zeros(self.blocks.shape[1])
+        found, _, residual = self.best(self.blocks)
+        n, m = len(found.rest), len(found.pieces)
+        weights[:n], weights[n:2 * n], weights[2 * n:2 * n + m], weights[-1] = found.rest, found.change, found.pieces, -1
+        used = np.r_[self.linear, self.own]
+        gram = np.sum(self.blocks, axis=0)
+        rows, _ = self._prior(self.hypothesis.rated)
+        split = len(self.linear)
+        left = gram[np.ix_(used, used)]
+        left[:split, :split] += self.setting.samples * residual**2 * rows.T @ rows
+        scale = np.array([_scale(self.hypothesis.acting[place], name) for place, name in self.free])
+        across = left[split:, :split]
+        curvature = (left[split:, split:] - across @ np.linalg.lstsq(left[:split, :split], across.T, rcond=1e-13)[0]
+                     ) * np.outer(scale, scale)
+        slope = gram[self.own] @ weights * scale
+        step, open_ = np.zeros(len(slope)), np.ones(len(slope), bool)
+        for _ in slope:
+            inside = curvature[np.ix_(open_, open_)]
+            size = np.sqrt(np.maximum(np.diag(inside), 1e-300))
+            step[:] = 0.0
+            step[open_] = -np.linalg.lstsq(inside / np.outer(size, size) + damping * np.eye(len(size)),
+                                           slope[open_] / size, rcond=1e-12)[0] / size
+            leaving = open_ & np.array([self._leaves(place, name, step[j])
+                                        for j, (place, name) in enumerate(self.free)])
+            if not np.any(leaving):
+                break
+            open_ &= ~leaving
+        return step
+
+    def _leaves(self, place: int, name: str, step: float) -> bool:
+        one = self.hypothesis.acting[place]
+        low, high = bounds(one, name)
+        return one.values[name] <= low and step < 0 or one.values[name] >= high and step > 0
+
+    # --- leaving out
+
+    @property
+    def folds(self) -> list[np.ndarray]:
+        """Blocks that are left out in turn: recordings; of the only one, its blocks."""
+        owner = np.arange(len(self.blocks)) // (BLOCKS if len(self.setting.runs) > 1 else 1)
+        return [owner == one for one in range(owner[-1] + 1)]
+
+    def held_out(self, rated: bool | None = None, join: int | None = None) -> np.ndarray:
+        """Squares in each block by what was fitted without it, (blocks,); with a rate law, with an effect that joins."""
+        rated = self.hypothesis.rated if rated is None else rated
+        n, m = len(self.found.rest), len(self.found.pieces)
+        used = np.r_[np.arange(n * (1 + rated)), 2 * n + np.arange(m), self.own[~np.array(self.ends, bool)]]
+        target = self.target
+        if join is not None:
+            used = np.r_[used, self.join_columns[join][1]]
+            target[self.join_columns[join][0]] = -1.0
+        result = np.zeros(len(self.blocks))
+        for fold in self.folds:
+            weights = self.solve(self.blocks[~fold], used.astype(int), rated, target, self.residual)
+            result[fold] = np.einsum("i,bij,j->b", weights, self.blocks[fold], weights)
+        return result
+
+    def join_step(self, join: int) -> dict[str, float]:
+        """How far the parameters of an effect that joins move at once."""
+        target = self.target
+        target[self.join_columns[join][0]] = -1.0
+        used = np.r_[self.linear, self.own, self.join_columns[join][1]]
+        weights = self.solve(self.blocks, used, self.hypothesis.rated, target, self.residual)
+        return dict(zip(self.joins[join].effect.fitted, weights[self.join_columns[join][1]]))
+
+
+def bounds(one: Acting, name: str) -> tuple[float, float]:
+    """Of a parameter on a rig."""
+    parameter = next(item for item in one.effect.parameters if item.name == name)
+    return one.effect.on_rig.get(name, parameter.ends)
+
+
+def _scale(one: Acting, name: str) -> float:
+    """A parameter that is always positive moves in its logarithm."""
+    return one.values[name] if bounds(one, name)[0] > 0 else 1.0
+
+
+def shifted(one: Acting, step: dict[str, float]) -> Acting:
+    """With parameters moved within bounds, by factors those that move in their logarithm; as it was if they cannot
+    stand together.
+    """
+    values = dict(one.values)
+    for name, move in step.items():
+        low, high = bounds(one, name)
+        new = values[name] * np.exp(np.clip(move, -1.0, 1.0)) if low > 0 else values[name] + move
+        values[name] = float(np.clip(new, low, high))
+    return one if one.effect.refusal(values) else Acting(one.effect, values)
+
+
+def refined(setting: Setting, hypothesis: Hypothesis, found: Unknowns, steps: int = STEPS) -> Linearised:
+    """The least squares from there on (Levenberg and Marquardt)."""
+    state, damping = Linearised(setting, hypothesis, found), 1e-2
+    state = Linearised(setting, hypothesis, state.best(state.blocks)[0])
+    for _ in range(steps if state.free else 0):
+        before = state.best(state.blocks)[1]
+        for _ in range(4):
+            step = state.step(damping)
+            acting = tuple(shifted(one, {name: step[j] for j, (at, name) in enumerate(state.free) if at == place})
+                           for place, one in enumerate(state.hypothesis.acting))
+            found, squares = state.trial(acting)
+            if squares < before:
+                damping = max(damping / 10, 1e-6)
+                break
+            damping *= 10
+        else:
+            break
+        state = Linearised(setting, replace(hypothesis, acting=acting), found)
+        if before - squares < ENOUGH * before:
+            break
+    return state
