@@ -20,6 +20,8 @@ from rdpi.simulate.effects import CATALOGUE, Acting
 
 # An effect, where it acts, and the parameters a plant has; which of them to find, and how nearly.
 INJECTED: dict[str, tuple[str, dict[str, float], dict[str, float]]] = {
+    "input_curve": ("actuator", {"quadratic": 0.1, "cubic": 0.15, "low_V": 0.0, "high_V": 100.0},
+                    {"quadratic": 0.02, "cubic": 0.02}),
     "quantisation": ("DAC", {"step": 0.8, "origin": 0.13}, {"step": 0.01}),
     "delay": ("timing", {"delay_s": 0.0034}, {"delay_s": 0.01}),
     "delay at the sensor": ("sensor", {"delay_s": 0.0034}, {"delay_s": 0.01}),

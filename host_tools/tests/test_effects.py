@@ -21,6 +21,7 @@ from plants import Plant, changed, marked, model_of, quasi_static, recording, st
 import rdpi as rdpi_package
 from rdpi.data import Recording, read_recording, write_recording
 from rdpi.errors import BadInput
+from rdpi.gap.dataset import model_runs
 from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
 from rdpi.simulate import chain, effects
 from rdpi.simulate.effects import CATALOGUE, Acting, Effect, Residuals
@@ -30,6 +31,7 @@ GAIN = 0.125  # um/V of `straight`
 PLACES = [(name, stage) for name, kind in CATALOGUE.items() for stage in kind.stages]
 # At these every effect does something to `moving`.
 SIZES: dict[str, dict[str, float]] = {
+    "input_curve": {"quadratic": 0.1, "cubic": 0.15, "low_V": 0.0, "high_V": 90.0},
     "quantisation": {"step": 0.5}, "delay": {"delay_s": 0.0034}, "slew_limit": {"V_per_s": 120.0},
     "lag": {"time_constant_s": 0.004}, "rail_saturation": {"V_min": 5.0, "V_max": 70.0},
     "initial_memory": {"position_um": 0.0}, "rate_dependence": {"widening": 0.3, "change": -0.1, "exponent": 0.7},
@@ -201,6 +203,49 @@ def test_resonance_has_unit_gain_at_rest() -> None:
     assert found[:10] == pytest.approx(20) and found[-100:] == pytest.approx(60, abs=1e-6)
     overshoot = math.exp(-math.pi * 0.1 / math.sqrt(1 - 0.01))  # of a step
     assert found.max() == pytest.approx(60 + 40 * overshoot, rel=0.01)
+
+
+@pytest.mark.parametrize(("quadratic", "cubic"), [(0.2, 0.0), (0.0, 0.15), (-0.3, 0.25), (0.1, -0.4)])
+def test_input_curve(quadratic: float, cubic: float) -> None:
+    """The ends stay, the polynomial lies between them, and outside it goes straight on."""
+    u = np.linspace(-0.3, 1.4, 171)
+    found = (shown(straight(), drive(20 + 50 * u),
+                   entry("input_curve", quadratic=quadratic, cubic=cubic, low_V=20.0, high_V=70.0)) - 1) / GAIN
+    curve = np.polynomial.Polynomial([0, 1 + quadratic + cubic, -quadratic - 3 * cubic, 2 * cubic])
+    slopes = curve.deriv()(np.array([0.0, 1.0]))
+    expected = np.where(u < 0, slopes[0] * u, np.where(u > 1, 1 + slopes[1] * (u - 1), curve(u)))
+    assert found == pytest.approx(20 + 50 * expected, abs=1e-9)
+    assert curve(np.array([0.0, 1.0])) == pytest.approx([0, 1], abs=1e-12)
+    assert np.all(np.diff(found) > 0)
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1))
+def test_an_input_curve_that_hardly_rises_is_refused(quadratic: float, cubic: float) -> None:
+    values = {"quadratic": quadratic, "cubic": cubic, "low_V": 20.0, "high_V": 70.0}
+    u = np.linspace(0, 1, 4001)
+    least = np.min(1 + quadratic * (1 - 2 * u) + cubic * (1 - 6 * u + 6 * u**2))
+    assume(abs(least - 0.1) > 1e-5)
+    assert (CATALOGUE["input_curve"].refusal(values) is None) == (least > 0.1)
+
+
+def test_an_input_curve_acts_behind_the_amplifier_on_what_a_monitor_shows() -> None:
+    """It drives the plays whether the command or monitor_V drives the actuator, and the monitor does not show it."""
+    run = drive(waves(90, 4, 2, RATE_HZ))
+    curve, rails = entry("input_curve", **SIZES["input_curve"]), entry("rail_saturation", V_max=60.0)
+    clipped = changed(run, command_V=np.minimum(run.command_V, 60))
+    assert shown(bent(), run, curve, rails) == pytest.approx(shown(bent(), clipped, curve), abs=1e-12)
+    measured = changed(run, monitor_V=clipped.command_V, displacement_um=shown(bent(), clipped, curve))
+    model = replace(bent(), effects=[curve, rails])
+    (one,) = model_runs(model, [measured], monitored=True)
+    acting = effects.acting(model)
+    assert one.predict(acting) == pytest.approx(measured.displacement_um, abs=1e-9)
+    assert one.predict_monitor(acting) == pytest.approx(one.um_per_V * clipped.command_V, abs=1e-9)
+
+
+def test_another_drive_range_leaves_an_input_curve() -> None:
+    run, curve = drive(waves(90, 4, 2, RATE_HZ)), entry("input_curve", **SIZES["input_curve"])
+    wider = replace(bent(), drive=Drive(-20.0, 120.0))
+    assert np.array_equal(shown(wider, run, curve), shown(bent(), run, curve))
 
 
 def test_cross_coupling() -> None:
@@ -387,7 +432,7 @@ def test_predictions_are_finite_within_the_bounds(name: str, data: st.DataObject
     values = {parameter.name: data.draw(st.floats(max(parameter.low, -1e4), min(parameter.high, 1e4)) |
                                         st.sampled_from([max(parameter.low, -1e4), min(parameter.high, 1e4)]),
                                         label=parameter.name) for parameter in kind.parameters}
-    assume(values.get("V_min", 0) < values.get("V_max", 1))
+    assume(kind.refusal(values) is None)
     model = random_model(data.draw(SEEDS, label="model"))
     reach = model.drive.max_V - model.drive.min_V
     run = drive(np.r_[waves(model.drive.max_V, 5, 1, RATE_HZ, model.drive.min_V), np.full(20, model.drive.min_V),
@@ -420,7 +465,7 @@ def test_every_effect_says_what_a_person_needs_to_know() -> None:
     for name, kind in CATALOGUE.items():
         assert kind.name == name and all((kind.title, kind.what, kind.remedy, kind.needs))
         assert kind.stages and set(kind.stages) <= set(effects.STAGES)
-        assert 1 <= len(kind.parameters) <= 3
+        assert 1 <= len([one for one in kind.parameters if not one.internal]) <= 3
         assert all(one.low <= one.absent <= one.high and one.unit for one in kind.parameters)
         with pytest.raises(ValueError, match=f"{name} does not act at nowhere"):
             kind("nowhere")
@@ -487,13 +532,14 @@ def test_what_asking_by_name_is(source: str, found: set[str]) -> None:
 # --- several ---------------------------------------------------------------------------------------------------------
 
 @given(st.permutations([("gain_change", None), ("static_nonlinearity", "sensor"), ("quantisation", "DAC"),
-                        ("backlash", None), ("lag", "amplifier"), ("delay", "timing"), ("creep", None)]))
+                        ("backlash", None), ("lag", "amplifier"), ("delay", "timing"), ("creep", None),
+                        ("input_curve", None)]))
 @settings(max_examples=10)
 def test_effects_act_along_the_chain_in_whatever_order_the_file_lists_them(order: list[tuple[str, str | None]]) -> None:
     run = drive(np.r_[waves(90, 4, 1, RATE_HZ), np.full(50, 40.0)])
     found = effects.acting(replace(bent(), effects=[entry(name, stage, **SIZES[name]) for name, stage in order]))
-    assert [one.effect.name for one in found] == ["quantisation", "delay", "lag", "creep", "gain_change", "backlash",
-                                                  "static_nonlinearity"]
+    assert [one.effect.name for one in found] == ["quantisation", "delay", "lag", "input_curve", "creep",
+                                                  "gain_change", "backlash", "static_nonlinearity"]
     entries = [entry(name, stage, **SIZES[name]) for name, stage in order]
     assert np.array_equal(shown(bent(), run, *entries), shown(bent(), run, *entries[::-1]))
 
@@ -580,6 +626,10 @@ BAD_EFFECTS: dict[str, tuple[object, str]] = {
                                       r'but "step" beside them; they are step \(um or V\)'),
     "no parameters": ({"name": "creep"}, r"no percent_per_decade in its parameters; they are percent_per_decade \(%\)"),
     "parameters empty": (entry("lag"), r"no time_constant_s in its parameters; they are"),
+    "an input curve that turns": (entry("input_curve", quadratic=0.8, cubic=-0.4, low_V=0.0, high_V=90.0),
+                                  r"\(input_curve\): the least slope of the curve is -0.2 of its mean slope; must be"),
+    "an input curve without range": (entry("input_curve", quadratic=0.1, cubic=0.0),
+                                     r"low_V is 0 and high_V 0; the range must have a length"),
     "rails that cross": (entry("rail_saturation", V_min=60.0, V_max=20.0), r"\(rail_saturation\): V_min"),
 }
 

@@ -95,6 +95,21 @@ def test_names_what_was_injected_and_promises_what_arrives(name: str) -> None:
     assert found.document.promised.shrink == pytest.approx(realised, abs=0.1) and realised > 0.4
 
 
+def test_an_effect_that_does_not_come_up_is_asked_only_of_a_model_that_holds_it() -> None:
+    values = {"quadratic": 0.1, "cubic": 0.15, "low_V": 0.0, "high_V": 100.0}
+    runs = later(entry("input_curve", **values))
+    found = diagnose(commissioned(), runs).document
+    (one,) = (candidate for candidate in found.candidates if candidate.name == "input_curve")
+    assert not one.excited and one.rejected_because == "the model holds none"
+    assert "input_curve" not in {other.name for other in found.not_excited}
+    straight = entry("input_curve", **{**values, "quadratic": 0.0, "cubic": 0.0})
+    holding = diagnose(replace(commissioned(), effects=[straight]), runs)
+    assert holding.document.verdict in ("effect", "ambiguous") and "input_curve" in named(holding)
+    first = holding.document.effects[0]
+    assert first.name == "input_curve" and {name: one.value for name, one in first.parameters.items()} == pytest.approx(
+        values, rel=0.1)
+
+
 def test_nothing_on_fresh_recordings() -> None:
     for canned in (LATER, FURTHER):
         found = diagnose(commissioned(), recorded(plain_model(), drives(canned)))
@@ -375,7 +390,7 @@ def test_document_as_in_the_contract(case: str) -> None:
         assert set(one) >= {"name", "shrink", "shrink_ci95", "rejected_because"}
         assert (one["rejected_because"] is None) == (one["name"] in accepted | rivals)
     assert {one["name"] for one in document["not_excited"]} == {
-        one["name"] for one in document["candidates"] if not one["excited"]}
+        one["name"] for one in document["candidates"] if not one["excited"] and CATALOGUE[one["name"]].comes_up}
     r2 = np.array(document["matrix"]["r2"])
     assert r2.shape == (len(document["matrix"]["names"]),) * 2
     assert np.all((r2 >= 0) & (r2 <= 1))

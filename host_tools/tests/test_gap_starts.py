@@ -22,7 +22,8 @@ from rdpi.simulate.effects.hysteresis_change import widened
 # Of every effect ahead of the operator; none leaves the first sample of both drives where it was.
 AHEAD = {"quantisation": {"step": 100 / 31, "origin": 1.0}, "delay": {"delay_s": 0.004},
          "slew_limit": {"V_per_s": 300.0}, "lag": {"time_constant_s": 0.005},
-         "rail_saturation": {"V_min": 8.0, "V_max": 90.0}, "hysteresis_change": {"scale": 0.5, "shape": 0.2}}
+         "rail_saturation": {"V_min": 8.0, "V_max": 90.0}, "hysteresis_change": {"scale": 0.5, "shape": 0.2},
+         "input_curve": {"quadratic": 0.1, "cubic": 0.15, "low_V": 20.0, "high_V": 80.0}}
 PLACES = [(name, stage) for name, kind in CATALOGUE.items() for stage in kind.stages if kind(stage).ahead]
 STARTS = "lowest", "highest"
 MEMORIES = "unknown", "carried", "reset"

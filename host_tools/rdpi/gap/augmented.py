@@ -46,6 +46,12 @@ class AugmentedModel:
         """Recordings of the same drives, one for each, or none."""
         return self.dataset.earlier.recordings if self.dataset.earlier else []
 
+    @property
+    def foreign(self) -> frozenset[str]:
+        """Effects that the model does not hold and that do not come up."""
+        held = {one.effect.name for one in self.known}
+        return frozenset(name for name, kind in effects.CATALOGUE.items() if not kind.comes_up and name not in held)
+
     def acting(self) -> list[Acting]:
         """All effects that act, disturbances that were accepted apart."""
         return effects.in_order([*self.known, *(one.acting for one in self.chosen if not one.per_run)])

@@ -110,7 +110,8 @@ def _candidates(selection: Selection) -> list[CandidateEntry]:
     for name, kind in CATALOGUE.items():
         if name not in result:
             why = "excluded by --without" if name in selection.without else \
-                selection.refused.get(name, "these recordings do not excite it")
+                selection.refused.get(name, "the model holds none" if name in selection.given.foreign else
+                                      "these recordings do not excite it")
             result[name] = CandidateEntry(name=name, stage=kind.stages[0], shrink=0.0, shrink_ci95=None,
                                           refitted_shrink=0.0, parameters={}, excited=False, rejected_because=why)
     return list(result.values())
@@ -119,7 +120,7 @@ def _candidates(selection: Selection) -> list[CandidateEntry]:
 def _not_excited(selection: Selection) -> list[NotExcited]:
     tried = {one.name for one in selection.rounds[0].scores}
     return [NotExcited(name=name, needs=kind.needs) for name, kind in CATALOGUE.items()
-            if name not in tried and name not in selection.without]
+            if name not in tried and name not in selection.given.foreign.union(selection.without)]
 
 
 def rms(parts: Sequence[np.ndarray]) -> float:

@@ -8,7 +8,7 @@ p-values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -219,7 +219,7 @@ def select(given: AugmentedModel, gap: Excess, without: Sequence[str] = (),
 def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
               progress: Progress = lambda fraction: None) -> Round:
     """Every effect fitted and scored, and the best of them chosen."""
-    found, refused = _fit_all(state, without, progress)
+    found, refused = _fit_all(state, state.foreign.union(without), progress)
     equations = NormalEquations(state.dataset, state.residual, found, state.chosen)
     baseline = _baseline(equations)
     scores = tuple(_score(state, equations, baseline, k, gap.floor + state.excused()) for k in range(len(found)))
@@ -237,7 +237,7 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
     return Round(scores, rejected, refused, baseline, evidence, best, refitted, tuple(rivals), reproduced, move)
 
 
-def _fit_all(state: AugmentedModel, without: Sequence[str], progress: Progress
+def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
              ) -> tuple[list[Candidate], dict[str, str]]:
     """Every effect of the catalogue that was not accepted yet, where it may act; and those that cannot be tried."""
     taken = {one.effect.name for one in state.chosen} | set(without)

@@ -24,6 +24,7 @@ from .delay import Delay
 from .gain_change import GainChange
 from .hysteresis_change import HysteresisChange
 from .initial_memory import InitialMemory
+from .input_curve import InputCurve
 from .lag import Lag
 from .periodic_disturbance import PeriodicDisturbance
 from .quantisation import Quantisation
@@ -40,8 +41,9 @@ __all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Eff
 
 CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
     # where two act at one stage, the first comes first
-    InitialMemory, RateDependence, HysteresisChange, Relaxation, Creep, GainChange, Backlash, Resonance, CrossCoupling,
-    ThermalDrift, PeriodicDisturbance, StaticNonlinearity, SlewLimit, Lag, RailSaturation, Delay, Quantisation)}
+    InputCurve, InitialMemory, RateDependence, HysteresisChange, Relaxation, Creep, GainChange, Backlash, Resonance,
+    CrossCoupling, ThermalDrift, PeriodicDisturbance, StaticNonlinearity, SlewLimit, Lag, RailSaturation, Delay,
+    Quantisation)}
 PARAMETERS = {one.name: one for effect in CATALOGUE.values() for one in effect.parameters}  # a name means one thing
 _ORDER = list(CATALOGUE)
 GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit

@@ -63,10 +63,12 @@ class Effect:
     look: ClassVar[str] = ""  # a sentence: what tells it from its like in the pictures
     stages: ClassVar[tuple[str, ...]]  # where it may act; the first unless a monitor tells more
     shows_stage: ClassVar[bool] = False  # ... or the recorded values themselves
+    on_drive: ClassVar[bool] = False  # acts on the drive although no monitor shows it: last before the operator
     parameters: ClassVar[tuple[Parameter, ...]]
     linear: ClassVar[bool] = False  # the displacement is linear in the parameters, at least while they are small
     of_column: ClassVar[str | None] = None  # the covariate that it follows by default; None: it follows none
     # --- how it is estimated
+    of_rig: ClassVar[bool] = False  # stands around the operator of ordinary rigs; `fit` looks for it unless told not to
     on_rig: ClassVar[Mapping[str, tuple[float, float]]] = {}  # narrower bounds of parameters where `fit` looks for it
     disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
     starts_memory: ClassVar[bool] = False  # acts by where the plays start, and by nothing else
@@ -77,6 +79,7 @@ class Effect:
     # the 'none' controls of the tuning set of tests/withheld.
     chance_gain: ClassVar[tuple[float, float]] = 0.0, 0.0
     contains: ClassVar[type[Effect] | None] = None  # a simpler effect, which it can imitate
+    comes_up: ClassVar[bool] = True  # may come up after the identification; else it can only change where there is one
     changes_loops: ClassVar[bool] = False  # at a single rate, all that do look alike
     hides_rate: ClassVar[bool] = False  # it is what a missing rate dependence looks like at another rate
 
@@ -95,9 +98,14 @@ class Effect:
         return self.stage in BEFORE_MONITOR
 
     @property
+    def drives(self) -> bool:
+        """Whether it acts on the drive."""
+        return self.before_monitor or self.on_drive
+
+    @property
     def ahead(self) -> bool:
         """Whether it acts on the drive or on the operator, not on the displacement."""
-        return self.before_monitor or type(self).operator is not Effect.operator
+        return self.drives or type(self).operator is not Effect.operator
 
     @property
     def fitted(self) -> tuple[str, ...]:
@@ -137,14 +145,14 @@ class Effect:
         return None
 
     def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        """The signal (samples,) that leaves this stage: the drive in V ahead of the actuator, else the displacement in
-        um, and run.command_V then is what drove the actuator.
+        """The signal (samples,) that leaves this stage: the drive in V if the effect acts on it, else the displacement
+        in um, and run.command_V then is what drove the actuator.
         """
         return signal
 
     def drive(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         """The drive in V (samples,) that leaves this stage."""
-        return self.act(drive_V, run, values, model) if self.before_monitor else drive_V
+        return self.act(drive_V, run, values, model) if self.drives else drive_V
 
     def operator(self, model: Model, values: Values) -> Model:
         """The model with the changed operator."""
@@ -152,7 +160,7 @@ class Effect:
 
     def displacement(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         """The displacement in um (samples,) that leaves this stage."""
-        return z_um if self.before_monitor else self.act(z_um, run, values, model)
+        return z_um if self.drives else self.act(z_um, run, values, model)
 
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
         """Disturbances: what is fitted to each recording by itself, um, (samples, columns)."""

@@ -24,6 +24,7 @@ class Creep(Effect):
     remedy = "wait after large moves, close the loop for slow motion, or add creep to the inverse"
     needs = "steps, each with a hold after it; creep starts anew at each step"
     stages = ("actuator",)
+    of_rig = True
     parameters = (Parameter("percent_per_decade", "%", -2.0, 20.0),)
     on_rig = {"percent_per_decade": (0.0, 10.0)}
     linear = True

@@ -19,6 +19,7 @@ class Delay(Effect):
     needs = "fast segments at both ends of the record; with one end only, a clock error looks the same"
     article = "a"
     stages = "timing", "sensor"
+    of_rig = True
     parameters = (Parameter("delay_s", "s", 0.0, 1.0),)
 
     def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:

@@ -19,6 +19,7 @@ class Lag(Effect):
     needs = "frequencies above sqrt(2 e) / (2 pi T); T is the time constant, e the model's relative error"
     article = "a"
     stages = "amplifier", "sensor"
+    of_rig = True
     parameters = (Parameter("time_constant_s", "s", 0.0, 1.0),)
 
     def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:

@@ -29,6 +29,7 @@ class Resonance(Effect):
     needs = "steps, chirps or multisines that reach its frequency"
     article = "a"
     stages = ("mechanics",)
+    of_rig = True
     on_rig = {"damping": (1e-3, 0.3)}
     parameters = Parameter("f0_hz", "Hz", 1e-3, np.inf, np.inf), Parameter("damping", "1", 1e-3, 0.95, 0.05)
 
