@@ -1,13 +1,17 @@
 """Choice: which effects stand around the operator, and whether its slopes depend on the rate.
 
-Forward selection: every candidate is fitted together with all that act already and judged on recordings that were left
-out in turn. Of those that no standard error tells apart the one with the fewest parameters joins. Then backwards: what
-does not bring more than its standard error leaves again (the one-standard-error rule, Breiman et al. 1984).
+Every hypothesis is fitted whole (joint.py) and judged on recordings that were left out in turn, or on parts of the only
+one. An effect stays if what was left out is predicted better by more than the standard error of that (the
+one-standard-error rule, Breiman et al. 1984), and by enough to matter. Of hypotheses that nothing tells apart the one
+with the fewest parameters is taken.
+
+The search goes forward from the plain operator, then backward. It goes backward once more from all effects together,
+because two of them may hide a third: a resonance is found where it is only if delay and lag are there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,15 +20,18 @@ from ..simulate.effects import Acting, Effect, Residuals
 from . import thresholds as tuned
 from .joint import Hypothesis, Linearised, Setting, Unknowns, refined, shifted
 
-STARTS = 3
+STARTS = 3  # of an effect's starts, of which derivatives are taken
+FULL_STEPS = 20  # of Levenberg and Marquardt for all effects together
+
+Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A hypothesis fitted, and the squares that it leaves in each block when fitted without it."""
+    """A hypothesis fitted, and the squares that it leaves in each block by what was fitted without it."""
 
     state: Linearised
-    held_out: np.ndarray
+    held_out: np.ndarray  # (blocks,)
 
     @property
     def hypothesis(self) -> Hypothesis:
@@ -34,135 +41,157 @@ class Judged:
     def left(self) -> float:
         return float(np.sum(self.held_out))
 
+    @property
+    def rms_um(self) -> float:
+        """Held out."""
+        setting = self.state.setting
+        return setting.model.stroke_um * float(np.sqrt(self.left / setting.samples))
 
-def judged(setting: Setting, hypothesis: Hypothesis, found: Unknowns) -> Judged:
-    state = refined(setting, hypothesis, found)
+    def beats(self, other: Judged) -> bool:
+        """Whether it leaves less than the other, by more than the standard error and by enough to matter."""
+        gain = other.held_out - self.held_out
+        error = np.sqrt(len(gain)) * np.std(gain, ddof=1)
+        return bool(np.sum(gain) > max(error, tuned.CHAIN_LEAST * other.left))
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """An effect that stays."""
+
+    acting: Acting
+    ci95: dict[str, tuple[float, float]]
+    without: Judged  # the others fitted without it
+    confusable_with: tuple[str, ...]  # effects that would do as well in its place
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What stands around the operator."""
+
+    plain: Judged  # the operator alone
+    found: Judged
+    kept: tuple[Kept, ...]  # in the order of the chain
+
+
+def judged(setting: Setting, hypothesis: Hypothesis, unknowns: Unknowns) -> Judged:
+    state = refined(setting, hypothesis, unknowns)
     return Judged(state, state.held_out())
 
 
-def gains(before: Judged, after: Judged) -> bool:
-    """Whether it leaves less by more than its standard error, and by enough to matter."""
-    gain = before.held_out - after.held_out
-    error = np.sqrt(len(gain)) * np.std(gain, ddof=1)
-    return bool(np.sum(gain) > max(error, tuned.CHAIN_LEAST * before.left))
+def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], rate_law: bool,
+           progress: Progress = lambda fraction: None) -> Choice:
+    """The best hypothesis of these effects and, if wanted, a rate law; `candidates` start with the simplest."""
+    plain = now = judged(setting, Hypothesis(), unknowns)
+    rounds = 0
+    while (better := _joined(now, candidates, rate_law)) is not None:
+        now, rounds = better, rounds + 1
+        progress(0.5 * rounds / (1 + len(candidates)))
+    now = _pruned(now)
+    progress(0.6)
+    if now is not plain:
+        full = _pruned(_full(now, candidates))
+        now = full if full.beats(now) else now
+    progress(0.8)
+    return Choice(plain, now, tuple(_kept(now, candidates)))
 
 
-def tried(state: Linearised, candidates: Sequence[Effect]) -> list[Acting]:
-    """Where fits of effects start that do not act yet: each effect's most promising starts."""
+def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], rate_law: bool) -> Choice:
+    """All of these effects, wanted by name, whether they bring something or not."""
+    plain = judged(setting, Hypothesis(), unknowns)
+    now = _full(plain, candidates)
+    rated = judged(setting, replace(now.hypothesis, rated=True), now.state.found) if rate_law else now
+    now = rated if rated.beats(now) else now
+    return Choice(plain, now, tuple(_kept(now, ())))
+
+
+def starts(state: Linearised, effect: Effect) -> list[Acting]:
+    """Where a fit of an effect may start beside those that act: its most promising starts; none: it is not excited."""
     setting = state.setting
     left = [run.displacement_um - predicted for run, predicted in zip(setting.runs, state.predicted_um)]
     left = [miss - np.mean(miss) for miss in left]
     seen = Residuals(setting.model, setting.runs, state.predicted_um, left, left)
-    names = {one.effect.name for one in state.hypothesis.acting}
-    result = []
-    for effect in candidates:
-        if effect.name in names:
-            continue
-        starts = [shifted(Acting(effect, {**effect.absent(), **values}), dict.fromkeys(effect.fitted, 0.0))
-                  for values in effect.starts(seen)]
-        if len(starts) > STARTS:
-            starts = sorted(starts, key=lambda one: -explained(one, seen))[:STARTS]
-        result += starts
-    return result
+    found = [shifted(Acting(effect, {**effect.absent(), **values}), dict.fromkeys(effect.fitted, 0.0))
+             for values in effect.starts(seen)]
+    return found if len(found) <= STARTS else sorted(found, key=lambda one: -_explained(one, seen))[:STARTS]
 
 
-def explained(one: Acting, seen: Residuals) -> float:
-    """Squares that any size of the change takes away."""
+def _explained(one: Acting, seen: Residuals) -> float:
+    """Squares that any multiple of its change takes away."""
     across = energy = 0.0
     for run, predicted, miss in zip(seen.runs, seen.predicted_um, seen.residual_um):
         change = one.effect.displacement(predicted, run, one.values, seen.model) - predicted
         change = change - np.mean(change)
         across, energy = across + float(change @ miss), energy + float(change @ change)
-    return across**2 / energy if energy else 0.0
+    return across**2 / energy if energy > 0 else 0.0
 
 
-def choose(setting: Setting, found: Unknowns, candidates: Sequence[Effect], rate_law: bool, log=lambda *a: None
-           ) -> Judged:
-    now = judged(setting, Hypothesis(), found)
-    log("plain", rms(now))
-    while True:
-        better = _round(setting, now, candidates, rate_law, log)
-        if better is None:
-            break
-        now = better
-    now = _pruned(setting, now, log)
-    full = _full(setting, now, candidates, log)
-    log("full", rms(full), show(full))
-    full = _pruned(setting, full, log)
-    log("pruned", rms(full), show(full), gains(now, full))
-    return full if gains(now, full) else now
+def _absent(state: Linearised, candidates: Sequence[Effect]) -> Iterator[Effect]:
+    names = {one.effect.name for one in state.hypothesis.acting}
+    return (effect for effect in candidates if effect.name not in names)
 
 
-def _full(setting, now, candidates, log):
-    """With every effect."""
+def _joined(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged | None:
+    """With the effect that helps most, or the simplest of those that help as much; None: none helps."""
     state = now.state
-    for effect in candidates:
-        names = {one.effect.name for one in state.hypothesis.acting}
-        starts = tried(state, [effect])
-        if effect.name in names or not starts:
+    wide = Linearised(state.setting, state.hypothesis, state.found,
+                      [start for effect in _absent(state, candidates) for start in starts(state, effect)])
+    first: dict[str, tuple[float, Hypothesis]] = {}  # to first order: squares left, hypothesis
+    if rate_law and not state.hypothesis.rated:
+        first[""] = float(np.sum(wide.held_out(rated=True))), replace(state.hypothesis, rated=True)
+    for k, one in enumerate(wide.joins):
+        left = float(np.sum(wide.held_out(join=k)))
+        if left < first.get(one.effect.name, (np.inf, None))[0]:
+            first[one.effect.name] = left, state.hypothesis.having(one)
+    fitted = [judged(state.setting, hypothesis, state.found) for left, hypothesis in first.values()
+              if left < (1 - tuned.CHAIN_LEAST) * now.left]
+    fitted = [one for one in fitted if one.beats(now)]
+    if not fitted:
+        return None
+    best = min(fitted, key=lambda one: one.left)
+    return min((one for one in fitted if not best.beats(one)), key=lambda one: one.hypothesis.size)
+
+
+def _full(now: Judged, candidates: Sequence[Effect]) -> Judged:
+    """With every effect that the recordings excite, one after the other and then all together."""
+    state = now.state
+    for effect in _absent(now.state, candidates):
+        found = starts(state, effect)
+        if not found:
             continue
-        wide = Linearised(setting, state.hypothesis, state.found, starts)
-        k = min(range(len(starts)), key=lambda k: float(np.sum(wide.held_out(join=k))))
-        there = refined(setting, state.hypothesis.having(starts[k]), state.found)
-        if there.best(there.blocks)[1] >= state.best(state.blocks)[1]:
-            continue
-        state = there
-        log("    +", effect.name, show(Judged(state, state.held_out())))
-    state = refined(setting, state.hypothesis, state.found, 20)
+        wide = Linearised(state.setting, state.hypothesis, state.found, found)
+        k = min(range(len(found)), key=lambda k: float(np.sum(wide.held_out(join=k))))
+        there = refined(state.setting, state.hypothesis.having(found[k]), state.found)
+        if there.squares < state.squares:
+            state = there
+    state = refined(state.setting, state.hypothesis, state.found, FULL_STEPS)
     return Judged(state, state.held_out())
 
 
-def _round(setting, now, candidates, rate_law, log):
-    """The best that joins, or None."""
-    wide = Linearised(setting, now.hypothesis, now.state.found, tried(now.state, candidates))
-    options = {}
-    for k, one in enumerate(wide.joins):
-        left = float(np.sum(wide.held_out(join=k)))
-        name = one.effect.name
-        if name not in options or left < options[name][0]:
-            options[name] = left, now.hypothesis.having(one)
-    if rate_law and not now.hypothesis.rated:
-        options["rate"] = float(np.sum(wide.held_out(rated=True))), replace(now.hypothesis, rated=True)
-    found = []
-    for name, (left, hypothesis) in options.items():
-        if left > (1 - tuned.CHAIN_LEAST) * now.left:
-            continue
-        one = judged(setting, hypothesis, now.state.found)
-        log("  ", name, "%.4f -> %.4f" % (rms2(setting, left), rms(one)), gains(now, one), show(one))
-        if gains(now, one):
-            found.append(one)
-    if not found:
-        return None
-    best = min(found, key=lambda one: one.left)
-    simple = [one for one in found if one is best or one.hypothesis.size < best.hypothesis.size and not gains(one, best)]
-    return min(simple, key=lambda one: (one.hypothesis.size, one.left))
+def _smaller(hypothesis: Hypothesis) -> Iterator[Hypothesis]:
+    yield from map(hypothesis.lacking, hypothesis.acting)
+    if hypothesis.rated:
+        yield replace(hypothesis, rated=False)
 
 
-def _pruned(setting, now, log=lambda *a: None):
-    while True:
-        options = [now.hypothesis.lacking(one) for one in now.hypothesis.acting]
-        if now.hypothesis.rated:
-            options.append(replace(now.hypothesis, rated=False))
-        brought = {}
-        for k, hypothesis in enumerate(options):
-            less = judged(setting, hypothesis, now.state.found)
-            log("  less", "%.4f" % rms(less), "keep" if gains(less, now) else "drop", show(less))
-            if not gains(less, now):
-                now = less
-                break
-            brought[show(now)[k][0] if k < len(now.hypothesis.acting) else "rate"] = 1 - now.left / less.left
-        else:
-            object.__setattr__(now, "brought", brought)
-            return now
+def _pruned(now: Judged) -> Judged:
+    """Without what does not help."""
+    for hypothesis in _smaller(now.hypothesis):
+        less = judged(now.state.setting, hypothesis, now.state.found)
+        if not now.beats(less):
+            return _pruned(less)
+    return now
 
 
-def show(one):
-    return [(a.effect.name, *("%.4g" % v for v in a.values.values())) for a in one.hypothesis.acting] + ["rated"] * one.hypothesis.rated
-
-
-def rms(one):
-    return rms2(one.state.setting, one.left)
-
-
-def rms2(setting, squares):
-    return 100 * float(np.sqrt(squares / setting.samples))
+def _kept(now: Judged, candidates: Sequence[Effect]) -> Iterator[Kept]:
+    intervals = now.state.intervals()
+    for place, one in enumerate(now.hypothesis.acting):
+        less = judged(now.state.setting, now.hypothesis.lacking(one), now.state.found)
+        rivals = []
+        for effect in _absent(now.state, candidates):
+            wide = Linearised(less.state.setting, less.hypothesis, less.state.found, starts(less.state, effect))
+            left = [float(np.sum(wide.held_out(join=k))) for k in range(len(wide.joins))]
+            if left and min(left) < (now.left + less.left) / 2:  # to first order it brings half as much
+                start = wide.joins[int(np.argmin(left))]
+                if not now.beats(judged(less.state.setting, less.hypothesis.having(start), less.state.found)):
+                    rivals.append(effect.name)
+        yield Kept(one, intervals[place], less, tuple(rivals))

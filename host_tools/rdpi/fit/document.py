@@ -17,6 +17,27 @@ class RateBand(Document):
 
 
 @dataclass(kw_only=True)
+class BeforeAfter(Document):
+    """An rms without and with effects."""
+
+    before: float = json_key("without the effects", "um", low=0)
+    after: float = json_key("with the effects", "um", low=0)
+
+
+@dataclass(kw_only=True)
+class IdentifiedEffect(Document):
+    """An effect around the operator."""
+
+    name: str = json_key("name of the effect")
+    stage: str = json_key("stage of the chain at which it acts")
+    parameters: dict[str, records.EffectParameter] = json_key("parameters by name")
+    held_out_rms_um: BeforeAfter = json_key("error on recordings, or parts of them, that were not fitted; before: by "
+                                            "the model with all effects but this one", "um")
+    shrink: float = json_key("share by which the effect shrinks that error", high=1)
+    confusable_with: list[str] = json_key("names of effects that do as well in its place")
+
+
+@dataclass(kw_only=True)
 class FitDocument(Document):
     """What `rdpi fit` found."""
 
@@ -26,3 +47,4 @@ class FitDocument(Document):
     model: str = json_key("path of the model file")
     gate_failed: bool = json_key("true: a run is predicted worse than --max-rms allows")
     rate_slopes: list[RateBand] = json_key("slopes in each band of rate")
+    effects: list[IdentifiedEffect] = json_key("what stands around the operator, in the order of the chain")

@@ -17,10 +17,11 @@ from ..errors import BadInput
 from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, Passport,
                      guarded, records)
 from ..simulate import chain, signals
-from . import localise, passport
+from . import around, localise, passport
 from . import thresholds as tuned
 from .checks import LARGEST_INPUT, check_run, check_together, correlation, stays_at_an_end
 from .bands import RateSlopes, slopes_of_bands
+from .choice import Choice
 from .document import FitDocument
 from .regression import (Columns, Plant, Reduced, Run, joined, offset_of, prepare, rate_of, reduce, saturation_of,
                          search, smoothing_times_s, solve, without_rate)
@@ -39,6 +40,7 @@ class Options:
     deadzones: int = 2  # m
     thresholds_um: tuple[float, ...] | None = None  # r_1 ... r_n instead of equal intervals
     rate_independent: bool = False
+    effects: str | tuple[str, ...] = "auto"  # around the operator: "auto", "none", or names of those to identify
     rate_source: str = "displacement"
     rate_window_s: float = 0.0
     rate_filter_s: float = 0.0
@@ -67,6 +69,8 @@ class Fit:
     rate_slopes: RateSlopes
     noise_um: float
     warnings: list[str] = field(default_factory=list)
+    choice: Choice | None = None  # what stands around the operator; None: it was not asked
+    plain: Model | None = None  # the operator alone, fitted as if nothing stood around it
 
     def record(self) -> records.FitRecord:
         """The key `fit` of the model file."""
@@ -80,7 +84,8 @@ class Fit:
         """The document of `rdpi fit --json`; `path` is that of the model file."""
         known = self.record()
         return FitDocument(runs=known.runs, noise_um=known.noise_um, warnings=known.warnings, model=path,
-                           gate_failed=gate_failed, rate_slopes=self.rate_slopes.bands())
+                           gate_failed=gate_failed, rate_slopes=self.rate_slopes.bands(),
+                           effects=around.sections(self.choice))
 
 
 def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Sequence[Recording] = (),
@@ -94,46 +99,103 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     check_together(runs, hold_out)
     warnings: list[str] = []
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
-    noise = float(np.median(noises[:len(runs)]))
-    smoothing_s = smoothing_times_s(runs)
+    frame = Frame.of(runs, options, warnings)
 
-    low_V = min(float(np.min(run.command_V)) for run in runs)
-    high_V = max(float(np.max(run.command_V)) for run in runs)
-    low_um = min(float(np.min(run.displacement_um)) for run in runs)
-    high_um = max(float(np.max(run.displacement_um)) for run in runs)
-    stroke = max(float(np.ptp(run.displacement_um)) for run in runs)
-    sign = 1.0 if correlation(max(runs, key=lambda run: np.ptp(run.command_V))) > 0 else -1.0
-    gain = sign * stroke / max(float(np.ptp(run.command_V)) for run in runs)
-    offset_V = low_V if gain > 0 else high_V  # x >= 0, as one-sided dead zones need it
-    thresholds = _thresholds(options, abs(gain) * max(float(np.ptp(run.command_V)) for run in runs), warnings)
+    plain = _operator(runs, frame, options, not options.rate_independent, lambda share: progress(0.3 * share))
+    found, chosen, chain_of_rig = plain, None, []
+    if options.effects != "none":
+        chosen = around.identify(plain, runs, options, lambda share: progress(0.3 + 0.3 * share))
+        chain_of_rig = around.entries(chosen)
+        hypothesis = chosen.found.hypothesis
+        if chain_of_rig or hypothesis.rated is options.rate_independent:
+            found = _operator(chosen.found.state.seen(), frame, options, hypothesis.rated)
+    seen = [run.recording for run in found.runs]
+    if found.columns.top_um_per_s:
+        _compare_sources(seen, found, options, warnings)
+    model = replace(found.model, effects=chain_of_rig)
+    if options.dac_bits is not None and None in (options.min_V, options.max_V):
+        warnings.append(f"the DAC's codes are assumed to span {model.drive.min_V:g} to {model.drive.max_V:g} V, the "
+                        "recorded range; give --min-V and --max-V, the drives of the first and of the last code")
+    _check_reset(found.model, seen, warnings)
+    progress(0.7)
+    predictions = chain.simulate(model, [*runs, *hold_out])
+    scores = _scores(runs, hold_out, predictions, warnings)
+    _remark(found.plant, scores, warnings)
+    left_out = _leave_out(found, predictions, options.deadzones)
+    model.passport = _passport(runs, hold_out, predictions, left_out, noises).to_json()
+    bands = slopes_of_bands(found.model, found.runs)
+    progress(1.0)
+    result = Fit(model, (found.plant.residual, found.without.residual), scores, bands,
+                 float(np.median(noises[:len(runs)])), warnings, chosen, plain.model)
+    model.fit = result.record().to_json()
+    return result
 
-    prepared = prepare(runs, gain, offset_V, thresholds, options.rate_source, options.rate_window_s,
-                        options.rate_filter_s, smoothing_s)
-    usable = np.concatenate([run.rate_um_per_s[run.first:] for run in prepared])
-    top = float(np.percentile(usable, 99.9))
+
+@dataclass(frozen=True)
+class Frame:
+    """What is the same for every model of these recordings."""
+
+    gain_um_per_V: float
+    offset_V: float
+    range_V: tuple[float, float]
+    thresholds_um: np.ndarray
+    grid_um: np.ndarray  # candidate dead zones
+    stroke_um: float
+    smoothing_s: list[float]
+
+    @classmethod
+    def of(cls, runs: Sequence[Recording], options: Options, warnings: list[str]) -> Frame:
+        low_V = min(float(np.min(run.command_V)) for run in runs)
+        high_V = max(float(np.max(run.command_V)) for run in runs)
+        low_um = min(float(np.min(run.displacement_um)) for run in runs)
+        high_um = max(float(np.max(run.displacement_um)) for run in runs)
+        stroke = max(float(np.ptp(run.displacement_um)) for run in runs)
+        sign = 1.0 if correlation(max(runs, key=lambda run: np.ptp(run.command_V))) > 0 else -1.0
+        widest_V = max(float(np.ptp(run.command_V)) for run in runs)
+        gain = sign * stroke / widest_V
+        return cls(gain, low_V if gain > 0 else high_V,  # x >= 0, as one-sided dead zones need it
+                   (low_V, high_V), _thresholds(options, abs(gain) * widest_V, warnings),
+                   low_um + GRID * (high_um - low_um), stroke, smoothing_times_s(runs))
+
+
+@dataclass(frozen=True, eq=False)
+class Operator:
+    """The operator identified from recordings as it made them, and the regression behind it."""
+
+    model: Model  # without effects
+    plant: Plant
+    without: Plant  # the same without a rate law
+    runs: list[Run]
+    reduced: list[Reduced]
+    columns: Columns
+
+
+def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: bool,
+              progress: Callable[[float], None] = lambda fraction: None) -> Operator:
+    prepared = prepare(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, options.rate_source,
+                       options.rate_window_s, options.rate_filter_s, frame.smoothing_s)
+    top = float(np.percentile(np.concatenate([run.rate_um_per_s[run.first:] for run in prepared]), 99.9))
     if top <= 0:
         raise BadInput(f"{runs[0].path}: the displacement never moves after warm-up; "
                        "record a drive that moves the actuator")
-    grid = low_um + GRID * (high_um - low_um)
-    columns = Columns(thresholds, grid, 0.0 if options.rate_independent else top)
-    reduced = reduce(prepared, columns, stroke, lambda share: progress(0.6 * share))
+    columns = Columns(frame.thresholds_um, frame.grid_um, top if rated else 0.0)
+    reduced = reduce(prepared, columns, frame.stroke_um, progress)
     factor, samples = joined(reduced)
     unknowns = columns.plays + options.deadzones + len(runs)
     if samples < tuned.MIN_SAMPLES_PER_UNKNOWN * unknowns:
         raise BadInput(f"{runs[0].path}: the fit has {unknowns} unknowns, but only {samples} samples after "
                        "warm-up; record longer, state the memory, or use fewer --operators")
     plant = search(factor, columns, options.deadzones, samples)
+    without = search(*without_rate(factor, columns), options.deadzones, samples) if rated else plant
 
-    if not options.rate_independent:
-        _compare_sources(runs, prepared, columns, options, plant, stroke, smoothing_s, warnings)
-
-    first = prepared[0]
+    first, (low_V, high_V) = prepared[0], frame.range_V
     model = _of_plant(Model(
-        gain_um_per_V=gain, offset_V=offset_V, offset_um=0.0, stroke_um=stroke, thresholds_um=thresholds,
-        slopes=plant.rest, slope_rate_s_per_um=np.zeros(len(thresholds)), deadzones_um=np.zeros(1),
-        deadzone_weights=np.ones(1),
+        gain_um_per_V=frame.gain_um_per_V, offset_V=frame.offset_V, offset_um=0.0, stroke_um=frame.stroke_um,
+        thresholds_um=frame.thresholds_um, slopes=plant.rest, slope_rate_s_per_um=np.zeros(len(plant.rest)),
+        deadzones_um=np.zeros(1), deadzone_weights=np.ones(1),
         rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s,
-                  min_slope_ratio=options.min_slope_ratio, smoothing_s=min(smoothing_s), identified_um_per_s=top),
+                  min_slope_ratio=options.min_slope_ratio, smoothing_s=min(frame.smoothing_s),
+                  identified_um_per_s=top),
         drive=Drive(low_V if options.min_V is None else options.min_V,
                     high_V if options.max_V is None else options.max_V, options.slew_V_per_s, options.dac_bits),
         memory=Memory(float(first.x_um[0]), first.states_um),
@@ -143,30 +205,14 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         states = chain.estimate_states(model, first.recording)
         model.memory = Memory(float(states[0]), states)
     model.memory = chain.within_drive(model)
-    if options.dac_bits is not None and None in (options.min_V, options.max_V):
-        warnings.append(f"the DAC's codes are assumed to span {model.drive.min_V:g} to {model.drive.max_V:g} V, the "
-                        "recorded range; give --min-V and --max-V, the drives of the first and of the last code")
-    _check_reset(model, runs, warnings)
-    progress(0.7)
-    predictions = chain.simulate(model, [*runs, *hold_out])
-    scores = _scores(runs, hold_out, predictions, warnings)
-    _remark(plant, scores, warnings)
-    left_out = _leave_out(model, prepared, predictions, reduced, columns, options.deadzones)
-    model.passport = _passport(runs, hold_out, predictions, left_out, noises).to_json()
-    bands = slopes_of_bands(model, prepared)
-    progress(1.0)
-    without = plant
-    if not options.rate_independent:
-        without = search(*without_rate(factor, columns), options.deadzones, samples)
-    found = Fit(model, (plant.residual, without.residual), scores, bands, noise, warnings)
-    model.fit = found.record().to_json()
-    return found
+    return Operator(model, plant, without, prepared, reduced, columns)
 
 
-def _compare_sources(runs: Sequence[Recording], prepared: Sequence[Run], columns: Columns, options: Options,
-                     plant: Plant, stroke: float, smoothing_s: Sequence[float], warnings: list[str]) -> None:
+def _compare_sources(runs: Sequence[Recording], found: Operator, options: Options, warnings: list[str]) -> None:
     """Say so if the other source of the rate explains the recordings much better."""
     other = next(source for source in SOURCES if source != options.rate_source)
+    prepared, columns, plant, stroke = found.runs, found.columns, found.plant, found.model.stroke_um
+    smoothing_s = smoothing_times_s(runs)
     rates = [rate_of(run, used.x_um, other, options.rate_window_s, options.rate_filter_s, smoothing)
              for run, used, smoothing in zip(runs, prepared, smoothing_s)]
     swapped = [replace(run, rate_um_per_s=rate) for run, rate in zip(prepared, rates)]
@@ -202,6 +248,7 @@ def _check_options(options: Options) -> None:
     arguments.one_of(options.rate_source, SOURCES, "rate_source")
     if options.thresholds_um is not None:
         arguments.series(options.thresholds_um, "thresholds_um", finite=False)
+    around.wanted(options.effects)
     if options.actuator is not None:
         arguments.of_kind(options.actuator, str, "actuator")
     if not 0 <= options.operators <= 128:
@@ -259,28 +306,30 @@ def _of_plant(model: Model, plant: Plant, columns: Columns, runs: Sequence[Run],
     return guarded(found, 1 - model.rate.min_slope_ratio, tuned.RATE_HEADROOM * top)
 
 
-def _leave_out(model: Model, runs: Sequence[Run], predictions: Sequence[chain.Prediction],
-               reduced: Sequence[Reduced], columns: Columns, m: int) -> list[np.ndarray | None]:
-    """Each run as predicted by a model fitted to the others, (samples,); None where the others do not make a model.
+def _leave_out(found: Operator, predictions: Sequence[chain.Prediction], m: int) -> list[np.ndarray | None]:
+    """What a model fitted to the others misses of each run, (samples,); None where the others do not make a model.
 
-    Rate and memory are those of the model's own prediction: they hardly differ, and finding them anew takes long.
+    Effects, rate and memory are those of the model's own prediction: they hardly differ, and finding them anew takes
+    long.
     """
-    found: list[np.ndarray | None] = [None] * len(runs)
+    runs, reduced, columns = found.runs, found.reduced, found.columns
+    left: list[np.ndarray | None] = [None] * len(runs)
     for group in np.array_split(np.arange(len(runs)), min(len(runs), FOLDS)):
         rest = [k for k in range(len(runs)) if k not in group]
         if sum(reduced[k].samples for k in rest) < tuned.MIN_SAMPLES_PER_UNKNOWN * (columns.plays + m + len(rest)):
             continue
-        left = [reduced[k] for k in rest]
+        others = [reduced[k] for k in rest]
         try:
-            factor, samples = joined(left)
+            factor, samples = joined(others)
             plant = search(factor, columns, m, samples)
-            other = _of_plant(model, plant, columns, [runs[k] for k in rest], left)
+            other = _of_plant(found.model, plant, columns, [runs[k] for k in rest], others)
             for k in group:
                 run, seen = runs[k].recording, predictions[k]
-                found[k] = chain.operator_from(other, run, seen.start_um).forward(run.command_V, seen.rate_um_per_s)
+                left[k] = run.displacement_um - chain.operator_from(other, run, seen.start_um).forward(
+                    run.command_V, seen.rate_um_per_s)
         except BadInput:  # what the others determine is no model: the run is then known as fitted only
             pass
-    return found
+    return left
 
 
 def _passport(runs: Sequence[Recording], hold_out: Sequence[Recording], predictions: Sequence[chain.Prediction],
@@ -294,8 +343,7 @@ def _passport(runs: Sequence[Recording], hold_out: Sequence[Recording], predicti
         elif left_out[k] is None:
             residuals.append(passport.Residual(run, passport.FITTED, None, left, coords, noises[k]))
         else:
-            without = run.displacement_um - left_out[k]
-            residuals.append(passport.Residual(run, passport.LEFT_OUT, without, left, coords, noises[k]))
+            residuals.append(passport.Residual(run, passport.LEFT_OUT, left_out[k], left, coords, noises[k]))
     return passport.build(residuals)
 
 

@@ -148,7 +148,7 @@ class Linearised:
         for one in self.joins:
             self.join_columns.append((at, np.arange(at + 1, at + 1 + len(one.effect.fitted))))
             at += 1 + len(one.effect.fitted)
-        self.predicted_um: list[np.ndarray] = []
+        self.predicted_um: list[np.ndarray] = []  # with all that acts
         self._kept: list[tuple[np.ndarray, np.ndarray, np.ndarray, Recording, np.ndarray]] = []
         self.blocks = self._grams([self._rows(k) for k in range(len(setting.runs))])
 
@@ -229,7 +229,6 @@ class Linearised:
         """Coefficients of the residual with the columns `used` fitted to these blocks, (columns,)."""
         gram = np.sum(kept, axis=0)
         samples = self.setting.samples * len(kept) / len(self.blocks)
-        n, m = len(self.found.rest), len(self.found.pieces)
         rows, wish = self._prior(rated)
         linear = rows.shape[1]
         left, right = gram[np.ix_(used, used)], gram[used] @ target
@@ -251,6 +250,11 @@ class Linearised:
     def target(self) -> np.ndarray:
         """seg_0 as a sum of columns."""
         return np.eye(self.blocks.shape[1])[-1]
+
+    @property
+    def squares(self) -> float:
+        """Left with the best unknowns, relative to the stroke."""
+        return self.best(self.blocks)[1]
 
     @cached_property
     def residual(self) -> float:
@@ -326,6 +330,11 @@ class Linearised:
         low, high = bounds(one, name)
         return one.values[name] <= low and step < 0 or one.values[name] >= high and step > 0
 
+    def seen(self) -> list[Recording]:
+        """The recordings as the operator alone would have made them."""
+        return [replace(driven, columns={**driven.columns, "displacement_um": run.displacement_um - (shown - z)})
+                for run, (_, _, z, driven, shown) in zip(self.setting.runs, self._kept)]
+
     # --- leaving out
 
     @property
@@ -349,13 +358,25 @@ class Linearised:
             result[fold] = np.einsum("i,bij,j->b", weights, self.blocks[fold], weights)
         return result
 
-    def join_step(self, join: int) -> dict[str, float]:
-        """How far the parameters of an effect that joins move at once."""
-        target = self.target
-        target[self.join_columns[join][0]] = -1.0
-        used = np.r_[self.linear, self.own, self.join_columns[join][1]]
-        weights = self.solve(self.blocks, used, self.hypothesis.rated, target, self.residual)
-        return dict(zip(self.joins[join].effect.fitted, weights[self.join_columns[join][1]]))
+    def intervals(self) -> list[dict[str, tuple[float, float]]]:
+        """95 % intervals of the parameters of each effect that acts, within bounds; none for one that stands at a bound.
+
+        Jackknife over the blocks: what the operator cannot show makes neighbouring samples err alike, not blocks.
+        """
+        moving = self.own[~np.array(self.ends, bool)]
+        used = np.r_[self.linear, moving].astype(int)
+        count = len(self.blocks)
+        moves = np.array([self.solve(np.delete(self.blocks, block, axis=0), used, self.hypothesis.rated, self.target,
+                                     self.residual)[moving] for block in range(count)])
+        errors = np.sqrt((count - 1) / count * np.sum((moves - np.mean(moves, axis=0)) ** 2, axis=0))
+        result: list[dict[str, tuple[float, float]]] = [{} for _ in self.hypothesis.acting]
+        for column, error in zip(moving, errors):
+            place, name = self.free[column - self.own[0]]
+            one = self.hypothesis.acting[place]
+            ends = one.values[name] + tuned.CHAIN_WIDEN * 1.96 * error * np.array([-1.0, 1.0])
+            low, high = np.clip(ends, *bounds(one, name))
+            result[place][name] = float(low), float(high)
+        return result
 
 
 def bounds(one: Acting, name: str) -> tuple[float, float]:
@@ -386,7 +407,7 @@ def refined(setting: Setting, hypothesis: Hypothesis, found: Unknowns, steps: in
     state, damping = Linearised(setting, hypothesis, found), 1e-2
     state = Linearised(setting, hypothesis, state.best(state.blocks)[0])
     for _ in range(steps if state.free else 0):
-        before = state.best(state.blocks)[1]
+        before = state.squares
         for _ in range(4):
             step = state.step(damping)
             acting = tuple(shifted(one, {name: step[j] for j, (at, name) in enumerate(state.free) if at == place})

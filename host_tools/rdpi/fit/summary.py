@@ -11,7 +11,7 @@ import numpy as np
 
 from ..data import Recording, atomic_write, make_folder
 from ..simulate import chain, scoring
-from . import report
+from . import around, report
 from .document import FitDocument
 from .identify import Fit
 
@@ -45,6 +45,7 @@ def lines(result: Fit) -> list[str]:
             f"stroke {model.stroke_um:.5g} um, noise {result.noise_um:.2g} um rms",
             *scoring.table([(run.recording.path, run.score, "held out" if run.held_out else "fitted")
                             for run in result.scores]),
+            *(around.lines(result.choice, model.stroke_um) if result.choice else ()),
             *_slopes(result)]
     dependent, independent = (100 * residual for residual in result.residual)
     if dependent != independent:

@@ -28,6 +28,7 @@ class EffectEntry(Document):
     column: str | None = json_key("column of the recordings that it follows", omitted=True)
     parameters: dict[str, float | EffectParameter | None] = json_key(
         "parameters by name: an object, or its value alone")
+    origin: Literal["fit", "gap"] | None = json_key("which command found it", omitted=True)
     new: bool | None = json_key("true: `rdpi gap --earlier` found it, so it did not act in the earlier recordings",
                                 omitted=True)
 

@@ -69,6 +69,8 @@ class Effect:
     of_column: ClassVar[str | None] = None  # the covariate that it follows by default; None: it follows none
     # --- how it is estimated
     of_rig: ClassVar[bool] = False  # stands around the operator of ordinary rigs; `fit` looks for it unless told not to
+    needs_rates: ClassVar[bool] = False  # with strokes of a single rate it looks like a loop
+    needs_loops: ClassVar[bool] = False  # with strokes of a single size it does
     on_rig: ClassVar[Mapping[str, tuple[float, float]]] = {}  # narrower bounds of parameters where `fit` looks for it
     disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
     starts_memory: ClassVar[bool] = False  # acts by where the plays start, and by nothing else

@@ -28,6 +28,7 @@ class InputCurve(Effect):
     stages = ("actuator",)
     on_drive = True
     of_rig = True
+    needs_loops = True
     parameters = (Parameter("quadratic", "1", -1.0, 1.0), Parameter("cubic", "1", -1.0, 1.0),
                   Parameter("low_V", "V", -LARGEST, LARGEST, internal=True),
                   Parameter("high_V", "V", -LARGEST, LARGEST, internal=True))

@@ -27,6 +27,7 @@ class Relaxation(Effect):
     needs = "steps, or frequencies on both sides of 1 / (2 pi T); T is the time constant"
     stages = ("actuator",)
     of_rig = True
+    needs_rates = True
     parameters = (Parameter("share", "1", -0.2, 0.5), Parameter("time_constant_s", "s", SHORTEST_S, LONGEST_S, 0.01))
     on_rig = {"share": (0.0, 0.2)}
     contains = GainChange  # slower than the recordings, its share is missing from every move

@@ -1,0 +1,153 @@
+"""What stands around the operator: which effects a fit looks for, and how it tells what it found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from .. import arguments
+from ..data import Recording
+from ..errors import BadInput
+from ..model import records
+from ..simulate.effects import CATALOGUE, Effect
+from . import thresholds as tuned
+from .choice import Choice, Kept, choose, forced, starts
+from .document import BeforeAfter, IdentifiedEffect
+from .joint import Hypothesis, Setting, Unknowns, refined
+
+if TYPE_CHECKING:
+    from .identify import Operator, Options
+
+AUTO, NONE = "auto", "none"
+FITTED = {name: kind for name, kind in reversed(CATALOGUE.items()) if kind.of_rig}  # the simplest first
+
+
+def wanted(effects: str | Sequence[str]) -> list[str] | None:
+    """Names of the effects that must be identified; None: those that recordings show. Raises BadInput for others."""
+    if isinstance(effects, str) and effects in (AUTO, NONE):
+        return [] if effects == NONE else None
+    names = effects.split(",") if isinstance(effects, str) else arguments.listed(effects, str, "effects")
+    for name in names:
+        if name in (AUTO, NONE):
+            raise BadInput(f"--effects: {name} stands alone, without names of effects")
+        if name not in FITTED:
+            known = f"{name} is none that `rdpi fit` identifies" if name in CATALOGUE else f"no effect {name!r}"
+            raise BadInput(f"--effects: {known}; it identifies {', '.join(FITTED)}")
+        if names.count(name) > 1:
+            raise BadInput(f"--effects: {name} is named twice; an effect acts once")
+    if not names:
+        raise BadInput("--effects: names no effect; say none, auto, or names")
+    return names
+
+
+def identify(plain: Operator, runs: Sequence[Recording], options: Options, progress: Callable[[float], None]) -> Choice:
+    """What stands around the operator; `plain` is the operator fitted as if nothing did."""
+    found = plain.without
+    setting = Setting(
+        runs, [run.states_um if run.recording.memory == "carried" else None for run in plain.runs],
+        [run.first for run in plain.runs], plain.model, plain.columns.grid_um[list(found.picks)],
+        [run.rate_um_per_s for run in plain.runs], plain.model.rate.identified_um_per_s)
+    unknowns = Unknowns(found.rest, np.zeros(len(found.rest)), found.pieces[1:])
+    strokes = Strokes.of(runs)
+    rate_law = strokes.rates_differ and not options.rate_independent
+    names = wanted(options.effects)
+    if names is None:
+        return choose(setting, unknowns, [kind() for kind in FITTED.values() if strokes.show(kind)], rate_law,
+                      progress)
+    for name in names:
+        _check_excited(setting, unknowns, FITTED[name](), strokes)
+    return forced(setting, unknowns, [FITTED[name]() for name in names], rate_law)
+
+
+def _check_excited(setting: Setting, unknowns: Unknowns, effect: Effect, strokes: Strokes) -> None:
+    paths = ", ".join(run.path for run in setting.runs)
+    if not strokes.show(type(effect)):
+        alike = "rate" if effect.needs_rates else "size"
+        raise BadInput(f"{paths}: cannot show {effect.name}: all strokes have about the same {alike}; it needs "
+                       f"{effect.needs}")
+    if not starts(refined(setting, Hypothesis(), unknowns), effect):
+        raise BadInput(f"{paths}: cannot show {effect.name}: too short or too slow; it needs {effect.needs}")
+
+
+class Strokes(NamedTuple):
+    """Whether the movements between turning points differ; where not, what depends on them looks like a loop."""
+
+    rates_differ: bool
+    sizes_differ: bool
+
+    @classmethod
+    def of(cls, runs: Sequence[Recording]) -> Strokes:
+        rates, sizes = [], []
+        for run in runs:
+            turns = _turns(run.command_V, tuned.STROKE * float(np.ptp(run.command_V)))
+            sizes.append(np.abs(np.diff(run.command_V[turns])))
+            rates.append(sizes[-1] / (np.diff(turns) * run.sample_time_s))
+        way = np.concatenate(sizes)
+        return cls(_spread(np.concatenate(rates), way) > tuned.SEVERAL_RATES, _spread(way, way) > tuned.SEVERAL_SIZES)
+
+    def show(self, kind: type[Effect]) -> bool:
+        return (self.rates_differ or not kind.needs_rates) and (self.sizes_differ or not kind.needs_loops)
+
+
+def _spread(values: np.ndarray, way: np.ndarray) -> float:
+    """Ratio of the values between which nine tenths of the way lie."""
+    order = np.argsort(values)
+    share = np.cumsum(way[order]) / np.sum(way)
+    low, high = (values[order[min(np.searchsorted(share, end), len(values) - 1)]] for end in (0.05, 0.95))
+    return float(high / low) if low > 0 else np.inf
+
+
+def _turns(command: np.ndarray, least: float) -> np.ndarray:
+    """Samples at which a drive turns round, between them more than `least`; first and last sample too."""
+    from scipy.signal import find_peaks
+
+    peaks = [find_peaks(sign * command, prominence=least)[0] for sign in (1, -1)]
+    return np.unique(np.r_[0, *peaks, len(command) - 1])
+
+
+# ---- what was found ----
+
+
+def entries(choice: Choice) -> list[dict[str, Any]]:
+    """For the list `effects` of the model file."""
+    return [records.EffectEntry(name=one.acting.effect.name, stage=one.acting.effect.stage, origin="fit",
+                                parameters=_parameters(one)).to_json() for one in choice.kept]
+
+
+def sections(choice: Choice | None) -> list[IdentifiedEffect]:
+    """For the document of the fit."""
+    return [IdentifiedEffect(
+        name=one.acting.effect.name, stage=one.acting.effect.stage, parameters=_parameters(one),
+        held_out_rms_um=BeforeAfter(before=one.without.rms_um, after=choice.found.rms_um),
+        shrink=1 - choice.found.rms_um / one.without.rms_um, confusable_with=list(one.confusable_with))
+        for one in (choice.kept if choice else ())]
+
+
+def _parameters(one: Kept) -> dict[str, records.EffectParameter]:
+    effect, values = one.acting
+    return {parameter.name: records.EffectParameter(value=values[parameter.name], ci95=one.ci95.get(parameter.name),
+                                                    unit=effect.unit(parameter)) for parameter in effect.parameters}
+
+
+def lines(choice: Choice, stroke_um: float) -> list[str]:
+    """For people: each effect, its size, what it brought, and what may be in its place."""
+    share = 100 / stroke_um
+    beside = [one.acting.effect.name for one in choice.kept] + ["rate law"] * choice.found.hypothesis.rated
+    told = [f"around the operator: {', '.join(beside) or 'nothing'}; rms on recordings, or parts of them, that were "
+            f"not fitted: {share * choice.found.rms_um:.3g} % of the stroke"
+            + (f", operator alone {share * choice.plain.rms_um:.3g} %" if beside else "")]
+    for one in choice.kept:
+        effect, values = one.acting
+        sizes = ", ".join(_size(effect, parameter, values[parameter.name], one.ci95.get(parameter.name))
+                          for parameter in effect.parameters if not parameter.internal)
+        rivals = f"; {' or '.join(one.confusable_with)} would do as well" if one.confusable_with else ""
+        told.append(f"  {effect.name}: {sizes}; without it {share * one.without.rms_um:.3g} %{rivals}")
+    return told
+
+
+def _size(effect: Effect, parameter: Any, value: float, ci95: tuple[float, float] | None) -> str:
+    unit = effect.unit(parameter)
+    text = f"{parameter.name} {value:.4g}" + (f" {unit}" if unit != "1" else "")
+    return text + (f" ({ci95[0]:.4g} to {ci95[1]:.4g})" if ci95 else "")
