@@ -20,6 +20,7 @@ from .joint import Hypothesis, Setting, Unknowns, refined
 if TYPE_CHECKING:
     from .identify import Operator, Options
 
+CORNERS = 6  # of the saturation while effects are chosen
 AUTO, NONE = "auto", "none"
 FITTED = {name: kind for name, kind in reversed(CATALOGUE.items()) if kind.of_rig}  # the simplest first
 
@@ -44,14 +45,17 @@ def wanted(effects: str | Sequence[str]) -> list[str] | None:
 
 def identify(plain: Operator, runs: Sequence[Recording], options: Options, progress: Callable[[float], None]) -> Choice:
     """What stands around the operator; `plain` is the operator fitted as if nothing did."""
-    found = plain.without
+    # Corners everywhere: each hypothesis has dead zones of its own, and none is to make up for those of another.
+    corners_um = plain.columns.grid_um[np.linspace(1, len(plain.columns.grid_um) - 2, CORNERS).round().astype(int)]
     setting = Setting(
         runs, [run.states_um if run.recording.memory == "carried" else None for run in plain.runs],
-        [run.first for run in plain.runs], plain.model, plain.columns.grid_um[list(found.picks)],
+        [run.first for run in plain.runs], plain.model, corners_um if options.deadzones else corners_um[:0],
         [run.rate_um_per_s for run in plain.runs], plain.model.rate.identified_um_per_s)
-    unknowns = Unknowns(found.rest, np.zeros(len(found.rest)), found.pieces[1:])
+    slopes = plain.without.rest
+    unknowns = Unknowns(slopes, np.zeros(len(slopes)), np.ones(len(setting.corners_um)))
     strokes = Strokes.of(runs)
-    rate_law = strokes.rates_differ and not options.rate_independent
+    # Also where the model shall have no rate law, it takes part: what it explains is not to pass for a delay.
+    rate_law = strokes.rates_differ
     names = wanted(options.effects)
     if names is None:
         return choose(setting, unknowns, [kind() for kind in FITTED.values() if strokes.show(kind)], rate_law,

@@ -31,7 +31,7 @@ class Judged:
     """A hypothesis fitted, and the squares that it leaves in each block by what was fitted without it."""
 
     state: Linearised
-    held_out: np.ndarray  # (blocks,)
+    held_out: np.ndarray  # (foldings, blocks)
 
     @property
     def hypothesis(self) -> Hypothesis:
@@ -39,7 +39,8 @@ class Judged:
 
     @property
     def left(self) -> float:
-        return float(np.sum(self.held_out))
+        """Squares, mean of the ways to leave out."""
+        return squares_of(self.held_out)
 
     @property
     def rms_um(self) -> float:
@@ -48,10 +49,12 @@ class Judged:
         return setting.model.stroke_um * float(np.sqrt(self.left / setting.samples))
 
     def beats(self, other: Judged) -> bool:
-        """Whether it leaves less than the other, by more than the standard error and by enough to matter."""
+        """Whether it leaves less than the other, by more than the standard error and by enough to matter, however
+        blocks are left out.
+        """
         gain = other.held_out - self.held_out
-        error = np.sqrt(len(gain)) * np.std(gain, ddof=1)
-        return bool(np.sum(gain) > max(error, tuned.CHAIN_LEAST * other.left))
+        error = np.sqrt(gain.shape[1]) * np.std(gain, axis=1, ddof=1)
+        return bool(np.all(np.sum(gain, axis=1) > np.maximum(error, tuned.CHAIN_LEAST * np.sum(other.held_out, axis=1))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +74,10 @@ class Choice:
     plain: Judged  # the operator alone
     found: Judged
     kept: tuple[Kept, ...]  # in the order of the chain
+
+
+def squares_of(held_out: np.ndarray) -> float:
+    return float(np.mean(np.sum(held_out, axis=1)))
 
 
 def judged(setting: Setting, hypothesis: Hypothesis, unknowns: Unknowns) -> Judged:
@@ -137,9 +144,9 @@ def _joined(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged
                       [start for effect in _absent(state, candidates) for start in starts(state, effect)])
     first: dict[str, tuple[float, Hypothesis]] = {}  # to first order: squares left, hypothesis
     if rate_law and not state.hypothesis.rated:
-        first[""] = float(np.sum(wide.held_out(rated=True))), replace(state.hypothesis, rated=True)
+        first[""] = squares_of(wide.held_out(rated=True)), replace(state.hypothesis, rated=True)
     for k, one in enumerate(wide.joins):
-        left = float(np.sum(wide.held_out(join=k)))
+        left = squares_of(wide.held_out(join=k))
         if left < first.get(one.effect.name, (np.inf, None))[0]:
             first[one.effect.name] = left, state.hypothesis.having(one)
     fitted = [judged(state.setting, hypothesis, state.found) for left, hypothesis in first.values()
@@ -159,7 +166,7 @@ def _full(now: Judged, candidates: Sequence[Effect]) -> Judged:
         if not found:
             continue
         wide = Linearised(state.setting, state.hypothesis, state.found, found)
-        k = min(range(len(found)), key=lambda k: float(np.sum(wide.held_out(join=k))))
+        k = min(range(len(found)), key=lambda k: squares_of(wide.held_out(join=k)))
         there = refined(state.setting, state.hypothesis.having(found[k]), state.found)
         if there.squares < state.squares:
             state = there
@@ -189,7 +196,7 @@ def _kept(now: Judged, candidates: Sequence[Effect]) -> Iterator[Kept]:
         rivals = []
         for effect in _absent(now.state, candidates):
             wide = Linearised(less.state.setting, less.hypothesis, less.state.found, starts(less.state, effect))
-            left = [float(np.sum(wide.held_out(join=k))) for k in range(len(wide.joins))]
+            left = [squares_of(wide.held_out(join=k)) for k in range(len(wide.joins))]
             if left and min(left) < (now.left + less.left) / 2:  # to first order it brings half as much
                 start = wide.joins[int(np.argmin(left))]
                 if not now.beats(judged(less.state.setting, less.hypothesis.having(start), less.state.found)):

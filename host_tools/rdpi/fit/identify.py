@@ -106,9 +106,9 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if options.effects != "none":
         chosen = around.identify(plain, runs, options, lambda share: progress(0.3 + 0.3 * share))
         chain_of_rig = around.entries(chosen)
-        hypothesis = chosen.found.hypothesis
-        if chain_of_rig or hypothesis.rated is options.rate_independent:
-            found = _operator(chosen.found.state.seen(), frame, options, hypothesis.rated)
+        rated = chosen.found.hypothesis.rated and not options.rate_independent
+        if chain_of_rig or rated is options.rate_independent:
+            found = _operator(chosen.found.state.seen(), frame, options, rated)
     seen = [run.recording for run in found.runs]
     if found.columns.top_um_per_s:
         _compare_sources(seen, found, options, warnings)

@@ -337,14 +337,17 @@ class Linearised:
 
     # --- leaving out
 
-    @property
-    def folds(self) -> list[np.ndarray]:
-        """Blocks that are left out in turn: recordings; of the only one, its blocks."""
-        owner = np.arange(len(self.blocks)) // (BLOCKS if len(self.setting.runs) > 1 else 1)
-        return [owner == one for one in range(owner[-1] + 1)]
+    @cached_property
+    def foldings(self) -> list[list[np.ndarray]]:
+        """Blocks that are left out in turn: parts of every recording, and whole recordings where there are several."""
+        block = np.arange(len(self.blocks))
+        owners = [block % BLOCKS, block // BLOCKS][:2 if len(self.setting.runs) > 1 else 1]
+        return [[owner == one for one in range(owner[-1] + 1)] for owner in owners]
 
     def held_out(self, rated: bool | None = None, join: int | None = None) -> np.ndarray:
-        """Squares in each block by what was fitted without it, (blocks,); with a rate law, with an effect that joins."""
+        """Squares in each block by what was fitted without it, (foldings, blocks); with a rate law, with an effect that
+        joins.
+        """
         rated = self.hypothesis.rated if rated is None else rated
         n, m = len(self.found.rest), len(self.found.pieces)
         used = np.r_[np.arange(n * (1 + rated)), 2 * n + np.arange(m), self.own[~np.array(self.ends, bool)]]
@@ -352,10 +355,11 @@ class Linearised:
         if join is not None:
             used = np.r_[used, self.join_columns[join][1]]
             target[self.join_columns[join][0]] = -1.0
-        result = np.zeros(len(self.blocks))
-        for fold in self.folds:
-            weights = self.solve(self.blocks[~fold], used.astype(int), rated, target, self.residual)
-            result[fold] = np.einsum("i,bij,j->b", weights, self.blocks[fold], weights)
+        result = np.zeros((len(self.foldings), len(self.blocks)))
+        for row, folds in zip(result, self.foldings):
+            for fold in folds:
+                weights = self.solve(self.blocks[~fold], used.astype(int), rated, target, self.residual)
+                row[fold] = np.einsum("i,bij,j->b", weights, self.blocks[fold], weights)
         return result
 
     def intervals(self) -> list[dict[str, tuple[float, float]]]:

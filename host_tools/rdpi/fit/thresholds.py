@@ -8,6 +8,7 @@ Sources:
   benches   chosen on recordings of the virtual benches of tests/bench, told from others: drives, seeds and settings
             that were not used for choosing
   cycles    measured on the cycles of ../shared/data/picma_p885, one to nine cycles apart, noise taken off
+  rigs      chosen on virtual rigs of tests/rigs, scored on families that were left out
   judged    set when the check was written, far from what recordings of one actuator show; no set is on record
 """
 
