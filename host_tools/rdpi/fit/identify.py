@@ -67,6 +67,7 @@ class Fit:
     rate_slopes: RateSlopes
     noise_um: float
     warnings: list[str] = field(default_factory=list)
+    plain: Model | None = None  # the same without effects; None: the model has none
 
     def record(self) -> records.FitRecord:
         """The key `fit` of the model file."""
