@@ -97,13 +97,13 @@ def test_the_sentence_tells_the_worst_of_those_that_judge() -> None:
                for run, one in zip(runs(), chain.simulate(result.plain, runs()))]
     assert without[1] > 3 * document.runs[1].rms_percent
     page = text_of(written(result)).replace("\N{NO-BREAK SPACE}", " ")
-    assert (f"The model predicts the recordings that were held out to {document.runs[1].rms_percent:.2g} % rms of "
-            f"their stroke; without the effects, the same fit predicts them to {without[1]:.2g} %.") in page
+    assert (f"The model predicts the held-out recordings to {document.runs[1].rms_percent:.2g} % rms of their "
+            f"stroke; without the effects, the same fit predicts them to {without[1]:.2g} %.") in page
     for run, missed in zip(document.runs, without):
         assert f"{run.rms_percent:.2g} % {missed:.2g} %" in page
     alone = replace(fitted(False), scores=[one._replace(held_out=False) for one in fitted(False).scores])
     worst = max(one.score.rms_percent for one in alone.scores)
-    assert f"recordings that it was fitted to to {worst:.2g} % rms of their stroke or better." in text_of(
+    assert f"The model predicts the fitted recordings to {worst:.2g} % rms of their stroke or better." in text_of(
         written(alone)).replace("\N{NO-BREAK SPACE}", " ")
 
 

@@ -26,6 +26,7 @@ import argparse
 import os
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -62,7 +63,7 @@ def late(result: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def plain_table(results: Sequence[dict[str, Any]]) -> str:
-    """Per family, rigs and how many of them got a late effect that matters; below, each of those."""
+    """Per family, rigs and how many of them got a late effect that matters; below, each of those, and all names."""
     lines = [f"{'family':24} rigs  late  share"]
     done = [one for one in results if "failed" not in one]
     for name, part in by_family(done):
@@ -72,6 +73,8 @@ def plain_table(results: Sequence[dict[str, Any]]) -> str:
         for effect in late(one):
             sizes = ", ".join(f"{name} {stated['value']:.3g}" for name, stated in effect["parameters"].items())
             lines.append(f"  {one['family']} {one['seed']}: {effect['name']}, {sizes}")
+    named = Counter(effect["name"] for one in done for effect in one["effects"])
+    lines.append(f"models that name an effect, small or not: {', '.join(f'{k} {n}' for k, n in named.items()) or 0}")
     return "\n".join(lines + failures(results))
 
 

@@ -76,8 +76,8 @@ def _sentence(document: FitDocument, sides: Sequence[Side]) -> str:
     held = [k for k, run in enumerate(document.runs) if run.held_out]
     judged = held or range(len(document.runs))
     worst = max(document.runs[k].rms_percent for k in judged)
-    kind = "recordings that were held out" if held else "recordings that it was fitted to"
-    text = f"The model predicts the {kind} to {number(worst, 2)} % rms of their stroke"
+    kind = "held-out" if held else "fitted"
+    text = f"The model predicts the {kind} recordings to {number(worst, 2)} % rms of their stroke"
     if len(sides) > 1:
         before = max(float(row) for row in (_percent(sides[0], k) for k in judged))
         text += f"; without the effects, the same fit predicts them to {number(before, 2)} %"
