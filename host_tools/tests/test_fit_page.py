@@ -77,6 +77,7 @@ def test_a_model_without_effects_has_one_curve_each() -> None:
     text = text_of(page)
     assert "The model holds no effect beside its operator." in text and "effects" not in text
     assert [one.label for one in _sides(fitted(False), runs())] == ["predicted"]
+    assert written(replace(fitted(False), plain=fitted(True).model)) == page  # nothing was found around the operator
 
 
 def test_a_model_with_effects_is_shown_beside_the_one_without() -> None:

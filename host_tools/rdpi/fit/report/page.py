@@ -57,13 +57,13 @@ def page_of(result: Fit, runs: Sequence[Recording], document: FitDocument) -> st
 
 
 def _sides(result: Fit, runs: Sequence[Recording]) -> list[Side]:
-    """The model without effects, where there is one, and the model."""
+    """The model; and if it has effects, before it the one that was fitted without."""
     def side(label: str, colour: str, model: Model, bands: RateSlopes) -> Side:
         predictions = chain.simulate(model, runs)
         residuals = [run.displacement_um - one.predicted_um for run, one in zip(runs, predictions)]
         return Side(label, colour, model, predictions, residuals, bands)
 
-    if result.plain is None:
+    if result.plain is None or not result.model.effects:
         return [side(ALONE, drawing.AFTER, result.model, result.rate_slopes)]
     return [side(WITHOUT, drawing.NOW, result.plain, rate_slopes(result.plain, runs)),
             side(WITH, drawing.AFTER, result.model, result.rate_slopes)]
