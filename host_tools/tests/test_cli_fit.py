@@ -119,7 +119,7 @@ def test_printed(fitted: Callable, runs: dict[str, Path]) -> None:
 def test_report(fitted: Callable, tmp_path: Path) -> None:
     folder = tmp_path / "new" / "report"
     _, result, _ = fitted("--report", folder)
-    assert {path.name for path in folder.iterdir()} == {"fit.png", "fit.json"}
+    assert {path.name for path in folder.iterdir()} == {"fit.html", "fit.png", "fit.json"}
     assert (folder / "fit.png").read_bytes().startswith(b"\x89PNG")
     assert json.loads((folder / "fit.json").read_text()) == result
 
@@ -128,7 +128,7 @@ def test_the_model_beside_the_report(runs: dict[str, Path], rdpi: Callable, tmp_
     folder = tmp_path / "new"
     done = rdpi("fit", runs["large"], "-o", folder / "model.json", "--report", folder)
     assert done.exit_code == 0, done.output
-    assert {path.name for path in folder.iterdir()} == {"fit.png", "fit.json", "model.json"}
+    assert {path.name for path in folder.iterdir()} == {"fit.html", "fit.png", "fit.json", "model.json"}
 
 
 # ---- what the options do ----

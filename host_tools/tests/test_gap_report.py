@@ -23,7 +23,8 @@ from plants import changed
 from rdpi.data import Recording, sample_times
 from rdpi.fit.localise import DIRECTIONS, Axis, Table
 from rdpi.gap import diagnose
-from rdpi.gap.report import numbers as gap_numbers, page as gap_report, pictures as gap_pictures, words as gap_words
+from rdpi.fit.report import drawing, numbers
+from rdpi.gap.report import page as gap_report, pictures as gap_pictures, words as gap_words
 from rdpi.gap.report.pictures import Pictures
 from rdpi.gap.sections import GapDocument
 from rdpi.simulate.effects import CATALOGUE
@@ -234,7 +235,7 @@ def rendered(content: dict[str, Any], shown: Pictures | None = None) -> Page:
 
 
 WITHOUT_PICTURES = patch.multiple(gap_pictures, where=lambda document, pictures: [], recordings=lambda document: "")
-UNDRAWN = patch.object(gap_pictures, "_source", lambda figure: "data:image/svg+xml;base64,")
+UNDRAWN = patch.object(drawing, "source", lambda figure: "data:image/svg+xml;base64,")
 
 
 def check_text(text: str) -> None:
@@ -451,7 +452,7 @@ def test_a_size_without_an_interval() -> None:
     (0.41234, "0.412 µm"), (0.1, "0.1 µm"), (12.3456, "12.3 µm"), (12345.6, "12346 µm"), (0.0, "0 µm"),
     (-0.25, "−0.25 µm"), (0.00042, "0.42 nm"), (0.9996, "1 µm"), (2e-6, "0.002 nm"), (-1e-12, "0 µm")])
 def test_lengths(value: float, text: str) -> None:
-    assert gap_numbers.um(value) == text
+    assert numbers.um(value) == text
 
 
 @pytest.mark.parametrize("interval, text", [
@@ -459,9 +460,9 @@ def test_lengths(value: float, text: str) -> None:
     ([-5.54, -2.7], "< −100 %"), ([-1.0, 0.0], "−100 to 0 %"), (None, "–")])
 def test_shrinks(interval: list[float] | None, text: str) -> None:
     """How much worse than twice the residual an effect makes it helps nobody."""
-    assert gap_numbers.shrinks(interval) == text
+    assert numbers.shrinks(interval) == text
     if interval and interval[1] < 0:
-        assert gap_numbers.shrink(interval[0]) == text
+        assert numbers.shrink(interval[0]) == text
 
 
 @pytest.mark.parametrize("axis_name, words", [
@@ -752,11 +753,11 @@ def figure_labels(figure: Figure) -> list[str]:
 def all_figures() -> list[Figure]:
     shown, content = pictures(), read(document())
     found = content.where.axes
-    with gap_pictures._style():
+    with drawing.style():
         return [*(gap_pictures.axis_figure(name, found[name], USUAL) for name in gap_words.AXES
                   if name != "frequency_hz"),
                 gap_pictures.spectrum_figure(found["frequency_hz"], shown.spectrum_after, USUAL),
-                gap_pictures.table_figure(shown.table),
+                drawing.table_figure(shown.table),
                 gap_pictures.time_figure(shown.runs[3], shown.before_um[3], shown.after_um[3], NOISE_UM),
                 gap_pictures.runs_figure(content.runs, True, USUAL)]
 
@@ -787,7 +788,7 @@ def test_bars_now_and_at_commissioning() -> None:
     ([11.01, 11.04, 11.4, 12.96], ["11.01", "11.04", "11.4", "12.96"]),
     ([0.0, 0.00123, 3470.2], ["0", "0.0012", "3470"]), ([11.203575, 11.203578, 12.9], ["11.2", "11.2", "12.9"])])
 def test_edges_of_bins(edges: list[float], texts: list[str]) -> None:
-    assert gap_numbers.edge_names(edges) == texts
+    assert numbers.edge_names(edges) == texts
 
 
 def test_labels_of_bins_do_not_overlap() -> None:
@@ -812,14 +813,14 @@ def test_spectrum() -> None:
 
 def test_heat_map() -> None:
     table = pictures().table
-    panel = gap_pictures.table_figure(table).axes[0]
+    panel = drawing.table_figure(table).axes[0]
     (mesh,) = panel.collections
     drawn = mesh.get_array().reshape(table.rms_um.T.shape)
     assert (drawn.mask == np.isnan(table.rms_um.T)).all()
     assert np.asarray(drawn[~drawn.mask]) == pytest.approx(table.rms_um.T[~np.isnan(table.rms_um.T)])
     assert len(panel.texts) == np.isfinite(table.rms_um).sum()
     large = Table(np.arange(41.0), np.arange(31.0), np.ones((40, 30)))
-    assert not gap_pictures.table_figure(large).axes[0].texts
+    assert not drawing.table_figure(large).axes[0].texts
 
 
 def test_residual_over_time_keeps_its_peaks() -> None:
@@ -831,7 +832,7 @@ def test_residual_over_time_keeps_its_peaks() -> None:
     top, bottom = figure.axes
     (band,) = top.collections
     heights = band.get_paths()[0].vertices[:, 1]
-    assert len(heights) < 5 * gap_pictures.COLUMNS
+    assert len(heights) < 5 * drawing.COLUMNS
     assert (heights.max(), heights.min()) == pytest.approx((residual.max() - residual.mean(),
                                                             residual.min() - residual.mean()))
     assert bottom.get_xlim()[0] <= 150_000 / RATE_HZ <= bottom.get_xlim()[1]

@@ -16,6 +16,7 @@ from plants import quasi_static, rate_of, recording, stack, waves
 
 from rdpi.data import Recording
 from rdpi.fit import report
+from rdpi.fit.report import figure as drawn_figure
 from rdpi.fit.identify import Fit, Options, fit
 from rdpi.simulate import chain
 
@@ -80,9 +81,9 @@ def test_loops() -> None:
 def test_the_cycle_drawn_is_the_last_wide_one() -> None:
     phase = 2 * np.pi * np.arange(5000) / 1000
     height = np.array([1.0, 0.9, 0.8, 0.2, 0.1])[(phase / (2 * np.pi)).astype(int)]
-    cycle = report._last_cycle(50 - 50 * height * np.cos(phase))
+    cycle = drawn_figure.last_cycle(50 - 50 * height * np.cos(phase))
     assert 1000 < cycle.start < 1500 < 2000 < cycle.stop < 2500
-    assert report._last_cycle(np.linspace(0, 90, 50)) == report._last_cycle(np.full(50, 3.0)) == slice(None)
+    assert drawn_figure.last_cycle(np.linspace(0, 90, 50)) == drawn_figure.last_cycle(np.full(50, 3.0)) == slice(None)
 
 
 def test_slopes_against_rate() -> None:
@@ -127,11 +128,11 @@ def test_labels_stay_inside_and_apart(slopes: int, guard: float, spacing: float)
                     rate=replace(model.rate, max_um_per_s=guard * top))
     figure = Figure(figsize=(6.5, 4.5), layout="constrained")
     axes = figure.subplots()
-    report._slopes(axes, model, None)
+    drawn_figure.draw_slopes(axes, model, None)
     drawn(figure)
     boxes = [text.get_window_extent() for text in axes.texts]
     frame = axes.get_window_extent()
-    assert min(slopes, 10) < len(boxes) <= report.LABELS + 1
+    assert min(slopes, 10) < len(boxes) <= drawn_figure.LABELS + 1
     for i, box in enumerate(boxes):
         assert frame.x0 <= box.x0 < box.x1 <= frame.x1 and frame.y0 <= box.y0 < box.y1 <= frame.y1, axes.texts[i]
         centre, letters = (box.y0 + box.y1) / 2, 8 * figure.dpi / 72
@@ -173,7 +174,7 @@ def test_long_recordings_are_thinned() -> None:
     run = quasi_static(stack(), waves(90, 1, 30, 1000), memory="reset")
     figure = draw([run])
     for axes in panels(figure):
-        assert all(len(line.get_xdata()) < 2.1 * report.POINTS for line in axes.lines)
+        assert all(len(line.get_xdata()) < 2.1 * drawn_figure.POINTS for line in axes.lines)
     assert np.ptp(panels(figure)[0].lines[0].get_xdata()) > 89
 
 

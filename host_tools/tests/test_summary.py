@@ -54,7 +54,8 @@ def test_the_report(tmp_path: Path) -> None:
     document = result.document("m.json", gate_failed=False)
     summary.write_report(tmp_path / "new" / "report", result, [run_after(0.5)[1]], document)
     written = {path.name: path for path in (tmp_path / "new" / "report").iterdir()}
-    assert set(written) == {"fit.png", "fit.json"}
+    assert set(written) == {"fit.html", "fit.png", "fit.json"}
+    assert "The model predicts" in written["fit.html"].read_text("utf-8")
     assert json.loads(written["fit.json"].read_text()) == document.to_json()
     assert written["fit.png"].read_bytes().startswith(b"\x89PNG")
 

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""How long `rdpi fit` takes on a million samples in eight runs, and how much memory: a table, nothing is asserted.
+"""How long `rdpi fit` takes, and how much memory: a table, nothing is asserted. The demo's recordings of its virtual
+actuators, and a million samples in eight runs.
 
     .venv/bin/python tests/benchmark/fit_speed.py [--samples N]
 """
@@ -12,14 +13,21 @@ import pstats
 import sys
 import tempfile
 import time
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 
-HOST_TOOLS = Path(__file__).resolve().parents[2] / "host_tools"
+ROOT = Path(__file__).resolve().parents[2]
+HOST_TOOLS = ROOT / "host_tools"
+sys.path.insert(0, str(ROOT / "examples" / "demo"))
+
+import demo  # noqa: E402
+
 RATES_HZ = (500, 1000, 2000, 5000, 10_000, 10_000, 20_000, 20_000)  # of sampling, one per run
 WAVES_HZ = (1, 2, 5, 10, 15, 25, 35, 40)
-TARGET_S, TARGET_MB = 20, 1000
+TARGET_S, TARGET_MB, DEMO_S = 45, 1000, 3
 SHOWN = 0.02  # parts that take less of the whole are left out
 
 
@@ -50,6 +58,16 @@ def write_runs(folder: Path, samples: int) -> list[str]:
     return paths
 
 
+def demo_runs(folder: Path) -> dict[str, list[str]]:
+    """The demo's recordings, per virtual actuator."""
+    demo.OUT = folder
+    with redirect_stdout(StringIO()):
+        drives = demo.excite()
+        for kind in demo.FIT_OPTIONS:
+            demo.run("python", ROOT / "tests/bench/bench.py", kind, *drives, "--out-dir", kind, quiet=True)
+    return {kind: [str(folder / kind / drive) for drive in drives] for kind in demo.FIT_OPTIONS}
+
+
 def timed(*arguments: str) -> tuple[float, float]:
     """Wall seconds and largest resident memory in MB (never below this script's own) of a Python that must succeed."""
     start = time.perf_counter()
@@ -67,10 +85,14 @@ def print_parts(profile: str) -> None:
     print(f"\nparts, from a second run under cProfile, {stats.total_tt:.1f} s (each includes what it calls):")
     parts = sorted(((cumulative, Path(file).stem, name, calls)
                     for (file, _, name), (_, calls, _, cumulative, _) in stats.stats.items()
-                    if Path(file).parent.name == "rdpi" and name[0] != "<"), reverse=True)
+                    if "rdpi" in Path(file).parts and name[0] != "<"), reverse=True)
     for seconds, module, name, calls in parts:
         if seconds > SHOWN * stats.total_tt:
             print(f"  {seconds:7.2f} s  {calls:6} x  {module}.{name}")
+
+
+def print_row(label: str, seconds: float, target_s: float, megabytes: float) -> None:
+    print(f"  {label:22}{seconds:10.1f} s{target_s:6} s{megabytes:7.0f} MB{TARGET_MB:6} MB")
 
 
 def main() -> None:
@@ -78,13 +100,15 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=1_000_000, help="of all runs together (1000000)")
     samples = parser.parse_args().samples // len(RATES_HZ)
     with tempfile.TemporaryDirectory() as folder:
-        runs = write_runs(Path(folder), samples)
         model, profile = f"{folder}/model.json", f"{folder}/profile"
+        print(f"rdpi fit, {os.cpu_count()} cores\n{'':24}load and fit  target  resident  target")
+        for kind, recordings in demo_runs(Path(folder)).items():
+            seconds, megabytes = timed("-m", "rdpi", "fit", *recordings, *demo.FIT_OPTIONS[kind], "-o", model)
+            print_row(f"demo, {kind}", seconds, DEMO_S, megabytes)
+        runs = write_runs(Path(folder), samples)
         fit_s, fit_MB = timed("-m", "rdpi", "fit", *runs, "-o", model)
         timed("-m", "cProfile", "-o", profile, "-m", "rdpi", "fit", *runs, "-o", model)
-        print(f"rdpi fit, {len(runs)} runs, {samples * len(runs)} samples, {os.cpu_count()} cores")
-        print(f"  load and fit        {fit_s:7.1f} s    target {TARGET_S} s")
-        print(f"  resident, largest   {fit_MB:7.0f} MB   target {TARGET_MB} MB")
+        print_row(f"{samples * len(runs)} samples, {len(runs)} runs", fit_s, TARGET_S, fit_MB)
         print_parts(profile)
 
 

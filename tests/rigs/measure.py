@@ -27,7 +27,7 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import redirect_stderr, redirect_stdout
 from functools import partial
@@ -77,7 +77,7 @@ class Refused(Exception):
     """rdpi ended with another status than 0."""
 
 
-def rdpi(*arguments: str | Path) -> None:
+def rdpi(*arguments: object) -> None:
     """Run a command of rdpi in this process and drop what it prints."""
     from rdpi import cli
 
@@ -98,32 +98,48 @@ def spread(error: np.ndarray) -> float:
     return float(np.sqrt(np.mean((error - np.mean(error)) ** 2)))
 
 
+def drive(rig: Rig, name: str, rate_hz: float, scale: float) -> np.ndarray:
+    return waves.drive(name, rate_hz, rig.seed, rig.start_share, scale)
+
+
+def played(rig: Rig, folder: Path, name: str, share: np.ndarray, rate_hz: float) -> Path:
+    record(rig, folder / f"{name}.csv", rig.volts(share), rate_hz)
+    return folder / f"{name}.csv"
+
+
+def commission(rig: Rig, folder: Path, rate_hz: float, scale: float, options: Sequence[str]) -> Path:
+    """Play the commissioning drives and fit a model to them."""
+    runs = [played(rig, folder, name, drive(rig, name, rate_hz, scale), rate_hz) for name in waves.COMMISSION]
+    rdpi("fit", *runs, "-o", folder / "model.json", "--min-V", repr(rig.low_V), "--max-V", repr(rig.high_V), *options)
+    return folder / "model.json"
+
+
+def missed(rig: Rig, folder: Path, name: str, share: np.ndarray, rate_hz: float) -> np.ndarray:
+    """What the model in the folder misses of a drive, in % of the stroke."""
+    rdpi("simulate", folder / "model.json", played(rig, folder, name, share, rate_hz), "-o", folder / "predicted.csv")
+    columns = columns_of(folder / "predicted.csv")
+    return 100 * (columns["displacement_um"] - columns["predicted_um"]) / rig.stroke_um
+
+
+def predict(rig: Rig, folder: Path, rate_hz: float, scale: float) -> float:
+    """rms error of the field waveforms, mean of each removed, in % of the stroke."""
+    errors = [missed(rig, folder, name, drive(rig, name, rate_hz, scale), rate_hz) for name in waves.FIELD]
+    return float(np.sqrt(np.mean([spread(one) ** 2 for one in errors])))
+
+
+def effects_of(model: Path) -> list[dict[str, Any]]:
+    return json.loads(model.read_text())["effects"]
+
+
 def measure(rig: Rig, folder: Path, rate_hz: float, scale: float, options: Sequence[str]) -> dict[str, Any]:
     """Commission, fit, predict, track; figures in %."""
-    def played(name: str, share: np.ndarray) -> Path:
-        record(rig, folder / f"{name}.csv", rig.volts(share), rate_hz)
-        return folder / f"{name}.csv"
-
-    def drive(name: str) -> np.ndarray:
-        return waves.drive(name, rate_hz, rig.seed, rig.start_share, scale)
-
-    def error(name: str, share: np.ndarray) -> np.ndarray:
-        rdpi("simulate", model, played(name, share), "-o", folder / "predicted.csv")
-        columns = columns_of(folder / "predicted.csv")
-        return 100 * (columns["displacement_um"] - columns["predicted_um"]) / rig.stroke_um
-
-    model = folder / "model.json"
-    runs = [played(name, drive(name)) for name in waves.COMMISSION]
-    rdpi("fit", *runs, "-o", model, "--min-V", repr(rig.low_V), "--max-V", repr(rig.high_V), *options)
-    found: dict[str, Any] = {"effects": json.loads(model.read_text())["effects"]}
-
-    missed = [error(name, drive(name)) for name in waves.FIELD]
-    found["prediction"] = float(np.sqrt(np.mean([spread(one) ** 2 for one in missed])))
+    model = commission(rig, folder, rate_hz, scale, options)
+    found: dict[str, Any] = {"effects": effects_of(model), "prediction": predict(rig, folder, rate_hz, scale)}
     t = np.arange(round(0.5 * rate_hz)) / rate_hz
     for name, place in PLACES.items():
         toward = 1.0 if place < 0.5 else -1.0
         small = place + toward * 0.03 * (1 - np.cos(8 * np.pi * t))
-        found[name] = float(np.mean(error(f"from {name}", small)))
+        found[name] = float(np.mean(missed(rig, folder, f"from {name}", small, rate_hz)))
     for name in waves.TRACKS:
         found[name] = tracking(rig, folder, model, name, rate_hz)
     return found
@@ -228,6 +244,14 @@ def matters(effect: dict[str, Any], rate_hz: float) -> bool:
     return effect["name"] != "relaxation" or value["share"] > 0.005
 
 
+def run_all(work: Callable[[Any], Any], jobs: Sequence[Any], processes: int) -> list[Any]:
+    """Each job's result, in order."""
+    if processes == 1:
+        return list(map(work, jobs))
+    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+        return list(pool.map(work, jobs))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rigs", type=int, default=2, help="per family (default 2)")
@@ -251,12 +275,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"no open family {', '.join(sorted(wrong))}: {', '.join(FAMILIES)}")
 
     jobs = [(family, seed) for family in families for seed in range(options.seed, options.seed + options.rigs)]
-    work = partial(both, put=options.put, rate_hz=options.rate, scale=options.scale, options=options.options)
-    if options.jobs == 1:
-        results = list(map(work, jobs))
-    else:
-        with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
-            results = list(pool.map(work, jobs))
+    results = run_all(partial(both, put=options.put, rate_hz=options.rate, scale=options.scale,
+                              options=options.options), jobs, options.jobs)
     print(table(results, options.leave_one_out))
     if options.output:
         options.output.mkdir(parents=True, exist_ok=True)

@@ -14,6 +14,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 sys.path.insert(0, str(HERE.parent / "withheld"))
 
+import chain  # noqa: E402
 import loops  # noqa: E402
 import measure  # noqa: E402
 import rigs  # noqa: E402
@@ -364,3 +365,81 @@ def test_measure_one_rig(tmp_path, capsys):
     (made,) = measure.json.loads((tmp_path / "results.json").read_text())
     assert made["truth"]["family"] == "everett" and 0 < made["plain"]["prediction"] < 5
     assert made["plain"]["5-20-35hz"] < made["sins"]["5-20-35hz"]
+
+
+# --- chain.py --------------------------------------------------------------------------------------------------------
+
+def named(name: str, **parameters: tuple[float, list[float] | None]) -> dict:
+    """An effect as a model holds it; each parameter with its interval."""
+    return {"name": name, "parameters": {key: {"value": value, "ci95": ends}
+                                         for key, (value, ends) in parameters.items()}}
+
+
+def test_plain_rigs_that_got_something_are_counted():
+    def model(family: str, *effects: dict) -> dict:
+        return {"family": family, "seed": 1, "rate_hz": 1000.0, "effects": list(effects)}
+
+    found = [model("a", named("delay", delay_s=(4e-4, None)), named("lag", time_constant_s=(5e-4, None))),
+             model("a", named("delay", delay_s=(3e-4, None))),
+             model("b", named("relaxation", share=(0.004, None), time_constant_s=(0.5, None))),
+             model("b", named("relaxation", share=(0.006, None), time_constant_s=(1e-4, None))),
+             model("b", named("creep", percent_per_decade=(3.0, None))), {"family": "b", "seed": 3, "failed": "no"}]
+    lines = chain.plain_table(found).splitlines()[1:]
+    assert [line.split()[:4] for line in lines[:3]] == [
+        ["a", "2", "1", "50.0"], ["b", "3", "1", "33.3"], ["all", "5", "2", "40.0"]]
+    assert lines[3:] == ["  a 1: delay, delay_s 0.0004", "  a 1: lag, time_constant_s 0.0005",
+                         "  b 1: relaxation, share 0.006, time_constant_s 0.0001",
+                         "models that name an effect, small or not: delay 2, lag 1, relaxation 2, creep 1",
+                         "failed: b 3: no"]
+
+
+def test_plain_rigs_are_late_by_nothing():
+    assert not set(chain.LATE) & set(make_rig("dahl", 1).without(*chain.LATE).sins)
+    assert set(chain.LATE) < set(CHAIN) and "creep" in make_rig("dahl", 1).without(*chain.LATE).sins
+
+
+def test_recovered_effects_are_counted():
+    def rig(family: str, put: str, ratio: float, *effects: dict) -> dict:
+        return {"family": family, "put": put, "seed": 1, "truth": {"delay": {"delay_s": 1e-3}},
+                "with": {"prediction": 2 * ratio, "effects": list(effects)}, "without": {"prediction": 2.0}}
+
+    inside, outside = named("delay", delay_s=(1e-3, [9e-4, 2e-3])), named("delay", delay_s=(1e-3, [2e-3, 3e-3]))
+    other, curve = named("lag", time_constant_s=(1e-3, [0.0, 1.0])), named("input_curve", cubic=(0.1, [0.0, 1.0]))
+    found = [rig("duhem", "alone", 1.2, inside, curve), rig("duhem", "alone", 1.4, outside),
+             rig("dahl", "alone", 3.0, inside, other), rig("dahl", "threes", 1.1, named("delay", delay_s=(1e-3, None)))]
+    cells = [line.split() for line in chain.recovered_table(found).splitlines()[2:]]
+    assert cells[0] == ["duhem", "2", "1.30", "1.40", "2/2", "1/2", "-"]
+    assert cells[1] == ["all", "others", "1", "3.00", "3.00", "0/1", "0/0", "1", "1.10", "1.10", "1/1", "0/0"]
+    assert cells[2][0] == "dahl" and cells[3][:5] == ["all", "others", "2", "1.30", "1.40"]
+    assert cells[4] == ["all", "3", "1.40", "3.00", "2/3", "1/2", "1", "1.10", "1.10", "1/1", "0/0"]
+
+
+@pytest.mark.parametrize("what", ["plain", "recovered"])
+def test_chain_of_one_rig(what, tmp_path, capsys):
+    assert chain.main([what, "--rigs", "1", "--families", "everett", "--rate", "2000", "--scale", "0.2", "-o",
+                       str(tmp_path / "all.json"), "--", "--operators", "6", "--rate-independent"]) == 0
+    table = capsys.readouterr().out
+    (whole,) = (line for line in table.splitlines() if line.startswith("all"))
+    assert "failed" not in table and whole.split()[:2] == ["all", "1"]
+    made = measure.json.loads((tmp_path / "all.json").read_text())
+    if what == "recovered":
+        assert [len(one["truth"]) for one in made] == [1, 3]
+        assert all(0 < one["without"]["prediction"] < 5 for one in made)
+
+
+def test_the_law_behind_a_delay(capsys):
+    without, behind = (chain.law(delay_s, ["--operators", "6"]) for delay_s in (0.0, chain.DELAY_S))
+    assert max(without["prediction"]) < 0.5 and len(without["rates"]) == 7 and min(without["rates"]) < 0
+    assert behind["rates"] != without["rates"]
+    last = chain.law_table({**without, "rates": [-4e-4, 3e-4]}, {**behind, "rates": [-4.4e-4, 3e-4]}).splitlines()[-1]
+    assert last == "coefficients apart: 8.0 % of their rms, the largest by 10.0 %"
+    assert "cannot be compared" in chain.law_table({**without, "rates": [0.0]}, {**behind, "rates": [0.0]})
+
+
+@pytest.mark.skipif(not chain.data_folder().is_dir(), reason="no measured data")
+def test_the_measured_record(capsys):
+    assert chain.main(["picma"]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()[2:]]
+    assert [row[0] for row in rows] == ["defaults", "--deadzones", "--rate-window"]
+    assert 0.3 < float(rows[0][1]) < 0.7 and 0.3 < float(rows[0][2]) < 1.2
+    assert 0.2 < float(rows[0][3]) < 3

@@ -46,8 +46,8 @@ from .types import Numbers, Output, Percent, Report
 @click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
               help="Exit with status 1 if the rms error of any held-out run exceeds this, % of stroke. Without "
                    "--hold-out, the limit applies to all runs.")
-@click.option("--report", metavar="DIR", type=Report("fit.json", "fit.png"),
-              help="Write fit.png (loops, slopes, residual) and fit.json to this directory.")
+@click.option("--report", metavar="DIR", type=Report("fit.json", "fit.png", "fit.html"),
+              help="Write fit.html (one page with pictures), fit.png and fit.json to this directory.")
 def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_percent: float | None,
         report: str | None, **options: Any) -> dict[str, Any]:
     """Identify a model from recordings.

@@ -15,7 +15,7 @@ from . import around, report
 from .document import FitDocument
 from .identify import Fit
 
-PICTURE, DOCUMENT = "fit.png", "fit.json"  # of a report
+PAGE, PICTURE, DOCUMENT = "fit.html", "fit.png", "fit.json"  # of a report
 
 
 def worst_rms_percent(result: Fit) -> float:
@@ -26,13 +26,15 @@ def worst_rms_percent(result: Fit) -> float:
 
 def write_report(folder: str | os.PathLike[str], result: Fit, runs: Sequence[Recording],
                  document: FitDocument) -> None:
-    """Write fit.png, the model beside `runs`, and fit.json, the `document`, into a folder, which is made.
+    """Write fit.html and fit.png, the model beside `runs`, and fit.json, the `document`, into a folder, which is made.
 
-    Both are written atomically. Raises OSError when they cannot be, ValueError for numbers that are not finite.
+    Each is written atomically. Raises OSError when they cannot be, ValueError for numbers that are not finite.
     """
+    text = report.page_of(result, runs, document)
     make_folder(folder)
     figure = report.picture(result.model, runs, chain.simulate(result.model, runs), result.rate_slopes)
     report.write_picture(figure, Path(folder) / PICTURE)
+    atomic_write(Path(folder) / PAGE, text)
     atomic_write(Path(folder) / DOCUMENT, json.dumps(document.to_json(), indent=2, allow_nan=False) + "\n")
 
 

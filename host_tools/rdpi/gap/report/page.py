@@ -8,13 +8,11 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from ...data import atomic_write, make_folder
+from ...fit.report import (NONE, base, bracketed, change, environment, given, interval, listed, number, percent, plain,
+                           shrink, shrinks, sized, tight, um)
 from ..sections import GapDocument
 from . import pictures as draw, words
-from .numbers import (NONE, base, bracketed, change, given, interval, listed, number, percent, plain, shrink,
-                      shrinks, sized, tight, um)
 from .pictures import Pictures
 from .words import about, grid, terms
 
@@ -37,9 +35,7 @@ LITTLE = 0.05  # shrink: what gains less is told in one line of the terminal, an
 WIDTH = 80  # of the terminal's lines, commands apart
 TERMINAL = str.maketrans({"\N{NO-BREAK SPACE}": " ", "µ": "u", "−": "-", "–": "-", "…": "...", "°": "deg"})
 
-TEMPLATES = jinja2.Environment(loader=jinja2.PackageLoader(__package__), undefined=jinja2.StrictUndefined,
-                               autoescape=True, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
-TEMPLATES.filters["tight"] = tight
+TEMPLATES = environment(__package__)
 
 
 def write(document: GapDocument, pictures: Pictures, folder: str | os.PathLike[str]) -> None:

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...fit import FITTED
+from ...fit.report import (SAME, bin_names, bracketed, change, drawing, given, interval, listed, number, percent, plain,
+                           quantity, sentence_of, shrinks, sized, times, um, unit_of)
 from ...simulate.effects import CATALOGUE, PARAMETERS
 from ..sections import AcceptedEffect, CandidateEntry, GapDocument, NextExperiment
-from .numbers import (SAME, bin_names, bracketed, change, given, interval, listed, number, percent, plain,
-                      quantity, sentence_of, shrinks, sized, times, um, unit_of)
 
 NOTICED = 0.005  # shrink: less is 0 %
 EXPLAINED = 0.9  # of the energy, from where on an effect explains the gap, and not most of it
@@ -66,10 +66,10 @@ class AxisWords(NamedTuple):
 
 
 AXES = {
-    "time_s": AxisWords("time", "time from the start [s]", "{} s after the start"),
-    "frequency_hz": AxisWords("frequency", "frequency [Hz]", "at {} Hz"),
-    "rate_um_per_s": AxisWords("rate", "rate [µm/s]", "at rates of {} µm/s"),
-    "position_um": AxisWords("position", "position [µm]", "at positions of {} µm"),
+    "time_s": AxisWords("time", drawing.LABELS["time_s"], "{} s after the start"),
+    "frequency_hz": AxisWords("frequency", drawing.LABELS["frequency_hz"], "at {} Hz"),
+    "rate_um_per_s": AxisWords("rate", drawing.LABELS["rate_um_per_s"], "at rates of {} µm/s"),
+    "position_um": AxisWords("position", drawing.LABELS["position_um"], "at positions of {} µm"),
     "direction": AxisWords("direction", "direction", "while {}"),
     "since_reversal_s": AxisWords("time since reversal", "time since reversal [s]",
                                   "{} s after the command turned round"),

@@ -1,4 +1,4 @@
-"""Numbers with their units, and names that came from files, as the report of `rdpi gap` writes them."""
+"""Numbers with their units, and names that came from files, as reports write them."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ...fit import AxisEntry
 from ...model import records
 from ...simulate.effects import PARAMETERS
+from ..localise import AxisEntry
 
 NONE = "–"
 SAME = 0.1  # relative: a gap within it is as large as what it is compared with

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..data import Recording, atomic_write
-from ..errors import BadInput
-from ..model import Model
-from ..simulate import Prediction
-from .bands import RateSlopes
+from ...data import Recording, atomic_write
+from ...errors import BadInput
+from ...model import Model
+from ...simulate import Prediction
+from ..bands import RateSlopes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +37,7 @@ def picture(model: Model, runs: Sequence[Recording], predictions: Sequence[Predi
     figure = Figure(figsize=(13, 9), layout="constrained")
     loops, slopes, time, residual = figure.subplots(2, 2).flat
     _loops(loops, runs, predictions)
-    _slopes(slopes, model, bands)
+    draw_slopes(slopes, model, bands)
     worst = max(range(len(runs)), key=lambda i: np.std(runs[i].displacement_um - predictions[i].predicted_um))
     _time(time, runs[worst], predictions[worst])
     _residual(residual, runs, predictions)
@@ -62,7 +62,7 @@ def write_picture(figure: Figure, path: str | os.PathLike[str]) -> None:
     atomic_write(path, data.getvalue())
 
 
-def _thin(samples: int) -> slice:
+def thin(samples: int) -> slice:
     return slice(None, None, max(1, samples // POINTS))
 
 
@@ -78,7 +78,7 @@ def _name(run: Recording) -> str:
     return _shown(os.path.basename(run.path))
 
 
-def _last_cycle(command_V: np.ndarray) -> slice:
+def last_cycle(command_V: np.ndarray) -> slice:
     """From one rise to the next, the last over at least half of the command's range; everything if there is none."""
     low, high = np.quantile([command_V.min(), command_V.max()], (0.25, 0.75))
     ends = np.flatnonzero((command_V <= low) | (command_V >= high))
@@ -90,18 +90,18 @@ def _last_cycle(command_V: np.ndarray) -> slice:
 def _loops(axes: Axes, runs: Sequence[Recording], predictions: Sequence[Prediction]) -> None:
     """One cycle of each prediction: more would hide what was measured."""
     for i, (run, prediction) in enumerate(zip(runs, predictions)):
-        part, cycle = _thin(len(run)), _last_cycle(run.command_V)
+        part, cycle = thin(len(run)), last_cycle(run.command_V)
         axes.plot(run.command_V[part], run.displacement_um[part], lw=1, color=f"C{i % 10}", alpha=0.6,
                   label=_name(run) if len(runs) <= NAMED_RUNS else None)
         command, predicted = run.command_V[cycle], prediction.predicted_um[cycle]
-        part = _thin(len(command))
+        part = thin(len(command))
         axes.plot(command[part], predicted[part], lw=0.9, ls=(0, (4, 3)), color="black", zorder=3,
                   label="predicted, last wide cycle" if i == len(runs) - 1 else None)
     axes.set(xlabel="command [V]", ylabel="displacement [µm]", title="Loops")
     axes.legend(fontsize="small", loc="upper left")
 
 
-def _slopes(axes: Axes, model: Model, bands: RateSlopes | None) -> None:
+def draw_slopes(axes: Axes, model: Model, bands: RateSlopes | None) -> None:
     """Fig. 7 of the paper: slopes against rate, each band fitted alone (dots) and the model's law (lines)."""
     from matplotlib import colormaps
 
@@ -170,7 +170,7 @@ def _residual(axes: Axes, runs: Sequence[Recording], predictions: Sequence[Predi
         where, what = np.concatenate(position), np.concatenate(error)
         if not len(where):
             continue
-        axes.plot(where[_thin(len(where))], what[_thin(len(where))], ".", ms=1.5, color=colour, alpha=0.25)
+        axes.plot(where[thin(len(where))], what[thin(len(where))], ".", ms=1.5, color=colour, alpha=0.25)
         edges = np.linspace(where.min(), where.max(), RESIDUAL_BINS + 1)
         bins = np.digitize(where, edges[1:-1])
         counts = np.bincount(bins, minlength=RESIDUAL_BINS)

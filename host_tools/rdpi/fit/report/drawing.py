@@ -1,0 +1,135 @@
+"""What the pictures of a report's page have in common: colours, panels, residuals over time, frequency and place."""
+
+from __future__ import annotations
+
+import base64
+import io
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...data import Recording
+from ..localise import Table
+from .numbers import edge_names, magnitude
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK = "#747a82"  # reads on white and on black
+NOW, AFTER = "#d0642a", "#2f86c4"  # also told apart by those who are colour-blind
+STYLE = {"font.size": 9, "text.color": INK, "axes.edgecolor": INK, "axes.labelcolor": INK, "xtick.color": INK,
+         "ytick.color": INK, "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False,
+         "figure.facecolor": "none", "axes.facecolor": "none", "savefig.facecolor": "none", "svg.hashsalt": "rdpi"}
+LABELS = {"time_s": "time from the start [s]", "frequency_hz": "frequency [Hz]", "rate_um_per_s": "rate [µm/s]",
+          "position_um": "position [µm]"}
+WIDE = 4.6, 3.3  # inches
+COLUMNS = 500  # of a curve over time: more cannot be seen
+ZOOM = 0.05  # of a recording, shown once more where the residual is worst
+NUMBERED = 120  # cells of the heat map that have room for a number
+
+
+def panel(size: tuple[float, float] = WIDE) -> tuple[Figure, Axes]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots()
+
+
+def spectrum_figure(curves: Sequence[tuple[str, Sequence[float], np.ndarray, dict[str, Any]]]) -> Figure:
+    """rms per band of frequency: label, rms, edges of the bands and look of each curve; the first sets the range."""
+    figure, axes = panel()
+    for label, rms, bands, look in curves:
+        axes.stairs(np.where(np.array(rms) > 0, rms, np.nan), bands, baseline=None, label=label, **look)
+    edges = curves[0][2]
+    axes.set(xscale="log", yscale="log", xlabel=LABELS["frequency_hz"], ylabel="residual per band [µm rms]",
+             xlim=(edges[edges > 0][0], edges[-1]))
+    legend(axes)
+    return figure
+
+
+def table_figure(table: Table, most_um: float | None = None) -> Figure:
+    """Heat map; the cells are drawn equally large, with the bins' true edges beside them. Colours reach to `most_um`,
+    or to the largest value.
+    """
+    from matplotlib import colormaps
+
+    figure, axes = panel()
+    rms = table.rms_um.T
+    colours = colormaps["cividis"]
+    mesh = axes.pcolormesh(np.arange(rms.shape[1] + 1), np.arange(rms.shape[0] + 1), np.ma.masked_invalid(rms),
+                           cmap=colours, vmin=0, vmax=most_um, edgecolors="none")
+    if rms.size <= NUMBERED:
+        decimals = max(0, 1 - magnitude(np.nanmax(rms, initial=0.0) / 2))
+        for (row, column), value in np.ndenumerate(rms):
+            if np.isfinite(value):
+                axes.text(column + 0.5, row + 0.5, f"{value:.{decimals}f}", ha="center", va="center", fontsize=6,
+                          color="black" if mesh.norm(value) > 0.5 else "white")
+    for ticks, edges in ((axes.set_xticks, table.position_um), (axes.set_yticks, table.rate_um_per_s)):
+        step = -(-len(edges) // 9)
+        ticks(np.arange(len(edges))[::step], edge_names(edges)[::step])
+    axes.set(xlabel=LABELS["position_um"], ylabel=LABELS["rate_um_per_s"])
+    figure.colorbar(mesh, ax=axes, label="residual [µm rms]", pad=0.02)
+    return figure
+
+
+def worst_part(residual_um: np.ndarray) -> slice:
+    """The part of a recording that is shown once more: where its residual is worst."""
+    length = max(2, min(len(residual_um), max(COLUMNS // 2, int(ZOOM * len(residual_um)))))
+    energy = np.cumsum(np.r_[0.0, (residual_um - np.mean(residual_um))**2])
+    start = int(np.argmax(energy[length:] - energy[:-length]))
+    return slice(start, start + length)
+
+
+def residual_figure(run: Recording, residuals_um: Mapping[str, np.ndarray], noise_um: float) -> Figure:
+    """One residual or two, by name, over all of a run, and once more where the first is worst; means removed."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDE[0], 1.2 * WIDE[1]), layout="constrained")
+    panels = figure.subplots(2, 1)
+    time_s = run.time_s - run.time_s[0]
+    for axes, part in zip(panels, (slice(None), worst_part(next(iter(residuals_um.values()))))):
+        for colour, (label, residual) in zip((NOW, AFTER), residuals_um.items()):
+            band(axes, time_s[part], (residual - np.mean(residual))[part], colour, label)
+        for side in (-1, 1):
+            axes.axhline(side * noise_um, color=INK, lw=0.8, ls=":", label="noise, ±1 rms" if side > 0 else None)
+        axes.set(ylabel="residual [µm]", xlim=(time_s[part][0], time_s[part][-1]))
+    panels[1].set_xlabel(LABELS["time_s"])
+    legend(panels[0])
+    return figure
+
+
+def band(axes: Axes, time_s: np.ndarray, values: np.ndarray, colour: str, label: str) -> None:
+    """A curve, or of a long one the span between its extremes in each column of the picture: peaks stay."""
+    per_column = len(values) // COLUMNS
+    if per_column < 2:
+        axes.plot(time_s, values, color=colour, lw=0.9, label=label)
+        return
+    first = np.arange(0, len(values), per_column)
+    axes.fill_between(time_s[first], np.minimum.reduceat(values, first), np.maximum.reduceat(values, first),
+                      color=colour, lw=0.4, alpha=0.85, label=label)
+
+
+def legend(axes: Axes) -> None:
+    """Above the panel, where it covers nothing."""
+    count = len(axes.get_legend_handles_labels()[1])
+    if count > 1:
+        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncol=2 if count == 4 else count, fontsize="small",
+                    borderaxespad=0.2, columnspacing=1.2, handlelength=1.4)
+
+
+def style() -> Any:
+    from matplotlib import rc_context
+
+    return rc_context(STYLE)
+
+
+def source(figure: Figure) -> str:
+    """A picture as the data URI of an SVG; the same bytes for the same picture."""
+    data = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # letters the font lacks
+        figure.savefig(data, format="svg", metadata={"Date": None, "Creator": None})
+    return f"data:image/svg+xml;base64,{base64.b64encode(data.getvalue()).decode()}"

@@ -1,0 +1,223 @@
+"""The page of `rdpi fit --report`: how well the model predicts, what stands around the operator, what is missed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ... import version
+from ...data import Recording
+from ...model import Model, records
+from ...simulate import Prediction, chain
+from ...simulate.effects import CATALOGUE
+from .. import localise
+from ..bands import RateSlopes, rate_slopes
+from ..document import FitDocument
+from . import drawing, figure
+from .numbers import NONE, base, bracketed, given, interval, number, plain, sentence_of, sized, um
+from .templating import environment
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..identify import Fit
+
+LOOP, SLOPES = (3.6, 3.4), (4.6, 4.4)  # inches
+LOOPS = 4  # recordings whose loops are shown, those first of which most is missed
+WITH, WITHOUT, ALONE = "with effects", "without effects", "predicted"
+
+TEMPLATES = environment(__package__)
+
+
+class Side(NamedTuple):
+    """A model beside the recordings."""
+
+    label: str
+    colour: str
+    model: Model
+    predictions: list[Prediction]
+    residuals_um: list[np.ndarray]  # measured - predicted, (samples,) per run
+    bands: RateSlopes
+
+
+def page_of(result: Fit, runs: Sequence[Recording], document: FitDocument) -> str:
+    """The page's text, which loads nothing from elsewhere; `runs` are all recordings, those held out last."""
+    sides = _sides(result, runs)
+    with drawing.style():
+        return TEMPLATES.get_template("fit.html.j2").render(
+            heading=plain(result.model.actuator or "actuator", 100), sentence=_sentence(document, sides),
+            tiles=_tiles(result, document), effects=[_effect(entry) for entry in result.model.effects],
+            rows=_rows(document, sides), compared=len(sides) > 1, sections=_sections(result, runs, sides),
+            warnings=[sentence_of(plain(warning, 1000)) for warning in document.warnings],
+            facts=[("model", plain(document.model, 200)), ("tool", f"rdpi {version()}")],
+            provenance=[{"file": plain(run.file, 200), "digest": run.digest, "samples": f"{run.samples:,}"}
+                        for run in document.runs])
+
+
+def _sides(result: Fit, runs: Sequence[Recording]) -> list[Side]:
+    """The model; and if it has effects, before it the one that was fitted without."""
+    def side(label: str, colour: str, model: Model, bands: RateSlopes) -> Side:
+        predictions = chain.simulate(model, runs)
+        residuals = [run.displacement_um - one.predicted_um for run, one in zip(runs, predictions)]
+        return Side(label, colour, model, predictions, residuals, bands)
+
+    if result.plain is None or not result.model.effects:
+        return [side(ALONE, drawing.AFTER, result.model, result.rate_slopes)]
+    return [side(WITHOUT, drawing.NOW, result.plain, rate_slopes(result.plain, runs)),
+            side(WITH, drawing.AFTER, result.model, result.rate_slopes)]
+
+
+# ---- words and numbers ----
+
+
+def _sentence(document: FitDocument, sides: Sequence[Side]) -> str:
+    held = [k for k, run in enumerate(document.runs) if run.held_out]
+    judged = held or range(len(document.runs))
+    worst = max(document.runs[k].rms_percent for k in judged)
+    kind = "held-out" if held else "fitted"
+    text = f"The model predicts the {kind} recordings to {number(worst, 2)} % rms of their stroke"
+    if len(sides) > 1:
+        before = max(float(row) for row in (_percent(sides[0], k) for k in judged))
+        text += f"; without the effects, the same fit predicts them to {number(before, 2)} %"
+    return text + (" or better." if len(judged) > 1 else ".")
+
+
+def _percent(side: Side, k: int) -> float:
+    """rms error of a recording in % of its stroke, as the scores of a fit have it."""
+    predicted = side.predictions[k].predicted_um
+    return chain.score(predicted, predicted + side.residuals_um[k]).rms_percent
+
+
+def _tiles(result: Fit, document: FitDocument) -> list[dict[str, str]]:
+    """The key figures."""
+    model, rate = result.model, result.model.rate
+    low, high = chain.reachable_um(model)
+    tiles = [("stroke", um(model.stroke_um), f"reachable {number(low)} to {number(high)} µm"),
+             ("noise", um(document.noise_um), "of the sensor, rms"),
+             ("operator", f"{len(model.slopes) - 1} plays", f"{len(model.deadzones_um) - 1} dead zones"),
+             ("rates up to", f"{number(rate.identified_um_per_s)} µm/s", f"guard at {number(rate.max_um_per_s)} µm/s")]
+    return [{"name": name, "value": value, "remark": remark} for name, value, remark in tiles]
+
+
+def _effect(entry: dict[str, Any]) -> dict[str, Any]:
+    """An effect of the model, for a card."""
+    kind = CATALOGUE[entry["name"]]
+    units = {parameter.name: parameter.unit for parameter in kind.parameters}
+    parameters = {}
+    for name, stated in entry.get("parameters", {}).items():
+        stated = stated if isinstance(stated, dict) else {"value": stated}
+        if name in units:
+            parameters[name] = records.EffectParameter(value=stated.get("value"), ci95=stated.get("ci95"),
+                                                       unit=units[name])
+    return {"id": kind.name, "title": kind.title, "what": sentence_of(kind.what), "stage": entry.get("stage", ""),
+            "facts": [f"{sized(name, one)}{bracketed(interval(name, one))}" for name, one in given(parameters).items()]}
+
+
+def _rows(document: FitDocument, sides: Sequence[Side]) -> list[dict[str, str]]:
+    """Rows of the table of recordings."""
+    return [{"number": str(k + 1), "file": plain(base(run.file), 60), "use": "held out" if run.held_out else "fitted",
+             "memory": run.memory, "rms": um(run.rms_um), "percent": f"{number(run.rms_percent, 2)} %",
+             "max": f"{number(run.max_percent, 2)} %", "offset": um(run.offset_um),
+             "without": f"{number(_percent(sides[0], k), 2)} %" if len(sides) > 1 else NONE}
+            for k, run in enumerate(document.runs)]
+
+
+# ---- pictures ----
+
+
+def _sections(result: Fit, runs: Sequence[Recording], sides: Sequence[Side]) -> list[dict[str, Any]]:
+    """Headings with their pictures."""
+    worst = sorted(range(len(runs)), key=lambda k: -float(np.std(sides[-1].residuals_um[k])))
+    first = runs[worst[0]]
+    return [
+        _section("Measured against predicted", True, [
+            (_time_figure(first, sides, worst[0]), f"{_name(first)}, where most is missed. The mean error is removed."),
+            (drawing.residual_figure(first, {one.label: one.residuals_um[worst[0]] for one in sides}, result.noise_um),
+             f"What is missed of {_name(first)}: all of it, and where it is worst. The mean is removed.")]),
+        _section("Loops", False, [(_loop_figure(runs[k], sides, k), f"{_name(runs[k])}: the last wide cycle, and what "
+                                   "is missed of it.") for k in worst[:LOOPS]]),
+        _section("Slopes against rate", True, [
+            (_slopes_figure(one), f"Slopes {_of_model(one, sides)}. Lines: the model. Dots: each band of rate "
+             "fitted alone.") for one in sides[::-1]]),
+        _section("What the model misses", True, [*_tables(runs, sides), _spectrum(runs, sides, result.noise_um)])]
+
+
+def _section(heading: str, wide: bool, figures: Sequence[tuple[Figure, str]]) -> dict[str, Any]:
+    return {"heading": heading, "wide": wide,
+            "figures": [{"source": drawing.source(drawn), "caption": caption} for drawn, caption in figures]}
+
+
+def _of_model(side: Side, sides: Sequence[Side]) -> str:
+    """"of the model", and where there are two, "of the model with effects"."""
+    return "of the model" + (f" {side.label}" if len(sides) > 1 else "")
+
+
+def _name(run: Recording) -> str:
+    return plain(base(run.path), 60)
+
+
+def _time_figure(run: Recording, sides: Sequence[Side], k: int) -> Figure:
+    """Measured and predicted where the first side misses most, its mean error removed."""
+    drawn, axes = drawing.panel()
+    part = drawing.worst_part(sides[0].residuals_um[k])
+    time_s = (run.time_s - run.time_s[0])[part]
+    axes.plot(time_s, run.displacement_um[part], color=drawing.INK, lw=2, alpha=0.7, label="measured")
+    for side, look in zip(sides[::-1], ("-", "--")):
+        predicted = side.predictions[k].predicted_um + np.mean(side.residuals_um[k])
+        axes.plot(time_s, predicted[part], look, color=side.colour, lw=1, label=side.label)
+    axes.set(xlabel=drawing.LABELS["time_s"], ylabel="displacement [µm]", xlim=(time_s[0], time_s[-1]))
+    drawing.legend(axes)
+    return drawn
+
+
+def _loop_figure(run: Recording, sides: Sequence[Side], k: int) -> Figure:
+    """The last wide cycle measured and predicted, and below it what is missed."""
+    from matplotlib.figure import Figure
+
+    drawn = Figure(figsize=LOOP, layout="constrained")
+    loop, miss = drawn.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    cycle = figure.last_cycle(run.command_V)
+    command = run.command_V[cycle]
+    part = figure.thin(len(command))
+    loop.plot(command[part], run.displacement_um[cycle][part], color=drawing.INK, lw=2, alpha=0.7, label="measured")
+    for side, look in zip(sides[::-1], ("-", "--")):
+        loop.plot(command[part], side.predictions[k].predicted_um[cycle][part], look, color=side.colour, lw=1,
+                  label=side.label)
+    for side in sides:
+        miss.plot(command[part], side.residuals_um[k][cycle][part], color=side.colour, lw=0.9)
+    loop.set(ylabel="displacement [µm]")
+    miss.set(xlabel="command [V]", ylabel="missed [µm]")
+    drawing.legend(loop)
+    return drawn
+
+
+def _slopes_figure(side: Side) -> Figure:
+    drawn, axes = drawing.panel(SLOPES)
+    figure.draw_slopes(axes, side.model, side.bands)
+    axes.set_title("")
+    return drawn
+
+
+def _tables(runs: Sequence[Recording], sides: Sequence[Side]) -> list[tuple[Figure, str]]:
+    """rms over position and rate of each side, in the same colours."""
+    tables = [localise.table(one.residuals_um, _coordinates(runs, one)) for one in sides]
+    most = max(float(np.nanmax(table.rms_um, initial=0.0)) for table in tables) or None
+    return [(drawing.table_figure(table, most), f"rms of what is missed over position and rate, "
+             f"{_of_model(one, sides)}. Empty cells hold hardly any samples.")
+            for one, table in zip(sides, tables)][::-1]
+
+
+def _spectrum(runs: Sequence[Recording], sides: Sequence[Side], noise_um: float) -> tuple[Figure, str]:
+    curves = []
+    for one in sides:
+        residuals = [residual - np.mean(residual) for residual in one.residuals_um]
+        axis = localise.along_frequency(runs, residuals, _coordinates(runs, one), None, noise_um)
+        curves.append((one.label, axis.rms_um, axis.edges, {"color": one.colour, "lw": 1.8}))
+    return drawing.spectrum_figure(curves), "Spectrum of what is missed, in octaves."
+
+
+def _coordinates(runs: Sequence[Recording], side: Side) -> list[localise.Coordinates]:
+    return [localise.coordinates(run, one.predicted_um, one.rate_um_per_s)
+            for run, one in zip(runs, side.predictions)]

@@ -1,0 +1,320 @@
+#!/usr/bin/env python3
+"""Does `rdpi fit` find what stands around the operator, and only where it stands? One command per question.
+
+    .venv/bin/python tests/rigs/chain.py plain --rigs 25
+    .venv/bin/python tests/rigs/chain.py recovered --rigs 13
+    .venv/bin/python tests/rigs/chain.py law
+    .venv/bin/python tests/rigs/chain.py picma
+
+plain      Rigs without delay, lag, overshoot (a lag of second order) and relaxation, all else as the seed draws it:
+           how many models get a delay or lag above a third of a sample, or a relaxation above 0.5 % of the movement.
+recovered  Rigs with one of delay, lag, relaxation, creep and resonance, and with three of them: error on waveforms that
+           were not fitted, over that of the same rig without them; where the model names exactly these effects, how
+           many of the 95 % intervals hold the true value. Per family, and under it all others: thresholds that were
+           chosen on the others are scored on the family.
+law        The paper's law on tests/bench, without and behind 0.5 ms of delay: the delay that is found, and the slopes'
+           rate coefficients beside those found without it.
+picma      The measured P-885.91 of ../shared/data (or $RDPI_DATA): predictions, and the drive for its displacement
+           against the command that was recorded.
+
+tests/benchmark/fit_speed.py tells time and memory. What stands after `--` goes to `rdpi fit`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "bench")]
+
+import measure  # noqa: E402  before NumPy: it says how many threads
+import bench  # noqa: E402
+import numpy as np  # noqa: E402
+from rigs import FAMILIES, make_rig  # noqa: E402
+
+LATE = "delay", "lag", "overshoot", "relaxation"
+PUTS = "alone", "threes"
+Job = tuple[str, int]
+
+
+# --- plain rigs stay plain -------------------------------------------------------------------------------------------
+
+def plain(job: Job, rate_hz: float, scale: float, options: Sequence[str]) -> dict[str, Any]:
+    """Effects that the model of a rig without LATE holds."""
+    rig = make_rig(*job).without(*LATE)
+    with tempfile.TemporaryDirectory(prefix="rigs-") as folder:
+        try:
+            model = measure.commission(rig, Path(folder), rate_hz, scale, options)
+            return {"family": job[0], "seed": job[1], "rate_hz": rate_hz, "effects": measure.effects_of(model)}
+        except measure.Refused as refusal:
+            return {"family": job[0], "seed": job[1], "failed": str(refusal)}
+
+
+def late(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """Effects of LATE with a size that matters."""
+    return [one for one in result["effects"] if one["name"] in LATE and measure.matters(one, result["rate_hz"])]
+
+
+def plain_table(results: Sequence[dict[str, Any]]) -> str:
+    """Per family, rigs and how many of them got a late effect that matters; below, each of those, and all names."""
+    lines = [f"{'family':24} rigs  late  share"]
+    done = [one for one in results if "failed" not in one]
+    for name, part in by_family(done):
+        wrong = sum(bool(late(one)) for one in part)
+        lines.append(f"{name:24}{len(part):5}{wrong:6}{100 * wrong / len(part):6.1f} %")
+    for one in done:
+        for effect in late(one):
+            sizes = ", ".join(f"{name} {stated['value']:.3g}" for name, stated in effect["parameters"].items())
+            lines.append(f"  {one['family']} {one['seed']}: {effect['name']}, {sizes}")
+    named = Counter(effect["name"] for one in done for effect in one["effects"])
+    lines.append(f"models that name an effect, small or not: {', '.join(f'{k} {n}' for k, n in named.items()) or 0}")
+    return "\n".join(lines + failures(results))
+
+
+# --- the chain recovered ---------------------------------------------------------------------------------------------
+
+def recovered(job: tuple[str, Job], rate_hz: float, scale: float, options: Sequence[str]) -> dict[str, Any]:
+    """A rig with one or three effects put in, and the same rig without them: models, errors on field waveforms."""
+    put, (family, seed) = job
+    rig = measure.choose(family, seed, put)
+    result: dict[str, Any] = {"put": put, "family": family, "seed": seed,
+                              "truth": {name: rig.sins[name] for name in measure.PUT if name in rig.sins}}
+    for name, one in (("with", rig), ("without", rig.without(*result["truth"]))):
+        with tempfile.TemporaryDirectory(prefix="rigs-") as folder:
+            try:
+                model = measure.commission(one, Path(folder), rate_hz, scale, options)
+                result[name] = {"effects": measure.effects_of(model),
+                                "prediction": measure.predict(one, Path(folder), rate_hz, scale)}
+            except measure.Refused as refusal:
+                result["failed"] = f"{put}, {name}: {refusal}"
+    return result
+
+
+def right(result: dict[str, Any]) -> bool:
+    """Whether the model names the effects that were put in, and no other of their kind."""
+    return {one["name"] for one in result["with"]["effects"]} & set(measure.PUT) == set(result["truth"])
+
+
+def covered(result: dict[str, Any]) -> tuple[int, int]:
+    """Intervals that hold the true value, and intervals; of a model that names the right effects."""
+    inside = []
+    for effect in result["with"]["effects"] if right(result) else []:
+        for name, true in result["truth"].get(effect["name"], {}).items():
+            low, high = (effect["parameters"].get(name) or {}).get("ci95") or (None, None)
+            if low is not None and high is not None:
+                inside.append(low <= true <= high)
+    return sum(inside), len(inside)
+
+
+def recovered_table(results: Sequence[dict[str, Any]]) -> str:
+    """Per family and for all others, of one and of three effects: rigs, ratio, right names, coverage."""
+    lines = [f"{'':24}" + "".join(f"{put:>44}" for put in PUTS),
+             f"{'family':24}" + f"{'rigs  median  worst   right  inside':>44}" * len(PUTS)]
+    done = [one for one in results if "failed" not in one]
+    for name, part in by_family(done):
+        lines.append(f"{name:24}" + "".join(_recovered_cells([one for one in part if one["put"] == put])
+                                            for put in PUTS))
+        others = [one for one in done if one["family"] != name]
+        if name in FAMILIES and others:
+            lines.append(f"{'  all others':24}" + "".join(_recovered_cells([one for one in others if one["put"] == put])
+                                                          for put in PUTS))
+    return "\n".join(lines + failures(results))
+
+
+def _recovered_cells(results: Sequence[dict[str, Any]]) -> str:
+    if not results:
+        return f"{'-':>44}"
+    ratio = [one["with"]["prediction"] / one["without"]["prediction"] for one in results]
+    inside, intervals = np.sum([covered(one) for one in results], axis=0)
+    names = f"{sum(map(right, results))}/{len(results)}"
+    return (f"{len(results):13}{np.median(ratio):8.2f}{np.max(ratio):7.2f}{names:>8}"
+            f"{f'{inside}/{intervals}':>8}")
+
+
+# --- rate law and delay ----------------------------------------------------------------------------------------------
+
+DELAY_S = 5e-4
+LAW_RATE_HZ = 10_000
+LAW_OPTIONS = "--rate-source", "control"  # as the demo fits the paper's law, which depends on the rate of the control
+LAW_DRIVES = {"sawtooth": ["--frequencies", "1,5,10,20,40"], "multisine": ["--duration", "4", "--seed", "1"]}
+LAW_UNSEEN = {"multisine": ["--duration", "4", "--seed", "2"], "sine": ["--frequencies", "3,12,30", "--cycles", "8"]}
+
+
+def law(delay_s: float, options: Sequence[str]) -> dict[str, Any]:
+    """The paper's plant behind this delay, a whole number of samples: what the model says and misses."""
+    late_by = round(delay_s * LAW_RATE_HZ)
+
+    def runs_of(drives: dict[str, list[str]], folder: Path) -> list[Path]:
+        paths = []
+        for k, (kind, shape) in enumerate(drives.items()):
+            measure.rdpi("excite", kind, "--max-V", "100", "--rest-V", "50", "--sample-rate", LAW_RATE_HZ, "--no-sweep",
+                         *shape, "-o", folder / "drive.csv")
+            command = measure.columns_of(folder / "drive.csv")["command_V"]
+            plant = bench.make("paper", seed=7)
+            plant.demagnetise(LAW_RATE_HZ)
+            reading = plant.run(np.append(np.full(late_by, command[0]), command)[:len(command)], LAW_RATE_HZ)
+            paths.append(folder / f"{k}-{kind}.csv")
+            np.savetxt(paths[-1], np.column_stack([np.arange(len(command)) / LAW_RATE_HZ, command, reading]), "%.9g",
+                       ",", header=f"# sample_rate_hz: {LAW_RATE_HZ}\n# memory: reset\n"
+                       "time_s,command_V,displacement_um", comments="")
+        return paths
+
+    with tempfile.TemporaryDirectory(prefix="rigs-") as name:
+        folder = Path(name)
+        measure.rdpi("fit", *runs_of(LAW_DRIVES, folder), "-o", folder / "model.json", *LAW_OPTIONS, *options)
+        errors = []
+        for run in runs_of(LAW_UNSEEN, folder):
+            measure.rdpi("simulate", folder / "model.json", run, "-o", folder / "predicted.csv")
+            columns = measure.columns_of(folder / "predicted.csv")
+            errors.append(100 * measure.spread(columns["displacement_um"] - columns["predicted_um"])
+                          / float(np.ptp(columns["displacement_um"])))
+        model = measure.json.loads((folder / "model.json").read_text())
+    return {"effects": model["effects"], "rates": model["slope_rate_s_per_um"], "prediction": errors}
+
+
+def law_table(without: dict[str, Any], behind: dict[str, Any]) -> str:
+    """Delay, coefficients and how far apart they are, errors on waveforms that were not fitted."""
+    lines = []
+    for label, found in (("without delay", without), (f"behind {1e3 * DELAY_S:g} ms", behind)):
+        named = [f"{one['name']} " + ", ".join(f"{name} {stated['value']:.4g}" for name, stated in
+                                               one["parameters"].items()) for one in found["effects"]]
+        lines += [f"{label:18} effects: {'; '.join(named) or 'none'}",
+                  f"{'':18} rms on unseen {' and '.join(LAW_UNSEEN)}: "
+                  + " and ".join(f"{error:.2f} %" for error in found["prediction"]),
+                  f"{'':18} s/um: " + " ".join(f"{rate:9.2e}" for rate in found["rates"])]
+    if len(without["rates"]) != len(behind["rates"]) or not any(without["rates"]):
+        return "\n".join([*lines, "the models' rate coefficients cannot be compared"])
+    before, after = np.array(without["rates"]), np.array(behind["rates"])
+    apart = np.linalg.norm(after - before) / np.linalg.norm(before)
+    return "\n".join([*lines, f"coefficients apart: {100 * apart:.1f} % of their rms, the largest by "
+                      f"{100 * abs(after - before)[np.argmax(abs(before))] / np.max(abs(before)):.1f} %"])
+
+
+# --- the measured record ---------------------------------------------------------------------------------------------
+
+RUNS = {"fitted": ("Model_Vi_Do.dat", "400:4400", "unknown"), "next": ("Model_Vi_Do.dat", "4400:8000", "carried"),
+        "other": ("Test_Vi_Do_Di.dat", "200:14100", "unknown")}
+MODELS: dict[str, list[str]] = {"defaults": [], "--deadzones 4": ["--deadzones", "4"],
+                                "--rate-window 0.04": ["--rate-window", "0.04"]}
+
+
+def data_folder() -> Path:
+    return Path(os.environ.get("RDPI_DATA", Path(__file__).parents[3] / "shared/data/picma_p885")).resolve()
+
+
+def picma(options: Sequence[str]) -> list[dict[str, Any]]:
+    """Per model: effects; errors of the predictions, and of the drive by the inverse, in %."""
+    results = []
+    with tempfile.TemporaryDirectory(prefix="rigs-") as name:
+        folder = Path(name)
+        for run, (source, rows, memory) in RUNS.items():
+            measure.rdpi("import", data_folder() / source, "--command", 0, "--displacement", 4, "--rate", 200, "--rows",
+                         rows, "--memory", memory, "-o", folder / f"{run}.csv")
+        for label, shape in MODELS.items():
+            model = folder / "model.json"
+            measure.rdpi("fit", folder / "fitted.csv", "-o", model, *shape, *options)
+            results.append({"model": label, "effects": measure.effects_of(model), **_predicted(model, folder),
+                            **{f"inverse {run}": _inverse(model, folder / f"{run}.csv") for run in ("next", "other")}})
+    return results
+
+
+def _predicted(model: Path, folder: Path) -> dict[str, float]:
+    """The next samples of the record with the memory that the fitted ones leave; the other record without its mean."""
+    def percent(*options: str | Path) -> float:
+        measure.rdpi("simulate", model, *options, "--json", folder / "score.json")
+        return measure.json.loads((folder / "score.json").read_text())["runs"][-1]["rms_percent"]
+
+    return {"next": percent(folder / "fitted.csv", folder / "next.csv"),
+            "other": percent(folder / "other.csv", "--remove-offset")}
+
+
+def _inverse(model_path: Path, run_path: Path) -> dict[str, float]:
+    """rms in % of the command's range, constant removed, of the drive that the double-precision inverse gives for the
+    recorded displacement. Against the recorded command, shifted by the model's delays; and against what reaches the
+    operator when the whole chain of the model is driven with it.
+    """
+    from rdpi.data import read_recording
+    from rdpi.model import read_model
+    from rdpi.simulate import chain, effects
+
+    model, run = read_model(model_path), read_recording(run_path)
+    steps, _ = chain.follow(model, run, "displacement_um", "f64", remove_offset=True)
+    acting = effects.acting(model)
+    delay_s = sum(one.values.get("delay_s", 0.0) for one in acting)
+    shifted = np.interp(run.time_s - delay_s, run.time_s, run.command_V)
+    found = {"command": shifted, "chain": effects.driven(acting, run.command_V, run, model)}
+    return {name: 100 * measure.spread(steps.drive_V - drive_V) / float(np.ptp(run.command_V))
+            for name, drive_V in found.items()}
+
+
+def picma_table(results: Sequence[dict[str, Any]]) -> str:
+    lines = [f"{'model':22}{'next':>8}{'other':>8}   inverse against command: next, other   against chain: next, other"]
+    for one in results:
+        names = ", ".join(effect["name"] for effect in one["effects"]) or "none"
+        lines.append(f"{one['model']:22}{one['next']:8.3f}{one['other']:8.3f}"
+                     + "".join(f"{one[f'inverse {run}'][against]:{width}.3f}" for against, first in
+                               (("command", 31), ("chain", 20)) for run, width in (("next", first), ("other", 8)))
+                     + f"   effects: {names}")
+    return "\n".join(["rms, % of the stroke; of the inverse, % of the command's range", *lines])
+
+
+# --- command ---------------------------------------------------------------------------------------------------------
+
+def by_family(results: Sequence[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:
+    """Results of each family, and of all."""
+    families = dict.fromkeys(one["family"] for one in results)
+    parts = [(name, [one for one in results if one["family"] == name]) for name in families]
+    return [*parts, ("all", list(results))] if results else []
+
+
+def failures(results: Sequence[dict[str, Any]]) -> list[str]:
+    return [f"failed: {one['family']} {one['seed']}: {one['failed']}" for one in results if "failed" in one]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter,
+                                     usage="%(prog)s [options] {plain,recovered,law,picma} [-- options of rdpi fit]")
+    parser.add_argument("what", choices=["plain", "recovered", "law", "picma"])
+    parser.add_argument("--rigs", type=int, default=2, help="per family, and per number of effects (default 2)")
+    parser.add_argument("--seed", type=int, default=1, help="of the first rig (default 1)")
+    parser.add_argument("--families", default=",".join(FAMILIES), help="names, commas between (default: all open ones)")
+    parser.add_argument("--rate", type=float, default=5000.0, help="samples per second (default 5000)")
+    parser.add_argument("--scale", type=float, default=0.5, help="length of the recordings (default 0.5)")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE.json", help="also write all results there")
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    own = words.index("--") if "--" in words else len(words)
+    options, of_fit = parser.parse_args(words[:own]), words[own + 1:]
+    families = options.families.split(",")
+    if wrong := set(families) - set(FAMILIES):
+        parser.error(f"no open family {', '.join(sorted(wrong))}: {', '.join(FAMILIES)}")
+
+    rigs = [(family, seed) for family in families for seed in range(options.seed, options.seed + options.rigs)]
+    work: dict[str, Callable] = {"plain": plain, "recovered": recovered}
+    results: Any
+    if options.what in work:
+        jobs = rigs if options.what == "plain" else [(put, rig) for rig in rigs for put in PUTS]
+        results = measure.run_all(partial(work[options.what], rate_hz=options.rate, scale=options.scale,
+                                          options=of_fit), jobs, options.jobs)
+        print(plain_table(results) if options.what == "plain" else recovered_table(results))
+    elif options.what == "law":
+        results = [law(delay_s, of_fit) for delay_s in (0.0, DELAY_S)]
+        print(law_table(*results))
+    else:
+        results = picma(of_fit)
+        print(picma_table(results))
+    if options.output:
+        options.output.parent.mkdir(parents=True, exist_ok=True)
+        options.output.write_text(measure.json.dumps(results, indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
