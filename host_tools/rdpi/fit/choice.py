@@ -54,7 +54,8 @@ class Judged:
         """
         gain = other.held_out - self.held_out
         error = np.sqrt(gain.shape[1]) * np.std(gain, axis=1, ddof=1)
-        return bool(np.all(np.sum(gain, axis=1) > np.maximum(error, tuned.CHAIN_LEAST * np.sum(other.held_out, axis=1))))
+        matters = max(tuned.CHAIN_SHARE * other.left, tuned.CHAIN_LEAST**2 * self.state.setting.samples)
+        return bool(np.all(np.sum(gain, axis=1) > np.maximum(error, matters)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +151,7 @@ def _joined(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged
         if left < first.get(one.effect.name, (np.inf, None))[0]:
             first[one.effect.name] = left, state.hypothesis.having(one)
     fitted = [judged(state.setting, hypothesis, state.found) for left, hypothesis in first.values()
-              if left < (1 - tuned.CHAIN_LEAST) * now.left]
+              if left < (1 - tuned.CHAIN_SHARE) * now.left]
     fitted = [one for one in fitted if one.beats(now)]
     if not fitted:
         return None
