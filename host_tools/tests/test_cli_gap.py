@@ -83,7 +83,8 @@ def test_an_effect(folder: Path, rdpi: Callable) -> None:
 def test_the_improved_model_is_the_model_with_the_effect(folder: Path, rdpi: Callable) -> None:
     result, _ = gap_of(rdpi, "model.json", *LATE, "-o", "improved.json")
     before, after = (json.loads(Path(name).read_text()) for name in ("model.json", "improved.json"))
-    assert after["effects"] == [{key: one[key] for key in ("name", "stage", "parameters")} for one in result["effects"]]
+    assert after["effects"] == [{key: one[key] for key in ("name", "stage", "parameters")} | {"origin": "gap"}
+                                for one in result["effects"]]
     added = result["offset_um"]["added"]
     assert after["offset_um"] == pytest.approx(before["offset_um"] + added)
     assert {**after, "effects": [], "offset_um": before["offset_um"]} == before

@@ -112,7 +112,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
                                                        found.spectrum_after), report)
     click.echo(gap_report.tables(document))
     if output is not None:
-        added = [effect["name"] for effect in found.improved.effects[len(parameters.effects):]]
+        added = [one.name if one.was is None else f"{one.name} changed" for one in document.effects]
         undecided = ", one of those that explain the gap" if document.verdict == "ambiguous" else ""
         click.echo(f"{output}: the model " + (f"with {', '.join(added)}{undecided}" if added else "unchanged"))
     return document.to_json()

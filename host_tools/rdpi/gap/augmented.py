@@ -11,7 +11,7 @@ import numpy as np
 from ..data import Recording
 from ..model import Model
 from ..simulate import effects, signals
-from ..simulate.effects import Acting
+from ..simulate.effects import Acting, Effect
 from . import candidates, thresholds
 from .candidates import Candidate
 from .dataset import Dataset
@@ -47,8 +47,20 @@ class AugmentedModel:
         return self.dataset.earlier.recordings if self.dataset.earlier else []
 
     def acting(self) -> list[Acting]:
-        """All effects that act, disturbances that were accepted apart."""
-        return effects.in_order([*self.known, *(one.acting for one in self.chosen if not one.per_run)])
+        """All effects that act, disturbances that were accepted apart; one that has changed as it is now."""
+        return effects.beside(self.known, *(one.acting for one in self.chosen if not one.per_run))
+
+    def places(self, kind: type[Effect]) -> list[Effect]:
+        """An effect everywhere that the recordings may show it: where the model holds it, to be asked whether it has
+        changed, and where they can tell it from that.
+        """
+        held = [one.effect for one in self.known if type(one.effect) is kind and not kind.several]
+
+        def apart(new: Effect, old: Effect) -> bool:
+            sides_told = self.dataset.monitored and new.before_monitor != old.before_monitor
+            return not new.replaces(old) and (new.column != old.column or new.shows_stage or sides_told)
+
+        return [*held, *(new for new in kind.variants(self.recordings) if all(apart(new, old) for old in held))]
 
     # --- prediction
 
