@@ -109,6 +109,17 @@ class AugmentedModel:
                for one in disturbances]
         return shared + (projected(np.hstack(own), dataset.measured - shared, dataset) if own else 0.0)
 
+    def unseen_by_monitor(self) -> list[Acting]:
+        """Effects that the model holds ahead of the monitor, and that the monitor does not show."""
+        def missed(acting: Sequence[Acting]) -> float:
+            runs = self.dataset.model_runs
+            return sum(len(one.recording) * float(np.var(one.um_per_V * one.recording.columns["monitor_V"]
+                                                         - one.predict_monitor(acting))) for one in runs)
+
+        ahead = [one for one in self.known if self.dataset.monitored and one.effect.before_monitor]
+        return [one for one in ahead
+                if missed([other for other in ahead if other is not one]) < thresholds.UNSEEN * missed(ahead)]
+
     # --- more effects
 
     def accept(self, one: Candidate) -> AugmentedModel:

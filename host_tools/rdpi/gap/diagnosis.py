@@ -101,8 +101,11 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
     selection = select(given, gap, without, progress)
     verdict = _verdict(selection, gap)
     notes = _remarks(selection, gap, verdict)
-    accepted = bool(selection.accepted.chosen)
-    if accepted and given.dataset.monitored and rms(selection.after_um) > rms(selection.before_um):
+    chosen = selection.accepted.chosen
+    notes += [f"monitor_V does not show {one}, which the model holds ahead of it: the effect acts behind the monitor; "
+              "leave the column out to ask whether it has changed" for one in given.unseen_by_monitor()
+              if not any(other.effect.replaces(one.effect) for other in chosen)]
+    if chosen and given.dataset.monitored and rms(selection.after_um) > rms(selection.before_um):
         notes.append("the effects that monitor_V shows would make the residual larger, so the monitor is late, "
                      "filtered or wrong; leave its column out")
         verdict = "unknown" if _sure(selection, gap) else "none"

@@ -29,8 +29,8 @@ class EffectEntry(Document):
     parameters: dict[str, float | EffectParameter | None] = json_key(
         "parameters by name: an object, or its value alone")
     origin: Literal["fit", "gap"] | None = json_key("the command that found these values", omitted=True)
-    new: bool | None = json_key("true: `rdpi gap --earlier` found these values; in the earlier recordings it acted with "
-                                "those of `was`, or did not act", omitted=True)
+    new: bool | None = json_key("true: `rdpi gap --earlier` found these values; in the earlier recordings it acted "
+                                "with those of `was`, or did not act", omitted=True)
     was: dict[str, float | None] | None = json_key("values before `rdpi gap` found them changed, by parameter",
                                                    omitted=True)
 

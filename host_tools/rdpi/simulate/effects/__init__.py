@@ -55,6 +55,12 @@ class Acting(NamedTuple):
     effect: Effect
     values: dict[str, float]
 
+    def __str__(self) -> str:
+        """Name, stage and size: "lag at the amplifier (time_constant_s 0.002 s)"."""
+        sizes = [f"{one.name} {self.values[one.name]:.4g} {self.effect.unit(one)}".removesuffix(" 1")
+                 for one in self.effect.parameters if not one.internal and self.values[one.name] != one.absent]
+        return f"{self.effect.name} at stage {self.effect.stage}" + (f" ({', '.join(sizes)})" if sizes else "")
+
 
 def acting(model: Model) -> list[Acting]:
     """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete, and for
