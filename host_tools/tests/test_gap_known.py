@@ -362,6 +362,11 @@ def test_effects_that_cannot_stand(bad: list[dict], message: str) -> None:
         effects.acting(replace(plain_model(), effects=bad))
 
 
+def test_where_an_effect_comes_from_is_no_parameter_of_the_same_name() -> None:
+    coarse = {**entry("quantisation", "DAC", step=0.8, origin=0.13), "origin": "gap"}
+    assert effects.acting(replace(plain_model(), effects=[coarse]))[0].values["origin"] == 0.13
+
+
 def test_effects_that_can_stand_together() -> None:
     both = [entry("delay", delay_s=0.001), entry("delay", "sensor", delay_s=0.001),
             {**entry("cross_coupling", um_per_V=0.1), "column": "x_V"}, entry("cross_coupling", um_per_V=0.1)]

@@ -88,7 +88,8 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
 
     RUNs are recordings that the model was not fitted to. Give several with different waveforms, if possible. With a
     column monitor_V (the measured amplifier output), the diagnosis separates causes before and after the amplifier's
-    output. With --earlier it finds smaller changes.
+    output. With --earlier it finds smaller changes. An effect that the model holds already is asked whether it has
+    changed.
     """
     from ..data import make_folder, read_recording
     from ..gap import diagnose, report as gap_report

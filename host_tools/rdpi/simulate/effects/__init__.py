@@ -202,7 +202,7 @@ def _misnamed(entry: dict[str, Any], given: dict[str, Any], kind: type[Effect]) 
     own = [parameter.name for parameter in kind.parameters]
     missing = [name for name in own if name not in given]
     strange = [key for key in given if key not in own]
-    beside = [key for key in own if key in entry]
+    beside = [key for key in own if isinstance(entry.get(key), (int, float, dict))]  # not the text of a key "origin"
     if not missing or not strange and not beside and len(missing) < len(own):
         return None
     known = ", ".join(f"{parameter.name} ({parameter.unit})" for parameter in kind.parameters)
