@@ -10,7 +10,7 @@ import pytest
 from conftest import ROOT
 from models import random_model
 
-from rdpi.firmware import FLAGS, build_notes, build_options, builds, effects_left_out, flag_counts
+from rdpi.firmware import FLAGS, build_notes, build_options, builds, flag_counts
 
 TYPES_H = (ROOT / "lib" / "include" / "rdpi" / "types.h").read_text()
 
@@ -62,9 +62,3 @@ def test_a_note_of_a_slow_sweep() -> None:
     model.drive.sweep_V_per_s /= 1000
     (note,) = build_notes(model)
     assert f"{1 / model.shortest_sample_s():.3g} samples per second" in note and "rdpi_f32_init" in note
-
-
-def test_effects_that_are_not_flashed() -> None:
-    model = random_model(1)
-    assert effects_left_out(model) == []
-    assert effects_left_out(replace(model, effects=[{"name": "creep"}, {"name": "delay"}])) == ["creep", "delay"]

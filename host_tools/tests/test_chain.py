@@ -14,7 +14,7 @@ from rdpi import firmware
 from rdpi.data import Recording
 from rdpi.errors import BadInput
 from rdpi.model import Drive, Memory, Model, Rate, operators
-from rdpi.simulate import chain, signals
+from rdpi.simulate import chain, effects, signals
 
 TIME_S = np.arange(3000) * SAMPLE_TIME_S
 
@@ -354,6 +354,25 @@ def test_follow_what_was_measured_gives_the_recorded_command(drift_um: float) ->
     late = chain.warm_up(model.x_of(run.command_V), model.thresholds_um[-1])
     assert 0 < late < 2500
     assert np.sqrt(np.mean((steps.drive_V - run.command_V)[late:] ** 2)) < 0.003 * np.ptp(run.command_V)
+
+
+def test_follow_estimates_the_start_beside_the_effects() -> None:
+    """A sensor's delay is no memory."""
+    states, run = run_after(0.35)
+    late = replace(paper_model(), effects=[{"name": "delay", "stage": "sensor", "parameters": {"delay_s": 0.004}}])
+    (one,) = effects.acting(late)
+    run = recording(run.command_V, one.effect.displacement(run.displacement_um, run, one.values, late))
+    started = []
+
+    def engine(model: Model, reference_um: np.ndarray) -> firmware.Steps:
+        started.append(model.memory.plays_um)
+        return firmware.engine(model, SAMPLE_TIME_S, "f64").step(reference_um)
+
+    for model in (late, paper_model()):
+        chain.follow(model, run, "displacement_um", engine)
+    step = 2 * late.thresholds_um[-1] / 40
+    assert np.max(np.abs(started[0] - states)) < 2 * step + 1e-9
+    assert np.max(np.abs(started[1] - states)) > np.max(np.abs(started[0] - states))
 
 
 def test_offset_of_a_reference_alone_cannot_be_removed() -> None:

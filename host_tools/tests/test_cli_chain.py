@@ -148,6 +148,23 @@ def test_header(folder: Path, rdpi: Callable) -> None:
     assert named["digest"] == result["digest"] != result_of(rdpi, "header", "static.json", "-o", "other.h")[0]["digest"]
 
 
+@pytest.mark.parametrize("command", [("header", "static.json", "-o", "out.h"),
+                                     ("compensate", "static.json", "reference.csv", "-o", "drive.csv")])
+def test_effects_that_the_inverse_does_not_have(command: tuple[str, ...], folder: Path, rdpi: Callable) -> None:
+    """One line each; and none for a model without effects."""
+    assert "not compensated" not in rdpi(*command).output
+    with_them = [{"name": "delay", "parameters": {"delay_s": {"value": 0.0005, "ci95": None, "unit": "s"}}},
+                 {"name": "creep", "parameters": {"percent_per_decade": 2}},
+                 {"name": "quantisation", "stage": "DAC", "parameters": {"step": 0.1, "origin": 0.0, "dither": 0}}]
+    change_model(effects=with_them)
+    done = rdpi(*command)
+    assert done.exit_code == 0, done.output
+    end = " is not compensated: the inverse does not have this effect yet"
+    assert [line for line in done.output.splitlines() if "not compensated" in line] == [
+        f"note: quantisation at stage DAC (step 0.1 V){end}", f"note: delay at stage timing (delay_s 0.0005 s){end}",
+        f"note: creep at stage actuator (percent_per_decade 2 %){end}"]
+
+
 def test_header_takes_the_start_up_sweep(folder: Path, rdpi: Callable) -> None:
     plain, text = result_of(rdpi, "header", "static.json", "-o", "plain.h")
     assert "start-up sweep ends at 0 V" in text and "    20, /* sweep_cycles" in Path("plain.h").read_text()

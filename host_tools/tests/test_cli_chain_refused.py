@@ -66,7 +66,7 @@ def test_missing_model(command: str, folder: Path, rdpi: Callable) -> None:
 def test_effects_of_a_later_version(folder: Path, rdpi: Callable) -> None:
     with sections_as_read():
         change_model(effects=[{"name": "poltergeist"}])
-    for command in ("simulate", "plot"):
+    for command in COMMANDS:
         assert re.match(r"static\.json: effects\[0\].*poltergeist.*cannot simulate",
                         refusal(rdpi, command, "static.json"))
 

@@ -80,10 +80,25 @@ def test_an_effect(folder: Path, rdpi: Callable) -> None:
     assert all(one["name"] in text for one in result["candidates"] if one["shrink"] > 0.5)
 
 
+def test_a_change_of_an_effect_that_the_model_holds(folder: Path, rdpi: Callable) -> None:
+    change_model(effects=[{**entry("delay", delay_s=0.002), "origin": "fit"}])
+    result, text = gap_of(rdpi, "model.json", *LATE, "-o", "improved.json", "--report", "out")
+    (found,) = result["effects"]
+    assert found["name"] == "delay" and found["was"] == {"delay_s": 0.002}
+    assert found["parameters"]["delay_s"]["value"] == pytest.approx(0.003, rel=0.02)
+    assert "change of the signal delay from 2.0" in " ".join(text.split())
+    assert "improved.json: the model with delay changed\n" in text
+    assert "delay from 2.0" in Path("out/index.html").read_text("utf-8")
+    (only,) = json.loads(Path("improved.json").read_text())["effects"]
+    assert only == {**{key: found[key] for key in ("name", "stage", "parameters", "was")}, "origin": "gap"}
+    assert gap_of(rdpi, "improved.json", *LATE)[0]["verdict"] == "none"
+
+
 def test_the_improved_model_is_the_model_with_the_effect(folder: Path, rdpi: Callable) -> None:
     result, _ = gap_of(rdpi, "model.json", *LATE, "-o", "improved.json")
     before, after = (json.loads(Path(name).read_text()) for name in ("model.json", "improved.json"))
-    assert after["effects"] == [{key: one[key] for key in ("name", "stage", "parameters")} for one in result["effects"]]
+    assert after["effects"] == [{key: one[key] for key in ("name", "stage", "parameters")} | {"origin": "gap"}
+                                for one in result["effects"]]
     added = result["offset_um"]["added"]
     assert after["offset_um"] == pytest.approx(before["offset_um"] + added)
     assert {**after, "effects": [], "offset_um": before["offset_um"]} == before

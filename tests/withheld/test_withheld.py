@@ -18,6 +18,7 @@ sys.path.insert(0, str(HERE))
 import actuators  # noqa: E402
 import cases  # noqa: E402
 import check  # noqa: E402
+import known  # noqa: E402
 import measured  # noqa: E402
 import score  # noqa: E402
 import settle  # noqa: E402
@@ -520,3 +521,15 @@ def test_next_experiment_settles_what_sines_cannot_tell(tmp_path, monkeypatch):
     assert found["  right member in the set"]["share"] >= 0.9
     assert found["  settled by the next experiment"]["share"] >= 0.75
     assert found["wrong name without a set"]["share"] <= 0.1
+
+
+@pytest.mark.long
+def test_what_becomes_of_effects_that_the_model_holds(tmp_path):
+    """Two machines of the set to tune on. One that stays is no news, and a change is not called by another name."""
+    found = [one for index in (0, 1) for one in known.answers(cases.Bench(tmp_path, FORMS["tune"], 7, index))]
+    print("", *known.table(found), sep="\n")
+    assert all(one.said == "none" for one in found if one.becomes == "stays")
+    changed = [one for one in found if one.becomes != "stays"]
+    assert not any(one.said.startswith("other") for one in changed)
+    assert sum(one.said == "first" for one in changed) >= 0.6 * len(changed)
+    assert np.median([abs(one.error) for one in changed if one.said == "first"]) < 0.1

@@ -88,7 +88,8 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
 
     RUNs are recordings that the model was not fitted to. Give several with different waveforms, if possible. With a
     column monitor_V (the measured amplifier output), the diagnosis separates causes before and after the amplifier's
-    output. With --earlier it finds smaller changes.
+    output. With --earlier it finds smaller changes. An effect that the model holds already is asked whether it has
+    changed.
     """
     from ..data import make_folder, read_recording
     from ..gap import diagnose, report as gap_report
@@ -112,7 +113,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
                                                        found.spectrum_after), report)
     click.echo(gap_report.tables(document))
     if output is not None:
-        added = [effect["name"] for effect in found.improved.effects[len(parameters.effects):]]
+        added = [one.name if one.was is None else f"{one.name} changed" for one in document.effects]
         undecided = ", one of those that explain the gap" if document.verdict == "ambiguous" else ""
         click.echo(f"{output}: the model " + (f"with {', '.join(added)}{undecided}" if added else "unchanged"))
     return document.to_json()

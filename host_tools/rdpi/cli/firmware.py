@@ -38,8 +38,9 @@ def header(model: str, output: str, name: str, **sweep: float | None) -> dict[st
 
     parameters = read_model(model)
     parameters.drive = replace(parameters.drive, **{key: value for key, value in sweep.items() if value is not None})
+    left_out = _left_out(parameters)
     written = write_header(parameters, output, name, source=model)
-    _tell_effects(parameters)
+    click.echo("".join(left_out), nl=False)
     click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones, "
                f"starts from {parameters.start_V():.6g} V, start-up sweep ends at {parameters.sweep_end():.6g} V")
     for note in build_notes(parameters):
@@ -49,11 +50,12 @@ def header(model: str, output: str, name: str, **sweep: float | None) -> dict[st
     return {"file": output, "name": name, "digest": written.digest, "q31": not written.no_fixed_point}
 
 
-def _tell_effects(model: Any) -> None:
-    from ..firmware import effects_left_out
+def _left_out(model: Any) -> list[str]:
+    """A line for each effect of the model: only the simulation knows them. Raises BadInput for one that it does not."""
+    from ..simulate import effects
 
-    if names := effects_left_out(model):
-        click.echo(f"note: the inverse does not compensate these effects of the model: {', '.join(names)}", err=True)
+    return [f"note: {one} is not compensated: the inverse does not have this effect yet\n"
+            for one in effects.acting(model)]
 
 
 @command("profile")
@@ -152,7 +154,7 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     from ..simulate import chain
 
     parameters = read_model(model)
-    _tell_effects(parameters)
+    click.echo("".join(_left_out(parameters)), nl=False)
     if dac_bits is not None:
         parameters.drive = replace(parameters.drive, dac_bits=dac_bits)
         parameters.validate()

@@ -32,8 +32,3 @@ def build_notes(model: Model) -> list[str]:
         notes.append(f"the start-up sweep, {model.drive.sweep_speed():.4g} V/s, is too slow for more than "
                      f"{1 / model.shortest_sample_s():.3g} samples per second; rdpi_f32_init refuses a higher rate")
     return notes
-
-
-def effects_left_out(model: Model) -> list[str]:
-    """Names of the model's effects, which only the simulation knows: the inverse that is flashed has none of them."""
-    return [str(effect.get("name")) for effect in model.effects if isinstance(effect, dict)]

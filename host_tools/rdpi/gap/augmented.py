@@ -11,7 +11,7 @@ import numpy as np
 from ..data import Recording
 from ..model import Model
 from ..simulate import effects, signals
-from ..simulate.effects import Acting
+from ..simulate.effects import Acting, Effect
 from . import candidates, thresholds
 from .candidates import Candidate
 from .dataset import Dataset
@@ -53,8 +53,20 @@ class AugmentedModel:
         return frozenset(name for name, kind in effects.CATALOGUE.items() if not kind.comes_up and name not in held)
 
     def acting(self) -> list[Acting]:
-        """All effects that act, disturbances that were accepted apart."""
-        return effects.in_order([*self.known, *(one.acting for one in self.chosen if not one.per_run)])
+        """All effects that act, disturbances that were accepted apart; one that has changed as it is now."""
+        return effects.beside(self.known, *(one.acting for one in self.chosen if not one.per_run))
+
+    def places(self, kind: type[Effect]) -> list[Effect]:
+        """An effect everywhere that the recordings may show it: where the model holds it, to be asked whether it has
+        changed, and where they can tell it from that.
+        """
+        held = [one.effect for one in self.known if type(one.effect) is kind and not kind.several]
+
+        def apart(new: Effect, old: Effect) -> bool:
+            sides_told = self.dataset.monitored and new.before_monitor != old.before_monitor
+            return not new.replaces(old) and (new.column != old.column or new.shows_stage or sides_told)
+
+        return [*held, *(new for new in kind.variants(self.recordings) if all(apart(new, old) for old in held))]
 
     # --- prediction
 
@@ -102,6 +114,17 @@ class AugmentedModel:
         own = [dataset.join([one.effect.columns(run, one.values, self.model) for run in dataset.recordings])
                for one in disturbances]
         return shared + (projected(np.hstack(own), dataset.measured - shared, dataset) if own else 0.0)
+
+    def unseen_by_monitor(self) -> list[Acting]:
+        """Effects that the model holds ahead of the monitor, and that the monitor does not show."""
+        def missed(acting: Sequence[Acting]) -> float:
+            runs = self.dataset.model_runs
+            return sum(len(one.recording) * float(np.var(one.um_per_V * one.recording.columns["monitor_V"]
+                                                         - one.predict_monitor(acting))) for one in runs)
+
+        ahead = [one for one in self.known if self.dataset.monitored and one.effect.before_monitor]
+        return [one for one in ahead
+                if missed([other for other in ahead if other is not one]) < thresholds.UNSEEN * missed(ahead)]
 
     # --- more effects
 

@@ -44,7 +44,7 @@ def perturbed(model: Model, move: np.ndarray) -> Model:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An effect at the parameters that fit best, beside those that act already."""
+    """An effect at the parameters that fit best, beside those that act already, or in place of the same one."""
 
     effect: Effect
     values: dict[str, float]
@@ -64,9 +64,16 @@ class Candidate:
 
 
 def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: np.ndarray) -> Candidate | None:
-    """The effect fitted to what `before`, the prediction with those that act, leaves; None if nothing excites it."""
-    left = dataset.measured - before
-    starts = effect.starts(dataset.residuals(before))
+    """The effect fitted to what `before`, the prediction with those that act, leaves; None if nothing excites it.
+
+    If it is one of those that act, it takes that one's place: the change is from there on, and none is no change.
+    """
+    left, plain = dataset.measured - before, dataset.predict(acting)
+    known = None if effect.disturbance else effects.replaced(acting, effect)
+    without = before
+    if known is not None:  # what it would have to explain if the model did not hold it
+        without = before - plain + dataset.predict([one for one in acting if one is not known])
+    starts = effect.starts(dataset.residuals(without))
     if not starts:
         return None
     if effect.starts_memory:
@@ -74,14 +81,21 @@ def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: n
     if effect.disturbance:
         return _disturbance(dataset, effect, starts, left)
 
-    plain = dataset.predict(acting)
-
     def change(values: dict[str, float]) -> np.ndarray:
-        return dataset.predict(effects.in_order([*acting, Acting(effect, values)])) - plain
+        return dataset.predict(effects.beside(acting, Acting(effect, values))) - plain
 
-    fitted = effect.fitted
     tried = [(change(values), values) for values in starts]
-    at, values = min(tried, key=lambda one: _square(left - one[0]))
+    found = _refined(dataset, effect, change, left, *min(tried, key=lambda one: _square(left - one[0])))
+    if known is None:
+        return found
+    moved = _refined(dataset, effect, change, left, np.zeros(len(left)), dict(known.values))
+    return min((moved, found), key=lambda one: _square(left - one.change))
+
+
+def _refined(dataset: Dataset, effect: Effect, change: Callable[[dict[str, float]], np.ndarray], left: np.ndarray,
+             at: np.ndarray, values: dict[str, float]) -> Candidate:
+    """The effect moved by Gauss-Newton from these values, which change the prediction by `at`, to leave least."""
+    fitted = effect.fitted
     tangent = _jacobian(change, at, effect, values, fitted, dataset)
     for _ in range(STEPS if fitted else 0):
         move = np.linalg.lstsq(tangent, left - at, rcond=1e-9)[0]
@@ -106,7 +120,7 @@ def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: n
 def jacobian(dataset: Dataset, one: Candidate, others: Sequence[Acting]) -> np.ndarray:
     """J of a candidate that acts beside others, disturbances apart."""
     def predict(values: dict[str, float]) -> np.ndarray:
-        return dataset.predict(effects.in_order([*others, Acting(one.effect, values)]))
+        return dataset.predict(effects.beside(others, Acting(one.effect, values)))
 
     return _jacobian(predict, predict(one.values), one.effect, one.values, one.fitted, dataset)
 

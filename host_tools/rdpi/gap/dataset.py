@@ -142,7 +142,7 @@ class Dataset:
         """With `monitored` the actuator is driven by monitor_V, where every recording has it.
 
         With `earlier` recordings, one of each run's drive and length, what the model misses of them is taken off what
-        is measured: what is left is new. Effects of the model that are marked "new" had not acted then.
+        is measured: what is left is new. Effects of the model that are marked "new" had not acted then, or otherwise.
         """
         self.monitored = monitored and all("monitor_V" in run.columns for run in (*runs, *earlier))
         self.model, self.recordings = model, list(runs)
@@ -159,7 +159,7 @@ class Dataset:
         self.earlier: Dataset | None = None
         self.missed_then, self.acting_then = np.zeros(0), []
         if earlier:
-            before = replace(model, effects=[entry for entry in model.effects if not entry.get("new")])
+            before = effects.then(model)
             self.earlier, self.acting_then = Dataset(before, earlier, monitored=self.monitored), effects.acting(before)
             self.missed_then = self.earlier.measured - self.earlier.predict(self.acting_then)
             self.measured -= self.missed_then

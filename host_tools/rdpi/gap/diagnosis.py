@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +16,11 @@ from .. import arguments
 from ..data import RUN_COLUMNS, Recording, taken
 from ..fit import checks, localise, passport
 from ..model import Model, Passport, records
-from ..simulate import signals
+from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE
 from . import document, thresholds
 from .augmented import AugmentedModel
+from .candidates import Candidate
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
 from .sections import GapDocument, Offset, Verdict
@@ -57,11 +59,26 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     notes += [*decision.notes, *_remarks_on_what_is_left(selection, verdict, offset, noise, axes)]
     found = document.build(selection, decision.gap, verdict, known, axes, noise, offset, notes)
     spectrum = localise.along_frequency(runs, after, decision.coords, known, noise) if state.chosen else None
-    entries = [records.EffectEntry(name=one.name, stage=one.stage, column=one.column, parameters=one.parameters,
-                                   new=True if earlier else None).to_json() for one in found.effects]
-    improved = replace(state.model, effects=[*model.effects, *entries], offset_um=model.offset_um + offset.added)
+    improved = replace(state.model, effects=_entries(model, state.chosen, found, bool(earlier)),
+                       offset_um=model.offset_um + offset.added)
     progress(1.0)
     return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords), spectrum)
+
+
+def _entries(model: Model, chosen: Sequence[Candidate], found: GapDocument, paired: bool) -> list[Any]:
+    """The list `effects` of the improved model: one that has changed in its old place, others at the end."""
+    entries = list(model.effects)
+    for candidate, one in zip(chosen, found.effects):
+        entry = records.EffectEntry(name=one.name, stage=one.stage, column=one.column, parameters=one.parameters,
+                                    origin="gap", new=True if paired else None, was=one.was)
+        place = effects.place(model, candidate.effect)
+        if place is None:
+            entries.append(entry.to_json())
+            continue
+        if model.effects[place].get("new"):  # the earlier recordings are from before that change as well
+            entry = replace(entry, new=True, was=model.effects[place].get("was"))
+        entries[place] = entry.to_json()
+    return entries
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +101,11 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
     selection = select(given, gap, without, progress)
     verdict = _verdict(selection, gap)
     notes = _remarks(selection, gap, verdict)
-    accepted = bool(selection.accepted.chosen)
-    if accepted and given.dataset.monitored and rms(selection.after_um) > rms(selection.before_um):
+    chosen = selection.accepted.chosen
+    notes += [f"monitor_V does not show {one}, which the model holds ahead of it: the effect acts behind the monitor; "
+              "leave the column out to ask whether it has changed" for one in given.unseen_by_monitor()
+              if not any(other.effect.replaces(one.effect) for other in chosen)]
+    if chosen and given.dataset.monitored and rms(selection.after_um) > rms(selection.before_um):
         notes.append("the effects that monitor_V shows would make the residual larger, so the monitor is late, "
                      "filtered or wrong; leave its column out")
         verdict = "unknown" if _sure(selection, gap) else "none"
@@ -110,7 +130,7 @@ def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], ea
             note.startswith(run.path) for run in earlier)]
         earlier = checks.same_drives(runs, earlier)
         known = None if known is None else passport.repeated(known)
-        if any(not entry.get("new") for entry in model.effects):
+        if any(not entry.get("new") and entry.get("origin") != "fit" for entry in model.effects):
             notes.append("the diagnosis assumes that the model's effects also acted in the earlier recordings")
         notes += [f"{run.path}: its memory is {run.memory}, but {then.memory} in its earlier recording; a different "
                   "start looks like a change" for run, then in zip(runs, earlier) if run.memory != then.memory]

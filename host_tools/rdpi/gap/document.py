@@ -10,7 +10,7 @@ import numpy as np
 from .. import version
 from ..fit import localise
 from ..model import Passport, records
-from ..simulate import signals
+from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE, STAGES
 from . import experiment, numerics, thresholds
 from .candidates import Candidate
@@ -61,6 +61,7 @@ def _effects(selection: Selection, final: NormalEquations | None) -> list[Accept
         before = rms(selection.before_um) * float(np.sqrt(done.before / first.before)) if first.before > 0 else 0.0
         found.append(AcceptedEffect(
             name=one.effect.name, stage=one.effect.stage, **one.effect.options, parameters=_parameters(one, widths),
+            was=_was(selection, one),
             held_out_rms_um=BeforeAfter(before=before, after=before * (1 - shrink)),
             shrink=shrink, shrink_ci95=ends, confidence=_confidence(done),
             confusable_with=list(dict.fromkeys(rival.name for rival in done.rivals))))
@@ -78,6 +79,12 @@ def _parameters(one: Candidate, widths: dict[str, float]) -> dict[str, records.E
         result[parameter.name] = records.EffectParameter(value=_finite(value), ci95=ends,
                                                          unit=one.effect.unit(parameter))
     return result
+
+
+def _was(selection: Selection, one: Candidate) -> dict[str, float | None] | None:
+    """What the model that was given holds in its place; None: nothing."""
+    known = None if one.per_run else effects.replaced(selection.given.known, one.effect)
+    return None if known is None else {name: _finite(value) for name, value in known.values.items()}
 
 
 def _confidence(done: Round) -> float:
@@ -106,7 +113,7 @@ def _candidates(selection: Selection) -> list[CandidateEntry]:
             name=one.name, stage=one.candidate.effect.stage, shrink=one.shrink, shrink_ci95=one.shrink_ci,
             refitted_shrink=one.refitted_shrink,
             parameters=_parameters(selection.final(first) if one is first.best else one.candidate, {}),
-            excited=True, share_of_excess=one.share, rejected_because=rejected)
+            was=_was(selection, one.candidate), excited=True, share_of_excess=one.share, rejected_because=rejected)
     for name, kind in CATALOGUE.items():
         if name not in result:
             why = "excluded by --without" if name in selection.without else \

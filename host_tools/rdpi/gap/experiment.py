@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +12,8 @@ from ..data import Recording, excite
 from ..errors import BadInput
 from ..fit import localise, passport
 from ..model import Passport
-from ..simulate.effects import Effect
+from ..simulate import effects
+from ..simulate.effects import Acting, Effect
 from . import candidates
 from .augmented import AugmentedModel
 from .candidates import Candidate
@@ -50,7 +52,7 @@ def propose(selection: Selection, verdict: Verdict) -> NextExperiment | None:
             metadata = {"memory": "reset", "sample_rate_hz": f"{limits.sample_rate_hz:.12g}"}
             drive = Recording("next.csv", metadata, columns)
             dataset = Dataset(state.model, [_shown(state, truth, drive), at_hand], monitored=False)
-            apart = min(_apart(dataset, rival.effect) for rival in rivals)
+            apart = min(_apart(dataset, state.known, rival.effect) for rival in rivals)
             worth = apart / _missed(state, known, drive) ** 2 / seconds
         except BadInput:  # this drive is not to be had, or not to be simulated
             continue
@@ -86,20 +88,20 @@ def _command(state: AugmentedModel, kind: str, options: dict[str, Any]) -> str:
     return " ".join(parts + [f"--{excite.OPTION_NAMES[name]} {value:g}" for name, value in options.items()])
 
 
-def _apart(dataset: Dataset, rival: Effect) -> float:
+def _apart(dataset: Dataset, known: Sequence[Acting], rival: Effect) -> float:
     """Sum of squares that the rival leaves of what the truth would show in a drive and in a recording at hand.
 
     It is fitted to both: what happens to be alike in the one differs in the other.
     """
-    before = dataset.predict([])
-    found = candidates.search(dataset, rival, [], before)
+    before = dataset.predict(known)
+    found = candidates.search(dataset, rival, known, before)
     left = dataset.measured - before
     return float(np.sum((left if found is None else left - found.change) ** 2))
 
 
 def _shown(state: AugmentedModel, truth: Candidate, run: Recording) -> Recording:
     """What an actuator that is the model with this effect would show."""
-    shown = model_runs(state.model, [run], False)[0].predict([truth.acting])
+    shown = model_runs(state.model, [run], False)[0].predict(effects.beside(state.known, truth.acting))
     if truth.per_run:
         columns = truth.effect.columns(run, truth.values, state.model)
         shown = shown + columns @ truth.effect.usual_sizes(truth.values)
@@ -111,4 +113,4 @@ def _missed(state: AugmentedModel, known: Passport | None, drive: Recording) -> 
     if known is None:
         return 1.0
     (one,) = model_runs(state.model, [drive], False)
-    return passport.level_um(known, localise.coordinates(drive, one.predict([]), one.rate_um_per_s))
+    return passport.level_um(known, localise.coordinates(drive, one.predict(state.known), one.rate_um_per_s))

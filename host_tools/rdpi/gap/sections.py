@@ -28,6 +28,9 @@ class AcceptedEffect(Document):
     stage: str = json_key("stage of the chain at which it acts")
     column: str | None = json_key("column of the recordings that it follows", omitted=True)
     parameters: dict[str, records.EffectParameter] = json_key("parameters by name")
+    was: dict[str, float | None] | None = json_key(
+        "of an effect that the model holds already and that has changed: values in the model that was given, by name",
+        omitted=True)
     held_out_rms_um: BeforeAfter = json_key("residual of recordings, or parts of them, that it was not fitted to",
                                             "um")
     shrink: float = json_key("share by which it shrinks that residual's rms", high=1)
@@ -48,6 +51,9 @@ class CandidateEntry(Document):
     refitted_shrink: float = json_key("share by which it shrinks that rms beyond what fitting the model anew brings",
                                       high=1)
     parameters: dict[str, records.EffectParameter] = json_key("parameters by name")
+    was: dict[str, float | None] | None = json_key(
+        "of an effect that the model holds already, and that was asked whether it has changed: values in the model, by "
+        "name", omitted=True)
     excited: bool = json_key("true: these recordings can show it, and it was tried")
     share_of_excess: float | None = json_key("share that it explains of the squares beyond the passport", omitted=True)
     rejected_because: str | None = json_key("why it was not accepted; null: it was accepted, or explains as much")

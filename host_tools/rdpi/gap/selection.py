@@ -241,8 +241,7 @@ def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
              ) -> tuple[list[Candidate], dict[str, str]]:
     """Every effect of the catalogue that was not accepted yet, where it may act; and those that cannot be tried."""
     taken = {one.effect.name for one in state.chosen} | set(without)
-    tried = [effect for name, kind in CATALOGUE.items() if name not in taken for effect in
-             kind.variants(state.recordings)]
+    tried = [effect for name, kind in CATALOGUE.items() if name not in taken for effect in state.places(kind)]
     found, refused = [], {}
     before = state.dataset.measured - state.residual
     for k, effect in enumerate(tried):
@@ -272,14 +271,16 @@ def _score(state: AugmentedModel, equations: NormalEquations, baseline: Baseline
     grid = state.grid_squares(one)
     kept = min(float(np.sum(within) + np.sum(left)) / 2, max(floor, total - grid))
     shrink = shrink_of(left, baseline.frozen)
-    if state.dataset.monitored and one.effect.before_monitor:
-        shrink = min(shrink, _shrink_from_command(state, one))
     lowest = max(min(np.sum(baseline.frozen), np.sum(baseline.refitted)), 1e-300)
+    refitted_shrink = float(1 - np.sqrt(np.sum(refitted) / lowest))
+    if state.dataset.monitored and (one.effect.before_monitor or state.known and not one.per_run):
+        from_command = _shrink_from_command(state, one)
+        shrink, refitted_shrink = min(shrink, from_command), min(refitted_shrink, from_command if state.known else 1.0)
     return Score(
         candidate=one, left=kept, shrink=shrink, shrink_ci=shrink_interval(left, baseline.frozen, recordings),
         gain=float(1 - np.sqrt(kept / max(total, 1e-300))) if grid else shrink - one.effect.chance_gain[0],
         share=(total - kept) / max(total - floor, 1e-9 * total, 1e-300),
-        refitted_shrink=float(1 - np.sqrt(np.sum(refitted) / lowest)),
+        refitted_shrink=refitted_shrink,
         refitted_left=float(np.sum(refitted) + np.sum(refitted_within)) / 2,
         refitted_ci=shrink_interval(refitted, min(baseline.frozen, baseline.refitted, key=np.sum), recordings),
         monitor_left=float(np.sum(within[state.dataset.of_monitor])), was_there=state.was_there(one))
@@ -288,7 +289,7 @@ def _score(state: AugmentedModel, equations: NormalEquations, baseline: Baseline
 def _shrink_from_command(state: AugmentedModel, one: Candidate) -> float:
     """What a monitor shows of the amplifier the model may hold already: only what helps from the command counts."""
     left = np.concatenate(state.residual_um)
-    change = state.by_command.predict(effects.in_order([*state.acting(), one.acting])) - state.predicted_by_command
+    change = state.by_command.predict(effects.beside(state.acting(), one.acting)) - state.predicted_by_command
     return shrink_of((left - change) ** 2, left**2)
 
 

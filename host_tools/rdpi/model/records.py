@@ -28,9 +28,11 @@ class EffectEntry(Document):
     column: str | None = json_key("column of the recordings that it follows", omitted=True)
     parameters: dict[str, float | EffectParameter | None] = json_key(
         "parameters by name: an object, or its value alone")
-    origin: Literal["fit", "gap"] | None = json_key("which command found it", omitted=True)
-    new: bool | None = json_key("true: `rdpi gap --earlier` found it, so it did not act in the earlier recordings",
-                                omitted=True)
+    origin: Literal["fit", "gap"] | None = json_key("the command that found these values", omitted=True)
+    new: bool | None = json_key("true: `rdpi gap --earlier` found these values; in the earlier recordings it acted "
+                                "with those of `was`, or did not act", omitted=True)
+    was: dict[str, float | None] | None = json_key("values before `rdpi gap` found them changed, by parameter",
+                                                   omitted=True)
 
 
 @dataclass(kw_only=True)

@@ -84,7 +84,7 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
     predictions: list[Prediction] = []
     for run in runs:
         check_sizes(run.columns, lambda row, path=run.path: f"{path}, sample {row}")
-        run = replace(run, columns={**run.columns, "command_V": effects.driven(acting, run.command_V, run, model)})
+        run = _driven(model, run, acting)
         kind = run.memory if memory == "auto" else memory
         if unknown and run.displacement_um is not None:
             kind = "unknown"
@@ -101,6 +101,11 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
         shown = effects.disturbed(acting, effects.displaced(acting, found.predicted_um, run, model), run, model)
         predictions.append(replace(found, predicted_um=shown))
     return predictions
+
+
+def _driven(model: Model, run: Recording, acting: Sequence[effects.Acting]) -> Recording:
+    """The run with the drive that reaches the actuator."""
+    return replace(run, columns={**run.columns, "command_V": effects.driven(acting, run.command_V, run, model)})
 
 
 def states_after(position_um: float, x0_um: float, thresholds_um: np.ndarray) -> np.ndarray:
@@ -189,7 +194,9 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     elif run.memory == "reset":
         model = replace(model, memory=rest_at(model, float(usable[0] - offset)))
     elif recorded:
-        states = estimate_states(model, run)
+        acting = effects.acting(model)  # the inverse ignores them, but the recording shows them
+        plain = effects.operator(acting, replace(model, effects=[]))
+        states = estimate_states(plain, _driven(model, run, acting), acting)
         model = replace(model, memory=Memory(float(states[0]), states))
         model = replace(model, memory=within_drive(model))
     if callable(engine):

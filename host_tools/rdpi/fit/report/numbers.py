@@ -6,6 +6,7 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -91,9 +92,19 @@ def given(parameters: Mapping[str, records.EffectParameter]) -> dict[str, record
             if one.value is not None and not PARAMETERS[name].internal}
 
 
-def sized(name: str, parameter: records.EffectParameter) -> str:
-    """Label, value and unit: "time constant 0.48 ms"."""
-    return f"{_label(name)} {quantity(name, parameter)}".strip()
+def sized(name: str, parameter: records.EffectParameter, was: Mapping[str, float | None] | None = None) -> str:
+    """Label, value and unit: "time constant 0.48 ms", "time constant from 0.30 ms to 0.48 ms" with what it was."""
+    return f"{_label(name)} {quantity(name, parameter) if was is None else moved(name, was, parameter)}".strip()
+
+
+def moved(name: str, was: Mapping[str, float | None], parameter: records.EffectParameter) -> str:
+    """From the old value to the new one: "from 1.0 ms to 1.5 ms"; one that looks the same only once."""
+    old = was.get(name)
+    if old is None:
+        return quantity(name, parameter)
+    largest = max(old, parameter.value, key=abs)
+    texts = [quantity(name, replace(parameter, value=value), largest) for value in (old, parameter.value)]
+    return texts[1] if texts[0] == texts[1] else f"from {texts[0]} to {texts[1]}"
 
 
 def _label(name: str) -> str:
@@ -113,9 +124,9 @@ def unit_of(name: str, parameter: records.EffectParameter) -> str:
     return "" if unit == "1" else unit.replace("um", "µm").replace("degC", "°C")
 
 
-def quantity(name: str, parameter: records.EffectParameter) -> str:
-    """Value and unit, to as many digits as the interval is worth."""
-    factor, unit = _scale(parameter.value, unit_of(name, parameter))
+def quantity(name: str, parameter: records.EffectParameter, largest: float | None = None) -> str:
+    """Value and unit, to as many digits as the interval is worth, in the unit that suits the largest beside it."""
+    factor, unit = _scale(parameter.value if largest is None else largest, unit_of(name, parameter))
     interval = _ends(parameter.ci95)
     if interval:
         return f"{_fixed(factor * parameter.value, factor * (interval[1] - interval[0]))} {unit}".strip()

@@ -135,7 +135,7 @@ def _which(document: GapDocument) -> list[dict[str, Any]]:
     cards, coarse = [], grid(document)
     for effect in document.effects:
         scores, rivals = effect.held_out_rms_um, effect.confusable_with
-        facts = [f"{sized(name, one)}{bracketed(interval(name, one))}"
+        facts = [f"{sized(name, one, effect.was)}{bracketed(interval(name, one))}"
                  for name, one in given(effect.parameters).items()]
         if coarse and words.reading_step_um(effect) > 0:
             facts.append(f"its rounding: step / √12 = {um(coarse.own_um)} rms")
@@ -143,7 +143,7 @@ def _which(document: GapDocument) -> list[dict[str, Any]]:
                   f"shrink {shrink(effect.shrink)}"
                   + (f" (95 % interval {shrinks(effect.shrink_ci95)})" if effect.shrink_ci95 else "")]
         if rivals:
-            facts.append(f"cannot be told from {listed([words.named(name) for name in rivals], 'or')}")
+            facts.append(f"cannot be told from {listed([words.rival(document, name) for name in rivals], 'or')}")
         cards.append({**about(effect.name), "stage": effect.stage, "facts": facts, "rival": False})
         cards += [{**about(name), "stage": "", "facts": [], "rival": True} for name in rivals]
     return cards
@@ -171,7 +171,7 @@ def _candidates(document: GapDocument) -> list[dict[str, Any]]:
         little = kind == "rejected" and max(best, refitted) < LITTLE
         sizes = {} if little else given(shown.parameters)
         row = {"id": name, "title": words.title(name), "stage": shown.stage,
-               "size": "; ".join(sized(*item) for item in sizes.items()) or NONE,
+               "size": "; ".join(sized(*item, shown.was) for item in sizes.items()) or NONE,
                "shrink": shrink(shown.shrink), "interval": shrinks(shown.shrink_ci95),
                "refitted": NONE if refitted is None else shrink(refitted), "verdict": verdict, "kind": kind,
                "little": little}

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...fit import FITTED
-from ...fit.report import (SAME, bin_names, bracketed, change, drawing, given, interval, listed, number, percent, plain,
-                           quantity, sentence_of, shrinks, sized, times, um, unit_of)
+from ...fit.report import (SAME, bin_names, bracketed, change, drawing, given, interval, listed, moved, number, percent,
+                           plain, quantity, sentence_of, shrinks, sized, times, um, unit_of)
 from ...simulate.effects import CATALOGUE, PARAMETERS
 from ..sections import AcceptedEffect, CandidateEntry, GapDocument, NextExperiment
 
@@ -98,15 +98,30 @@ def named(name: str) -> str:
     return f"{CATALOGUE[name].article} {title(name)}".strip()
 
 
+def change_of(name: str) -> str:
+    """The same of one that the model holds already: "a change of the signal delay", "a change of creep"."""
+    return f"a change of {'the ' if CATALOGUE[name].article else ''}{title(name)}"
+
+
+def rival(document: GapDocument, name: str) -> str:
+    """What an accepted effect cannot be told from."""
+    held = any(one.name == name and one.was is not None for one in document.candidates)
+    return change_of(name) if held else named(name)
+
+
 def phrase(effect: AcceptedEffect) -> str:
-    """An accepted effect with its size: "a signal delay of 0.52 ms (95 % interval 0.48 to 0.56 ms)"."""
-    text, sizes = named(effect.name), given(effect.parameters)
-    if len(sizes) == 1 and not {"of", "from"} & set(text.split()):
+    """An accepted effect with its size: "a signal delay of 0.52 ms (95 % interval 0.48 to 0.56 ms)", "a change of the
+    signal delay from 1.0 ms to 1.5 ms".
+    """
+    was, sizes = effect.was, given(effect.parameters)
+    text = named(effect.name) if was is None else change_of(effect.name)
+    if len(sizes) == 1 and not {"of", "from"} & set(title(effect.name).split()):
         (name, one), = sizes.items()
         if unit_of(name, one):
-            return f"{text} {PARAMETERS[name].joined} {quantity(name, one)}{bracketed(interval(name, one))}"
+            size = f"{PARAMETERS[name].joined} {quantity(name, one)}" if was is None else moved(name, was, one)
+            return f"{text} {size}{bracketed(interval(name, one))}"
     return text + bracketed("; ".join(
-        ", ".join(filter(None, (sized(name, one), interval(name, one, False))))
+        ", ".join(filter(None, (sized(name, one, was), interval(name, one, False))))
         for name, one in sizes.items()))
 
 
@@ -186,7 +201,7 @@ def sentence(document: GapDocument) -> str:
 def _explained(document: GapDocument) -> str:
     """What explains the gap, how well, and whether it is sure."""
     effects, coarse = document.effects, grid(document)
-    causes = [_cause(effect) for effect in effects]
+    causes = [_cause(document, effect) for effect in effects]
     several = len(causes) > 1
     before, after = held_out(document)
     text = listed(causes) + (" explain " if several else " explains ")
@@ -203,9 +218,9 @@ def _explained(document: GapDocument) -> str:
     return " ".join(filter(None, lines))
 
 
-def _cause(effect: AcceptedEffect) -> str:
+def _cause(document: GapDocument, effect: AcceptedEffect) -> str:
     """An accepted effect, or it and its rivals: "either a signal delay of 0.52 ms or a first-order lag"."""
-    others = [named(name) for name in effect.confusable_with]
+    others = [rival(document, name) for name in effect.confusable_with]
     return f"either {listed([phrase(effect), *others], 'or')}" if others else phrase(effect)
 
 

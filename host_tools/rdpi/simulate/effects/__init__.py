@@ -37,7 +37,8 @@ from .static_nonlinearity import StaticNonlinearity
 from .thermal_drift import ThermalDrift
 
 __all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Effect", "Parameter", "Residuals",
-           "Values", "acting", "displaced", "disturbed", "driven", "entries", "operator"]
+           "Values", "acting", "beside", "disturbed", "displaced", "driven", "entries", "operator", "place",
+           "replaced", "then"]
 
 CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
     # where two act at one stage, the first comes first
@@ -56,18 +57,59 @@ class Acting(NamedTuple):
     effect: Effect
     values: dict[str, float]
 
+    def __str__(self) -> str:
+        """Name, stage and size: "lag at the amplifier (time_constant_s 0.002 s)"."""
+        sizes = [f"{one.name} {self.values[one.name]:.4g} {self.effect.unit(one)}".removesuffix(" 1")
+                 for one in self.effect.parameters if not one.internal and self.values[one.name] != one.absent]
+        return f"{self.effect.name} at stage {self.effect.stage}" + (f" ({', '.join(sizes)})" if sizes else "")
+
 
 def acting(model: Model) -> list[Acting]:
-    """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete."""
+    """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete, and for
+    one that stands twice.
+    """
     arguments.of_kind(model, Model, "model")
-    found = [_acting(entry, f"{model.where}: effects[{k}]") for k, entry in enumerate(model.effects)]
+    found: list[Acting] = []
+    for k, entry in enumerate(model.effects):
+        where = f"{model.where}: effects[{k}]"
+        one = _acting(entry, where)
+        if (same := replaced(found, one.effect)) is not None:
+            raise BadInput(f"{where} ({one.effect.name}) is at {one.effect.stage}, as effects[{found.index(same)}] is; "
+                           "a chain holds an effect once at a stage: remove one of them")
+        if entry.get("was") is not None:
+            _acting({**entry, "parameters": entry["was"]}, f"{where}: was")
+        found.append(one)
     return in_order(found)
+
+
+def place(model: Model, effect: Effect) -> int | None:
+    """Where the model's list holds the one in whose place the effect would stand; None: nowhere."""
+    held = (_acting(entry, model.where).effect for entry in model.effects)
+    return next((k for k, one in enumerate(held) if effect.replaces(one)), None)
+
+
+def then(model: Model) -> Model:
+    """The model with its effects as they acted before `rdpi gap --earlier` found them new, or changed."""
+    acted = [entry if not entry.get("new") else {**entry, "parameters": entry["was"]} for entry in model.effects
+             if not entry.get("new") or entry.get("was") is not None]
+    return replace(model, effects=acted)
 
 
 def entries(effects: Iterable[Acting]) -> list[dict[str, Any]]:
     """Effects as the model file's list holds them."""
     return [{"name": one.effect.name, "stage": one.effect.stage, **one.effect.options, "parameters": dict(one.values)}
             for one in effects]
+
+
+def replaced(effects: Iterable[Acting], effect: Effect) -> Acting | None:
+    """The one in whose place the effect would stand; None: it would stand beside all of them."""
+    return next((one for one in effects if effect.replaces(one.effect)), None)
+
+
+def beside(effects: Iterable[Acting], *more: Acting) -> list[Acting]:
+    """Effects with others beside them, or in their place, along the chain."""
+    kept = [one for one in effects if not any(other.effect.replaces(one.effect) for other in more)]
+    return in_order([*kept, *more])
 
 
 def in_order(effects: Iterable[Acting]) -> list[Acting]:
@@ -162,7 +204,7 @@ def _misnamed(entry: dict[str, Any], given: dict[str, Any], kind: type[Effect]) 
     own = [parameter.name for parameter in kind.parameters]
     missing = [name for name in own if name not in given]
     strange = [key for key in given if key not in own]
-    beside = [key for key in own if key in entry]
+    beside = [key for key in own if isinstance(entry.get(key), (int, float, dict))]  # not the text of a key "origin"
     if not missing or not strange and not beside and len(missing) < len(own):
         return None
     known = ", ".join(f"{parameter.name} ({parameter.unit})" for parameter in kind.parameters)

@@ -67,6 +67,7 @@ class Effect:
     parameters: ClassVar[tuple[Parameter, ...]]
     linear: ClassVar[bool] = False  # the displacement is linear in the parameters, at least while they are small
     of_column: ClassVar[str | None] = None  # the covariate that it follows by default; None: it follows none
+    several: ClassVar[bool] = False  # a chain may hold it more than once at a stage
     # --- how it is estimated
     of_rig: ClassVar[bool] = False  # stands around the operator of ordinary rigs; `fit` looks for it unless told not to
     needs_rates: ClassVar[bool] = False  # with strokes of a single rate it looks like a loop
@@ -108,6 +109,10 @@ class Effect:
     def ahead(self) -> bool:
         """Whether it acts on the drive or on the operator, not on the displacement."""
         return self.drives or type(self).operator is not Effect.operator
+
+    def replaces(self, other: Effect) -> bool:
+        """Whether a chain that holds the other cannot hold this one beside it, only in its place."""
+        return not self.several and (self.name, self.stage, self.column) == (other.name, other.stage, other.column)
 
     @property
     def fitted(self) -> tuple[str, ...]:

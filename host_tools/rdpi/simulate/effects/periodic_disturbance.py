@@ -26,6 +26,7 @@ class PeriodicDisturbance(Effect):
     stages = ("environment",)
     parameters = Parameter("frequency_hz", "Hz", 0.0, np.inf), Parameter("amplitude_um", "um", 0.0, np.inf)
     disturbance = True
+    several = True  # lines at other frequencies
     frequency = "frequency_hz"
     chance_gain = 0.08, 0.08
 
