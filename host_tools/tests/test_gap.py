@@ -249,7 +249,7 @@ def paper(commissioning: str) -> tuple[Model, vb.Bench]:
     """
     bench = vb.make("paper", 3, noise_um=NOISE_UM)
     runs = played(bench, SLOW if commissioning == "slow" else FAST, commissioning == "swept")
-    return fit(runs, Options(rate_independent=True)).model, bench
+    return fit(runs, Options(rate_independent=True, effects="none")).model, bench
 
 
 @pytest.mark.parametrize("kind", SEVERAL_RATES)
@@ -505,7 +505,9 @@ CREEP = entry("creep", percent_per_decade=3.0)  # that the actuator always had
 
 @lru_cache(maxsize=None)
 def with_creep() -> Model:
-    return fit(recorded(plain_model(), drives(COMMISSIONING), CREEP), Options(rate_independent=True)).model
+    """Of the operator alone: with the creep in the model nothing would hide."""
+    return fit(recorded(plain_model(), drives(COMMISSIONING), CREEP),
+               Options(rate_independent=True, effects="none")).model
 
 
 def twice(*entries: dict, always: Sequence[dict] = (CREEP,)) -> tuple[list[Recording], list[Recording]]:

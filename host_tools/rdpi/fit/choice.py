@@ -54,7 +54,8 @@ class Judged:
         """
         gain = other.held_out - self.held_out
         error = np.sqrt(gain.shape[1]) * np.std(gain, axis=1, ddof=1)
-        matters = max(tuned.CHAIN_SHARE * other.left, tuned.CHAIN_LEAST**2 * self.state.setting.samples)
+        share = max([tuned.CHAIN_SHARE, *(one.effect.least_gain for one in self.hypothesis.beside(other.hypothesis))])
+        matters = max(share * other.left, tuned.CHAIN_LEAST**2 * self.state.setting.samples)
         return bool(np.all(np.sum(gain, axis=1) > np.maximum(error, matters)))
 
 

@@ -49,6 +49,11 @@ class Hypothesis:
     def lacking(self, one: Acting) -> Hypothesis:
         return replace(self, acting=tuple(other for other in self.acting if other is not one))
 
+    def beside(self, other: Hypothesis) -> list[Acting]:
+        """Effects that the other lacks."""
+        names = {one.effect.name for one in other.acting}
+        return [one for one in self.acting if one.effect.name not in names]
+
     @property
     def size(self) -> int:
         """Number of parameters; a rate law counts as two."""
@@ -363,7 +368,7 @@ class Linearised:
         return result
 
     def intervals(self) -> list[dict[str, tuple[float, float]]]:
-        """95 % intervals of the parameters of each effect that acts, within bounds; none for one that stands at a bound.
+        """95 % intervals of the parameters of each effect that acts, within bounds; none for one at a bound.
 
         Jackknife over the blocks: what the operator cannot show makes neighbouring samples err alike, not blocks.
         """
@@ -395,8 +400,8 @@ def _scale(one: Acting, name: str) -> float:
 
 
 def shifted(one: Acting, step: dict[str, float]) -> Acting:
-    """With parameters moved within bounds, by factors those that move in their logarithm; as it was if they cannot
-    stand together.
+    """With parameters moved within bounds, those in their logarithm by factors; as it was if they cannot stand
+    together.
     """
     values = dict(one.values)
     for name, move in step.items():

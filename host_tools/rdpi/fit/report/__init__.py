@@ -5,11 +5,12 @@ from __future__ import annotations
 from . import drawing
 from .figure import check_picture_name, picture, write_picture
 from .numbers import (NONE, SAME, base, bin_names, bracketed, change, drawn, edge_names, given, interval, listed,
-                      moved, number, percent, plain, quantity, sentence_of, shrink, shrinks, sized, tight, times, um, unit_of)
+                      moved, number, percent, plain, quantity, sentence_of, shrink, shrinks, sized, tight, times, um,
+                      unit_of)
 from .page import page_of
 from .templating import environment
 
 __all__ = ["NONE", "SAME", "base", "bin_names", "bracketed", "change", "check_picture_name", "drawing", "drawn",
-           "edge_names", "environment", "given", "interval", "listed", "moved", "number", "page_of", "percent", "picture",
-           "plain", "quantity", "sentence_of", "shrink", "shrinks", "sized", "tight", "times", "um", "unit_of",
+           "edge_names", "environment", "given", "interval", "listed", "moved", "number", "page_of", "percent",
+           "picture", "plain", "quantity", "sentence_of", "shrink", "shrinks", "sized", "tight", "times", "um", "unit_of",
            "write_picture"]

@@ -73,6 +73,7 @@ class Effect:
     needs_rates: ClassVar[bool] = False  # with strokes of a single rate it looks like a loop
     needs_loops: ClassVar[bool] = False  # with strokes of a single size it does
     on_rig: ClassVar[Mapping[str, tuple[float, float]]] = {}  # narrower bounds of parameters where `fit` looks for it
+    least_gain: ClassVar[float] = 0.0  # share of the squares that it must take away, where it makes up for other misfit
     disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
     starts_memory: ClassVar[bool] = False  # acts by where the plays start, and by nothing else
     moves_zero: ClassVar[bool] = False  # the zero is estimated along with it
