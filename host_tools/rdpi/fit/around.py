@@ -15,7 +15,8 @@ from ..simulate.effects import CATALOGUE, Effect
 from . import thresholds as tuned
 from .choice import Choice, Kept, choose, forced, starts
 from .document import BeforeAfter, IdentifiedEffect
-from .joint import Hypothesis, Setting, Unknowns, refined
+from .hypothesis import Hypothesis, Setting, Unknowns
+from .joint import refined
 
 if TYPE_CHECKING:
     from .identify import Operator, Options

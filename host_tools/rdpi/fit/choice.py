@@ -18,7 +18,8 @@ import numpy as np
 
 from ..simulate.effects import Acting, Effect, Residuals
 from . import thresholds as tuned
-from .joint import Hypothesis, Linearised, Setting, Unknowns, refined, shifted
+from .hypothesis import Hypothesis, Setting, Unknowns, shifted
+from .joint import Linearised, refined
 
 STARTS = 3  # of an effect's starts, of which derivatives are taken
 FULL_STEPS = 20  # of Levenberg and Marquardt for all effects together

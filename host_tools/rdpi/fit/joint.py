@@ -14,127 +14,23 @@ one Gram matrix per block of each recording. Steps, leaving blocks out and inter
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from .. import firmware
 from ..data import Recording
-from ..model import Model
 from ..simulate import effects
 from ..simulate.effects import Acting
 from . import thresholds as tuned
+from .hypothesis import Hypothesis, Setting, Unknowns, bounds, scale_of, shifted
 from .regression import prior
 
 BLOCKS = 8  # of each recording
-ROWS = 12_000  # samples that the Gram matrices hold
 STEPS = 8  # of Levenberg and Marquardt
 ENOUGH = 1e-3  # relative change of the squares at which they end
 PROBE = 1e-3  # change of the prediction that a derivative is taken over, share of the stroke
-FASTEST = 1.25  # of the highest rate; faster samples count as so fast
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """What acts beside the rate-independent operator."""
-
-    acting: tuple[Acting, ...] = ()  # in the order of the chain
-    rated: bool = False  # slopes depend on the rate
-
-    def having(self, one: Acting) -> Hypothesis:
-        return replace(self, acting=tuple(effects.in_order([*self.acting, one])))
-
-    def lacking(self, one: Acting) -> Hypothesis:
-        return replace(self, acting=tuple(other for other in self.acting if other is not one))
-
-    def beside(self, other: Hypothesis) -> list[Acting]:
-        """Effects that the other lacks."""
-        names = {one.effect.name for one in other.acting}
-        return [one for one in self.acting if one.effect.name not in names]
-
-    @property
-    def size(self) -> int:
-        """Number of parameters; a rate law counts as two."""
-        return sum(len(one.effect.fitted) for one in self.acting) + 2 * self.rated
-
-
-@dataclass(frozen=True, eq=False)
-class Unknowns:
-    """The regression's linear unknowns."""
-
-    rest: np.ndarray  # W_i at rest
-    change: np.ndarray  # W_i at the highest rate less rest
-    pieces: np.ndarray  # U_1 ... U_m
-
-
-@dataclass(frozen=True, eq=False)
-class Setting:
-    """What is the same for every hypothesis."""
-
-    runs: Sequence[Recording]
-    states_um: Sequence[np.ndarray | None]  # plays before the first sample; None: at rest where the drive begins
-    first: Sequence[int]  # samples before this depend on an unknown memory
-    model: Model  # gain, offset, thresholds and drive
-    corners_um: np.ndarray  # of the inverse saturation, um of measured displacement
-    rates_um_per_s: Sequence[np.ndarray]
-    top_um_per_s: float
-
-    @cached_property
-    def rows(self) -> list[np.ndarray]:
-        """Samples of each run that count."""
-        stride = max(1, sum(len(run) for run in self.runs) // ROWS)
-        return [np.arange(first, len(run), stride) for run, first in zip(self.runs, self.first)]
-
-    @cached_property
-    def samples(self) -> int:
-        return sum(map(len, self.rows))
-
-    @cached_property
-    def shares(self) -> list[np.ndarray]:
-        """Rate over the highest one, per run."""
-        return [np.minimum(rate / self.top_um_per_s, FASTEST) for rate in self.rates_um_per_s]
-
-    def driven(self, k: int, acting: Sequence[Acting]) -> Recording:
-        run = self.runs[k]
-        drive_V = effects.driven(acting, run.command_V, run, self.model)
-        return replace(run, columns={**run.columns, "command_V": drive_V})
-
-    def plays(self, k: int, drive_V: np.ndarray, whole: bool) -> np.ndarray:
-        """y_i - y_(i+1) of a run, (samples, n + 1): of all samples, or of those that count.
-
-        For those, only turning points matter of all that lies between.
-        """
-        x, at = self.model.x_of(drive_V), self.rows[k]
-        used = np.arange(len(x))
-        if not whole:
-            turns = np.flatnonzero(np.diff(np.sign(np.diff(x)))) + 1
-            used = np.union1d(at, turns)
-        r, start = self.model.thresholds_um, self.states_um[k]
-        outputs, _ = firmware.plays(x[used], r, np.full(len(r), x[0]) if start is None else start)
-        outputs[:, :-1] -= outputs[:, 1:]
-        return outputs if whole else outputs[np.searchsorted(used, at)]
-
-    def segments(self, z_um: np.ndarray) -> np.ndarray:
-        """seg_0 ... seg_m, (samples, m + 1)."""
-        beyond = np.maximum(z_um[:, None] - self.corners_um, 0)
-        parts = np.hstack([z_um[:, None], beyond])
-        parts[:, :-1] -= beyond
-        return parts
-
-    def straightened(self, z_um: np.ndarray, found: Unknowns) -> np.ndarray:
-        """sum_j U_j seg_j."""
-        return self.segments(z_um) @ np.r_[1.0, found.pieces]
-
-    def bent(self, v_um: np.ndarray, found: Unknowns) -> np.ndarray:
-        """The inverse of `straightened`."""
-        if not len(self.corners_um):
-            return v_um
-        corners = self.corners_um
-        levels = self.straightened(corners, found)
-        below, above = np.minimum(v_um - levels[0], 0), np.maximum(v_um - levels[-1], 0) / found.pieces[-1]
-        return np.interp(v_um, levels, corners) + below + above
 
 
 class Linearised:
@@ -147,6 +43,7 @@ class Linearised:
         self.linear = np.r_[np.arange(n * (1 + hypothesis.rated)), 2 * n + np.arange(m)]
         at = 2 * n + m
         self.free = [(place, name) for place, one in enumerate(hypothesis.acting) for name in one.effect.fitted]
+        self.own_start = at
         self.own = at + np.arange(len(self.free))
         at += len(self.free)
         self.join_columns = []
@@ -203,7 +100,8 @@ class Linearised:
                                           for name in join.effect.fitted)]
         return np.hstack([*columns, segments[:, :1]])
 
-    def _derivative(self, acting: Sequence[Acting], place: int, name: str, change, at=0.0) -> np.ndarray:
+    def _derivative(self, acting: Sequence[Acting], place: int, name: str,
+                    change: Callable[[Sequence[Acting], bool], np.ndarray], at: np.ndarray | float = 0.0) -> np.ndarray:
         """Of the residual by a parameter: a difference over a step that moves it by about PROBE."""
         one = acting[place]
         value, (low, high) = one.values[name], bounds(one, name)
@@ -301,17 +199,16 @@ class Linearised:
 
         Those at a bound stay there if they would leave it.
         """
-        weights = np.zeros(self.blocks.shape[1])
         found, _, residual = self.best(self.blocks)
-        n, m = len(found.rest), len(found.pieces)
-        weights[:n], weights[n:2 * n], weights[2 * n:2 * n + m], weights[-1] = found.rest, found.change, found.pieces, -1
+        weights = -self.target
+        weights[:self.own_start] = np.r_[found.rest, found.change, found.pieces]
         used = np.r_[self.linear, self.own]
         gram = np.sum(self.blocks, axis=0)
         rows, _ = self._prior(self.hypothesis.rated)
         split = len(self.linear)
         left = gram[np.ix_(used, used)]
         left[:split, :split] += self.setting.samples * residual**2 * rows.T @ rows
-        scale = np.array([_scale(self.hypothesis.acting[place], name) for place, name in self.free])
+        scale = np.array([scale_of(self.hypothesis.acting[place], name) for place, name in self.free])
         across = left[split:, :split]
         curvature = (left[split:, split:] - across @ np.linalg.lstsq(left[:split, :split], across.T, rcond=1e-13)[0]
                      ) * np.outer(scale, scale)
@@ -380,35 +277,12 @@ class Linearised:
         errors = np.sqrt((count - 1) / count * np.sum((moves - np.mean(moves, axis=0)) ** 2, axis=0))
         result: list[dict[str, tuple[float, float]]] = [{} for _ in self.hypothesis.acting]
         for column, error in zip(moving, errors):
-            place, name = self.free[column - self.own[0]]
+            place, name = self.free[column - self.own_start]
             one = self.hypothesis.acting[place]
             ends = one.values[name] + tuned.CHAIN_WIDEN * 1.96 * error * np.array([-1.0, 1.0])
             low, high = np.clip(ends, *bounds(one, name))
             result[place][name] = float(low), float(high)
         return result
-
-
-def bounds(one: Acting, name: str) -> tuple[float, float]:
-    """Of a parameter on a rig."""
-    parameter = next(item for item in one.effect.parameters if item.name == name)
-    return one.effect.on_rig.get(name, parameter.ends)
-
-
-def _scale(one: Acting, name: str) -> float:
-    """A parameter that is always positive moves in its logarithm."""
-    return one.values[name] if bounds(one, name)[0] > 0 else 1.0
-
-
-def shifted(one: Acting, step: dict[str, float]) -> Acting:
-    """With parameters moved within bounds, those in their logarithm by factors; as it was if they cannot stand
-    together.
-    """
-    values = dict(one.values)
-    for name, move in step.items():
-        low, high = bounds(one, name)
-        new = values[name] * np.exp(np.clip(move, -1.0, 1.0)) if low > 0 else values[name] + move
-        values[name] = float(np.clip(new, low, high))
-    return one if one.effect.refusal(values) else Acting(one.effect, values)
 
 
 def refined(setting: Setting, hypothesis: Hypothesis, found: Unknowns, steps: int = STEPS) -> Linearised:

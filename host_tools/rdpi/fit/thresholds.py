@@ -28,7 +28,7 @@ RATE_HEADROOM = 1.25  # [identified rate] beyond which the guard never lies; jud
 BAND_OFFSET = 3.0  # [1] weight that keeps the offset of a band of rate near the model's; judged
 MIN_SAMPLES_PER_UNKNOWN = 5  # [samples] fewer cannot be fitted; judged
 
-CHAIN_SHARE = 0.1  # [of the squares] held out, that an effect around the operator must take away; rigs
+CHAIN_SHARE = 0.3  # [of the squares] held out, that an effect around the operator must take away; rigs
 CHAIN_LEAST = 3e-4  # [stroke] rms that it must take away; judged
 CHAIN_WIDEN = 1.5  # [width] by which intervals of its parameters are widened; rigs
 STROKE = 0.1  # [range] a shorter movement is no stroke; judged

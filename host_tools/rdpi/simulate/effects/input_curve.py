@@ -29,7 +29,7 @@ class InputCurve(Effect):
     on_drive = True
     of_rig = True
     needs_loops = True
-    least_gain = 0.4  # less is the plays' own misfit: on plants that are the model it takes away up to a fifth
+    least_gain = 0.4  # less is the misfit of the plays: on plants that are the model it takes away up to a fifth
     parameters = (Parameter("quadratic", "1", -1.0, 1.0), Parameter("cubic", "1", -1.0, 1.0),
                   Parameter("low_V", "V", -LARGEST, LARGEST, internal=True),
                   Parameter("high_V", "V", -LARGEST, LARGEST, internal=True))

@@ -1,0 +1,142 @@
+"""What may stand around the operator, as a hypothesis, and the recordings that it is held against."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from .. import firmware
+from ..data import Recording
+from ..model import Model
+from ..simulate import effects
+from ..simulate.effects import Acting
+
+ROWS = 12_000  # samples that count: more say no more
+FASTEST = 1.25  # of the highest rate; faster samples count as so fast
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What acts beside the rate-independent operator."""
+
+    acting: tuple[Acting, ...] = ()  # in the order of the chain
+    rated: bool = False  # slopes depend on the rate
+
+    def having(self, one: Acting) -> Hypothesis:
+        return replace(self, acting=tuple(effects.in_order([*self.acting, one])))
+
+    def lacking(self, one: Acting) -> Hypothesis:
+        return replace(self, acting=tuple(other for other in self.acting if other is not one))
+
+    def beside(self, other: Hypothesis) -> list[Acting]:
+        """Effects that the other lacks."""
+        names = {one.effect.name for one in other.acting}
+        return [one for one in self.acting if one.effect.name not in names]
+
+    @property
+    def size(self) -> int:
+        """Number of parameters; a rate law counts as two."""
+        return sum(len(one.effect.fitted) for one in self.acting) + 2 * self.rated
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The regression's linear unknowns."""
+
+    rest: np.ndarray  # W_i at rest
+    change: np.ndarray  # W_i at the highest rate less rest
+    pieces: np.ndarray  # U_1 ... U_m
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What is the same for every hypothesis."""
+
+    runs: Sequence[Recording]
+    states_um: Sequence[np.ndarray | None]  # plays before the first sample; None: at rest where the drive begins
+    first: Sequence[int]  # samples before this depend on an unknown memory
+    model: Model  # gain, offset, thresholds and drive
+    corners_um: np.ndarray  # of the inverse saturation, um of measured displacement
+    rates_um_per_s: Sequence[np.ndarray]
+    top_um_per_s: float
+
+    @cached_property
+    def rows(self) -> list[np.ndarray]:
+        """Samples of each run that count."""
+        stride = max(1, sum(len(run) for run in self.runs) // ROWS)
+        return [np.arange(first, len(run), stride) for run, first in zip(self.runs, self.first)]
+
+    @cached_property
+    def samples(self) -> int:
+        return sum(map(len, self.rows))
+
+    @cached_property
+    def shares(self) -> list[np.ndarray]:
+        """Rate over the highest one, per run."""
+        return [np.minimum(rate / self.top_um_per_s, FASTEST) for rate in self.rates_um_per_s]
+
+    def driven(self, k: int, acting: Sequence[Acting]) -> Recording:
+        run = self.runs[k]
+        drive_V = effects.driven(acting, run.command_V, run, self.model)
+        return replace(run, columns={**run.columns, "command_V": drive_V})
+
+    def plays(self, k: int, drive_V: np.ndarray, whole: bool) -> np.ndarray:
+        """y_i - y_(i+1) of a run, (samples, n + 1): of all samples, or of those that count.
+
+        For those, only turning points matter of all that lies between.
+        """
+        x, at = self.model.x_of(drive_V), self.rows[k]
+        used = np.arange(len(x))
+        if not whole:
+            turns = np.flatnonzero(np.diff(np.sign(np.diff(x)))) + 1
+            used = np.union1d(at, turns)
+        r, start = self.model.thresholds_um, self.states_um[k]
+        outputs, _ = firmware.plays(x[used], r, np.full(len(r), x[0]) if start is None else start)
+        outputs[:, :-1] -= outputs[:, 1:]
+        return outputs if whole else outputs[np.searchsorted(used, at)]
+
+    def segments(self, z_um: np.ndarray) -> np.ndarray:
+        """seg_0 ... seg_m, (samples, m + 1)."""
+        beyond = np.maximum(z_um[:, None] - self.corners_um, 0)
+        parts = np.hstack([z_um[:, None], beyond])
+        parts[:, :-1] -= beyond
+        return parts
+
+    def straightened(self, z_um: np.ndarray, found: Unknowns) -> np.ndarray:
+        """sum_j U_j seg_j."""
+        return self.segments(z_um) @ np.r_[1.0, found.pieces]
+
+    def bent(self, v_um: np.ndarray, found: Unknowns) -> np.ndarray:
+        """The inverse of `straightened`."""
+        if not len(self.corners_um):
+            return v_um
+        corners = self.corners_um
+        levels = self.straightened(corners, found)
+        below, above = np.minimum(v_um - levels[0], 0), np.maximum(v_um - levels[-1], 0) / found.pieces[-1]
+        return np.interp(v_um, levels, corners) + below + above
+
+
+def bounds(one: Acting, name: str) -> tuple[float, float]:
+    """Of a parameter on a rig."""
+    parameter = next(item for item in one.effect.parameters if item.name == name)
+    return one.effect.on_rig.get(name, parameter.ends)
+
+
+def scale_of(one: Acting, name: str) -> float:
+    """A parameter that is always positive moves in its logarithm."""
+    return one.values[name] if bounds(one, name)[0] > 0 else 1.0
+
+
+def shifted(one: Acting, step: dict[str, float]) -> Acting:
+    """With parameters moved within bounds, those in their logarithm by factors; as it was if they cannot stand
+    together.
+    """
+    values = dict(one.values)
+    for name, move in step.items():
+        low, high = bounds(one, name)
+        new = values[name] * np.exp(np.clip(move, -1.0, 1.0)) if low > 0 else values[name] + move
+        values[name] = float(np.clip(new, low, high))
+    return one if one.effect.refusal(values) else Acting(one.effect, values)
