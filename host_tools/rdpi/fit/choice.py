@@ -96,10 +96,10 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     while (better := _joined(now, candidates, rate_law)) is not None:
         now, rounds = better, rounds + 1
         progress(0.5 * rounds / (1 + len(candidates)))
-    now = _pruned(now)
+    now = _pruned(now, rate_law)
     progress(0.6)
     if now is not plain:
-        full = _pruned(_full(now, candidates))
+        full = _pruned(_full(now, candidates), rate_law)
         now = full if full.beats(now) else now
     progress(0.8)
     return Choice(plain, now, tuple(_kept(now, candidates)))
@@ -177,18 +177,22 @@ def _full(now: Judged, candidates: Sequence[Effect]) -> Judged:
     return Judged(state, state.held_out())
 
 
-def _smaller(hypothesis: Hypothesis) -> Iterator[Hypothesis]:
-    yield from map(hypothesis.lacking, hypothesis.acting)
+def _smaller(hypothesis: Hypothesis, rate_law: bool) -> Iterator[Hypothesis]:
+    """Each effect left out, or a rate law in its place; and the rate law left out."""
+    for one in hypothesis.acting:
+        yield hypothesis.lacking(one)
+        if rate_law and not hypothesis.rated:
+            yield replace(hypothesis.lacking(one), rated=True)
     if hypothesis.rated:
         yield replace(hypothesis, rated=False)
 
 
-def _pruned(now: Judged) -> Judged:
+def _pruned(now: Judged, rate_law: bool) -> Judged:
     """Without what does not help."""
-    for hypothesis in _smaller(now.hypothesis):
+    for hypothesis in _smaller(now.hypothesis, rate_law):
         less = judged(now.state.setting, hypothesis, now.state.found)
         if not now.beats(less):
-            return _pruned(less)
+            return _pruned(less, rate_law)
     return now
 
 

@@ -38,8 +38,8 @@ class Hypothesis:
 
     @property
     def size(self) -> int:
-        """Number of parameters; a rate law counts as two."""
-        return sum(len(one.effect.fitted) for one in self.acting) + 2 * self.rated
+        """Number of parameters of effects. A rate law counts nothing: what it explains is not to pass for a delay."""
+        return sum(len(one.effect.fitted) for one in self.acting)
 
 
 @dataclass(frozen=True, eq=False)
