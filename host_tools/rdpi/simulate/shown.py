@@ -11,6 +11,7 @@ from .effects import BEFORE_MONITOR, CATALOGUE
 from .effects.planned import MISFIT, NOISE, PlannedDrive, Shown
 
 LEAST_SWING, FEW = 0.01, 5  # of the range: smaller ones are no loops; percent of the loops may be smaller than is said
+ASIDE = 0.05  # of the range from the middle: a beginning nearer to it shows nothing of the start
 ASSUMED = (f"the sensor's noise is {100 * NOISE:g} % of the stroke, and the operator misses {100 * MISFIT:g} % of a "
            "move")
 
@@ -18,7 +19,8 @@ ASSUMED = (f"the sensor's noise is {100 * NOISE:g} % of the stroke, and the oper
 def shown(columns: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> dict[str, Shown]:
     """What the drive that `make_drive` made of kind "commission" can show, by what it is."""
     drive = PlannedDrive(Recording("drive", dict(metadata), dict(columns)))
-    found = {"operator": _operator(drive), "rate law": _rate_law(drive), "start": _start(drive)}
+    loops = _operator(drive)
+    found = {"operator": loops, "rate law": _rate_law(drive), "start": _start(drive, loops)}
     for kind in CATALOGUE.values():
         if (one := kind().shown(drive)) is not None:
             found[kind.title] = one
@@ -42,13 +44,12 @@ def _rate_law(drive: PlannedDrive) -> Shown:
                  "faster motion is extrapolated", float(slow), float(fast), "V/s")
 
 
-def _start(drive: PlannedDrive) -> Shown:
-    at_V = drive.run.command_V[0]
-    if "sweep" not in drive.parts:
-        return Shown(f"the drive has no sweep; a sweep that ends at {at_V:.4g} V must come right before it")
-    share = float(drive.u[0] + 0.5)
-    return Shown(f"where the sweep at the beginning leaves the actuator, at {at_V:.4g} V; elsewhere it is extrapolated",
-                 share, share, "of the range")
+def _start(drive: PlannedDrive, loops: Shown) -> Shown:
+    """Where a sweep leaves an actuator. In the middle of the range it leaves all alike."""
+    text = "whether inner loops are forgotten, which tells where a decaying sweep leaves the actuator"
+    if abs(drive.u[0]) > ASIDE:
+        text += f"; the beginning too, if a sweep ended at {drive.run.command_V[0]:.4g} V right before it"
+    return loops._replace(text=text)
 
 
 def _places(found: Mapping[str, Shown]) -> Iterator[tuple[str, Shown]]:
