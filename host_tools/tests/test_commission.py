@@ -206,6 +206,12 @@ def test_what_no_single_axis_of_a_minute_shows_is_said() -> None:
         assert said()[what].low is None and remedy in said()[what].text
 
 
+def test_one_rate_shows_no_rate_law() -> None:
+    slow = shown(*make_drive("commission", Limits(0.0, 10.0, sample_rate_hz=RATE_HZ, slew_V_per_s=6.0), False))
+    assert slow["rate law"].low is None and "about 6 V/s" in slow["rate law"].text
+    assert said()["rate law"].high >= 2 * said()["rate law"].low
+
+
 def test_the_beginning_shows_the_start_only_aside_of_the_middle() -> None:
     assert "inner loops" in said()["start"].text and "beginning" not in said()["start"].text
     aside = shown(*make_drive("commission", Limits(0.0, 10.0, 2.0, RATE_HZ)))["start"].text
@@ -274,7 +280,7 @@ REFUSED = {
     "too short for the triangles": (["--frequencies", "0.1,40"], ["too short for 2 triangles", "0.1 Hz", "at least"]),
     "too short for the multisine": (["--frequencies", "0.1"], ["too short for a multisine", "at least"]),
     "too slow": (["--slew", "2"], ["--duration 60", "decaying sweep takes", "at least"]),
-    "too slow for the multisine": (["--slew", "6", "--no-sweep"], ["too short for a multisine", "faster rates"]),
+    "too slow for the multisine": (["--slew", "3", "--no-sweep"], ["too short for a multisine", "faster rates"]),
     "faster than slew": (["--slew", "100", "--rates", "200"], ["--slew 100", "200 V/s"]),
     "faster than samples": (["--frequencies", "2000"], ["--frequencies 2000", "at most"]),
     "both": (["--frequencies", "5", "--rates", "50"], ["--frequencies and --rates", "one of them"]),

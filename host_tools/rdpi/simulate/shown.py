@@ -11,6 +11,7 @@ from .effects import BEFORE_MONITOR, CATALOGUE
 from .effects.planned import MISFIT, NOISE, PlannedDrive, Shown
 
 LEAST_SWING, FEW = 0.01, 5  # of the range: smaller ones are no loops; percent of the loops may be smaller than is said
+LEAST_RATIO = 2.0  # of the fastest triangle's rate to the slowest's: less tells no law
 ASIDE = 0.05  # of the range from the middle: a beginning nearer to it shows nothing of the start
 ASSUMED = (f"the sensor's noise is {100 * NOISE:g} % of the stroke, and the operator misses {100 * MISFIT:g} % of a "
            "move")
@@ -38,6 +39,8 @@ def _operator(drive: PlannedDrive) -> Shown:
 def _rate_law(drive: PlannedDrive) -> Shown:
     speed = drive.speed[drive.parts["sawtooth"]]
     slow, fast = np.percentile(speed[speed > 0] * drive.span_V, (1, 99))
+    if fast < LEAST_RATIO * slow:
+        return Shown(f"all triangles have about {fast:.3g} V/s; give a longer --duration or allow a higher --slew")
     change = drive.speed / drive.speed.max() * drive.z
     least = drive.least([change], [drive.later(), drive.lagged(drive.step_s)], "rate law")[0]
     return Shown(f"slopes from {slow:.4g} to {fast:.4g} V/s; changes of {100 * least:.2g} % or more over that range; "
