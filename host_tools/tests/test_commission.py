@@ -218,6 +218,18 @@ def test_the_beginning_shows_the_start_only_aside_of_the_middle() -> None:
     assert "inner loops" in aside and "beginning too, if a sweep ended at 2 V" in aside
 
 
+@pytest.mark.parametrize("limits", [
+    Limits(-1e-3, 1e-3, sample_rate_hz=300.0), Limits(0.0, 900.0, 900.0, 5000.0), Limits(0.0, 1.0, None, 50.0, 2.0)])
+@pytest.mark.parametrize("duration_s", [25.0, 90.0])
+@pytest.mark.parametrize("sweep", [True, False])
+def test_statements_are_sound_on_any_drive(limits: Limits, duration_s: float, sweep: bool) -> None:
+    for what, one in shown(*make_drive("commission", limits, sweep, duration_s=duration_s)).items():
+        assert what and one.text and not one.text.endswith(".") and "nan" not in one.text and "inf" not in one.text
+        assert one.low is None and one.high is None or 0 < one.low < np.inf
+        assert one.high is None or one.low <= one.high < np.inf
+        assert (one.low is None) == (not one.unit)
+
+
 def test_loops_are_counted() -> None:
     """Branches from reversal to reversal: the triangles alone have two per period, over the whole range."""
     columns, _ = drawn()
