@@ -173,11 +173,11 @@ def error_percent(recording: Path, reference_um: np.ndarray) -> tuple[float, flo
     return bench.error_percent(displacement_um, reference_um, RATE_HZ)
 
 
-def run(loop: Loop, frequencies: str, seconds: float) -> dict[str, tuple[float, float]]:
+def run(loop: Loop, drive_s: float, seconds: float) -> dict[str, tuple[float, float]]:
     """The whole loop; returns the error of each of MODELS, rms and max in %."""
     bits, min_V, max_V = loop.dac.split(":")
     limits = "--min-V", min_V, "--max-V", max_V
-    loop.do("rdpi", "excite", "sawtooth", *limits, "--sample-rate", str(RATE_HZ), "--frequencies", frequencies,
+    loop.do("rdpi", "excite", "commission", *limits, "--sample-rate", str(RATE_HZ), "--duration", f"{drive_s:g}",
             "-o", "excitation.csv", quiet=False)
     excitation = loop.play("excitation.csv", "excitation")
 
@@ -229,7 +229,9 @@ def main() -> None:
     parser.add_argument("--um-per-count", type=number(-math.inf), help="displacement sensor of a real board")
     parser.add_argument("--count-0-um", type=number(-math.inf), default=0.0, help="likewise: um at count 0")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "loop", help="folder of the results")
-    parser.add_argument("--frequencies", default="1,5,10,20,40", help="of the excitation, Hz (default: %(default)s)")
+    parser.add_argument("--duration", type=number(0), default=8.0,
+                        help="of the drive that identifies, s (default: %(default)s; the board holds 40 kB of it per "
+                             "second)")
     parser.add_argument("--seconds", type=number(bench.SETTLED_S), default=2.0,
                         help="of the profile (default: %(default)s)")
     options = parser.parse_args()
@@ -254,7 +256,7 @@ def main() -> None:
     else:
         loop = Emulated(out, options.preset, options.dac, options.actuator)
     print(f"in {out}:")
-    errors = run(loop, options.frequencies, options.seconds)
+    errors = run(loop, options.duration, options.seconds)
     print(f"\nTracking error of the {PROFILE} profile, rms / max in % of its peak-to-peak")
     for model, (rms, peak) in errors.items():
         print(f"  {model:20}{rms:8.2f} / {peak:.2f}")

@@ -62,14 +62,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def errors(folder: Path) -> dict[str, tuple[float, float]]:
-    return example.run(example.Emulated(folder, "qemu-m4f", "16:0:100", "preisach"), "5,20", 1.0)
+    return example.run(example.Emulated(folder, "qemu-m4f", "16:0:100", "preisach"), 4.0, 1.0)
 
 
 def test_tracking_gets_better_with_the_model(errors: dict[str, tuple[float, float]]) -> None:
-    """rms, % of the stroke: 4.2, 1.3 and 1.0 were measured with this short excitation."""
+    """rms, % of the stroke: 3.96, 0.89 and 0.77 were measured with this short drive."""
     line, independent, dependent = (errors[model][0] for model in example.MODELS)
+    print(f"rms: {line:.2f}, {independent:.2f} and {dependent:.2f} %")
     assert dependent < independent < 0.5 * line
-    assert dependent < 1.3
+    assert dependent < 1.0
 
 
 def test_telemetry_is_the_benchs_own_log(errors: dict, folder: Path) -> None:

@@ -17,11 +17,13 @@ from rdpi.simulate import chain
 
 ROOT = Path(__file__).resolve().parents[2]
 RMS, MAX = 0, 1
-sys.path.insert(0, str(ROOT / "tests" / "bench"))
+sys.path[:0] = [str(ROOT / "tests" / "bench"), str(ROOT / "examples" / "demo")]
 
 import bench as vb  # noqa: E402
+import demo  # noqa: E402
 
-RATE_HZ = 10_000
+RATE_HZ = demo.RATE_HZ
+LIMITS = excite.Limits(0.0, 100.0, sample_rate_hz=RATE_HZ)
 LOOPS_ALONE = dict(creep_percent_per_decade=0.0, amplifier_hz=None, noise_um=0.0, adc_bits=None)
 
 
@@ -37,19 +39,29 @@ def errors() -> dict[str, dict[str, list[list[float]]]]:
 
 @pytest.mark.slow
 def test_plant_with_the_papers_law(errors: dict) -> None:
-    """Both profiles within the paper's 0.9 % rms, and the rate law worth what it was worth there."""
-    none, independent, dependent = errors["paper"]["5-20-35hz"]
+    """Both profiles within the paper's 0.9 % rms, and the rate law worth what it was worth there.
+
+    There the model without it misses 1.0 % at 10 Hz, as one that is identified at 10 Hz does here. One identified from
+    the commissioning drive misses less: that drive is as fast as the profile.
+    """
+    none, commissioned, dependent = errors["paper"]["5-20-35hz"]
     assert dependent[RMS] <= 0.9 and errors["paper"]["10hz"][2][RMS] <= 0.9
+    drive, _ = excite.make_drive("sine", LIMITS, False, frequencies_hz=(10.0,))
+    slow = tracked("paper", drive["command_V"], rate_independent=True)
+    assert slow["10hz"][RMS] == pytest.approx(demo.PAPER["10hz"][1][RMS], abs=0.05)
+    independent = slow["5-20-35hz"]
     assert independent[RMS] >= 3 * dependent[RMS]
     assert independent[MAX] >= 2 * dependent[MAX]
+    assert independent[RMS] > commissioned[RMS] > 2 * dependent[RMS]
     assert none[RMS] > 2 * independent[RMS]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["preisach", "bouc-wen"])
 def test_actuators_that_are_no_play_operators(errors: dict, kind: str) -> None:
-    assert errors[kind]["10hz"][2][RMS] <= 1.0
-    assert errors[kind]["5-20-35hz"][2][RMS] <= 1.5
+    limits = {"preisach": (0.61, 0.71), "bouc-wen": (0.80, 0.95)}[kind]
+    assert errors[kind]["10hz"][2][RMS] <= limits[0]
+    assert errors[kind]["5-20-35hz"][2][RMS] <= limits[1]
     for profile in errors[kind].values():
         none, independent, dependent = profile
         assert none[RMS] > independent[RMS] > dependent[RMS]
@@ -96,22 +108,20 @@ def run_of(memory: str, **columns: np.ndarray) -> Recording:
     return Recording("run.csv", metadata, {"time_s": np.arange(samples) / RATE_HZ, **columns})
 
 
-def tracked_as_in_the_demo(kind: str) -> dict[str, float]:
-    """rms in % per profile, of an actuator that is nothing but its loops."""
+def tracked(kind: str, command_V: np.ndarray, rate_independent: bool = False) -> dict[str, tuple[float, float]]:
+    """rms and max in % per profile, as in the demo, of an actuator that is nothing but its loops."""
     def play(command_V: np.ndarray, seed: int) -> np.ndarray:
         actuator = vb.make(kind, seed, **LOOPS_ALONE)
         actuator.demagnetise(RATE_HZ)
         return actuator.run(command_V, RATE_HZ)
 
-    limits = excite.Limits(0.0, 100.0, 50.0, RATE_HZ)
-    columns, _ = excite.make_drive("sawtooth", limits, False, frequencies_hz=(1.0, 5.0, 10.0, 20.0, 40.0))
-    recorded = run_of("reset", command_V=columns["command_V"], displacement_um=play(columns["command_V"], 0))
-    model = fit([recorded], Options(min_V=0.0, max_V=100.0, dac_bits=16)).model
+    recorded = run_of("reset", command_V=command_V, displacement_um=play(command_V, 0))
+    model = fit([recorded], Options(min_V=0.0, max_V=100.0, dac_bits=16, rate_independent=rate_independent)).model
     found = {}
-    for profile in ("10hz", "5-20-35hz"):
+    for profile in demo.PROFILES:
         reference = vb.paper_profile(profile, RATE_HZ, 2.0)
         steps, _ = chain.follow(model, run_of("unknown", reference_um=reference))
-        found[profile] = vb.error_percent(play(steps.drive_V.astype(float), 7), reference, RATE_HZ)[RMS]
+        found[profile] = vb.error_percent(play(steps.drive_V.astype(float), 7), reference, RATE_HZ)
     return found
 
 
@@ -119,7 +129,8 @@ def tracked_as_in_the_demo(kind: str) -> dict[str, float]:
 @pytest.mark.parametrize("kind", ["preisach", "bouc-wen"])
 def test_what_remains_is_the_shape_of_the_loops(errors: dict, kind: str) -> None:
     """Most of the mean square stays where there is neither creep nor amplifier, noise nor converter."""
-    alone = tracked_as_in_the_demo(kind)
-    print(f"{kind}, loops alone: " + ", ".join(f"{profile} {rms:.2f} %" for profile, rms in alone.items()))
-    for profile, rms in alone.items():
+    drive, _ = excite.make_drive("commission", LIMITS, False, duration_s=float(demo.COMMISSION_S))
+    alone = tracked(kind, drive["command_V"])
+    print(f"{kind}, loops alone: " + ", ".join(f"{profile} {rms:.2f} %" for profile, (rms, _) in alone.items()))
+    for profile, (rms, _) in alone.items():
         assert rms**2 > errors[kind][profile][2][RMS] ** 2 / 2

@@ -248,7 +248,8 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
 @click.option("--frequencies", "frequencies_hz", type=Numbers(), metavar="HZ,HZ,...",
               help="sawtooth, sine: one wave at each, default 1,2,5,10,20 Hz. commission: its triangles, default "
                    "1,5,10,20,40 Hz. multisine: its lines, default 16 lines from 0.5 to 50 Hz. chirp: first and last "
-                   "frequency, default 1,500 Hz. startup: one frequency, default 20 Hz. Defaults are lower if --slew or --sample-rate requires it.")
+                   "frequency, default 1,500 Hz. startup: one frequency, default 20 Hz. Defaults are lower if --slew or "
+                   "--sample-rate requires it.")
 @click.option("--rates", "rates_V_per_s", type=Numbers(), metavar="V/S,V/S,...",
               help="sawtooth, commission: rates instead of frequencies, V/s. minor-loops: rates at which the "
                    "pattern is repeated, V/s; default: the rate that crosses the whole range in 0.5 s.")
@@ -278,17 +279,26 @@ def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | N
     The drive starts and ends at --rest-V. It begins with a decaying sweep of about one second, which brings the
     hysteresis to a known state; --no-sweep leaves the sweep out. The metadata `sweep_s` is the duration of the sweep.
     The same options give the same file.
+
+    For commission, the command prints which effects the drive shows, and from which size on. It computes this from the
+    drive, for a usual sensor. A smaller effect needs a longer drive, a faster one or a better sensor.
     """
     from ..data import Limits, make_drive, write_recording
+    from ..simulate import ASSUMED, shown
 
     limits = Limits(min_V, max_V, rest_V, sample_rate_hz, slew_V_per_s)
     given = {name: value for name, value in options.items() if value is not None}
     with progress("generating"):
         columns, metadata = make_drive(kind, limits, not no_sweep, **given)
+        shows = shown(columns, metadata) if kind == "commission" else {}
         write_recording(output, columns, metadata)
     voltage = columns["command_V"]
     duration_s = (len(voltage) - 1) / sample_rate_hz
     click.echo(f"{output}: {kind}, {len(voltage)} samples at {sample_rate_hz:g} per second, {duration_s:.6g} s, "
                f"{voltage.min():g} to {voltage.max():g} V, starts at {voltage[0]:g} V and ends at {voltage[-1]:g} V")
+    for title, is_shown in ((f"It shows, if {ASSUMED}:", True), ("It does not show:", False)):
+        lines = [f"  {what}: {one.text}" for what, one in shows.items() if (one.low is not None) == is_shown]
+        click.echo("\n".join([title, *lines]) if lines else "", nl=bool(lines))
     return {"file": output, "kind": kind, "samples": len(voltage), "duration_s": duration_s,
-            "min_V": voltage.min(), "max_V": voltage.max(), "metadata": metadata}
+            "min_V": voltage.min(), "max_V": voltage.max(), "metadata": metadata,
+            "shows": [{"what": what, **one._asdict()} for what, one in shows.items()]}

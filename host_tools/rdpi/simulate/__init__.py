@@ -1,8 +1,9 @@
-"""What a model predicts: the chain from command to displacement, its effects, its signals."""
+"""What a model predicts: the chain from command to displacement, its effects, its signals; what a drive will show."""
 
 from __future__ import annotations
 
 from . import chain, effects, scoring, signals
 from .chain import Prediction
+from .shown import ASSUMED, shown
 
-__all__ = ["Prediction", "chain", "effects", "scoring", "signals"]
+__all__ = ["ASSUMED", "Prediction", "chain", "effects", "scoring", "shown", "signals"]

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
 from ...data import Recording
 from ...model import LARGEST, Model
+
+if TYPE_CHECKING:
+    from .planned import PlannedDrive, Shown
 
 STAGES = "DAC", "timing", "amplifier", "actuator", "mechanics", "environment", "sensor"
 BEFORE_MONITOR = STAGES[:3]
@@ -191,6 +194,10 @@ class Effect:
     def hidden(self, residuals: Residuals) -> bool:
         """Whether these recordings cannot show it."""
         return not self.starts(residuals)
+
+    def shown(self, drive: PlannedDrive) -> Shown | None:
+        """From which to which size a drive will show it; None: `rdpi excite` says nothing about it."""
+        return None
 
 
 def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float) -> np.ndarray:

@@ -7,8 +7,10 @@ import numpy as np
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values, low_pass
+from .planned import PlannedDrive, Shown, time_text
 
 TIMES_S = 10.0 ** np.arange(-1.0, 3.01, 0.5)  # of the lags whose sum grows as the logarithm of time
+FAST_S = 0.01  # a lag of this time constant may be there too
 HOLD_S = 1.0  # creep is slow: shorter recordings cannot show it
 
 
@@ -40,3 +42,11 @@ class Creep(Effect):
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         longest = max(len(run) * run.sample_time_s for run in residuals.runs)
         return [self.absent()] if longest > HOLD_S else []
+
+    def shown(self, drive: PlannedDrive) -> Shown | None:
+        least = float(drive.least([drive.change(self, percent_per_decade=1.0)], [drive.lagged(FAST_S)])[0])
+        highest = self.parameters[0].high
+        if not least < highest:
+            return Shown(f"the longest hold lasts {time_text(drive.hold_s)}; give a longer --duration")
+        return Shown(f"from {least:.2g} % of a move per decade on; the longest hold lasts {time_text(drive.hold_s)}, "
+                     "creep after that is extrapolated", least, highest, "%")

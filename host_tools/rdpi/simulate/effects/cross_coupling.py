@@ -9,6 +9,7 @@ import numpy as np
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
+from .planned import PlannedDrive, Shown
 
 OWN = "command_V", "monitor_V"
 
@@ -52,3 +53,6 @@ class CrossCoupling(Effect):
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [self.absent()] if any(self.column in covariates(run) for run in residuals.runs) else []
+
+    def shown(self, drive: PlannedDrive) -> Shown | None:
+        return Shown(f"the drive moves one axis; move the other in another recording, log its drive as {self.column}")

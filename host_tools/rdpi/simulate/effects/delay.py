@@ -7,6 +7,7 @@ import numpy as np
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
+from .planned import PlannedDrive, Shown, time_text
 
 
 class Delay(Effect):
@@ -28,3 +29,8 @@ class Delay(Effect):
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [{"delay_s": 0.5 * min(run.sample_time_s for run in residuals.runs)}]
+
+    def shown(self, drive: PlannedDrive) -> Shown | None:
+        least = float(drive.least([drive.change(Delay("sensor"), delay_s=drive.step_s)])[0]) * drive.step_s
+        return Shown(f"from {time_text(least)} on, {least * drive.rate_hz:.2g} of a sample, if nothing else comes late",
+                     least, None, "s")

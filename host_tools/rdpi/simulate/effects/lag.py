@@ -7,6 +7,7 @@ import numpy as np
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values, low_pass
+from .planned import PlannedDrive, Shown, time_text
 
 
 class Lag(Effect):
@@ -28,3 +29,13 @@ class Lag(Effect):
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [{"time_constant_s": 0.5 * min(run.sample_time_s for run in residuals.runs)}]
+
+    def shown(self, drive: PlannedDrive) -> Shown | None:
+        times_s, sensor = drive.times_s(), Lag("sensor")
+        changes = (drive.change(sensor, time_constant_s=time_s) for time_s in times_s)
+        seen = times_s[drive.least(changes, [drive.later()]) <= 1]
+        if not len(seen):
+            return Shown("it looks like a delay, because no edge is fast enough; allow a higher --slew or "
+                         "--sample-rate")
+        return Shown(f"time constants from {time_text(seen[0])} to {time_text(seen[-1])}; a shorter one looks like a "
+                     "delay", float(seen[0]), float(seen[-1]), "s")

@@ -8,9 +8,11 @@ from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values, low_pass
 from .gain_change import GainChange
+from .planned import PlannedDrive, Shown, time_text
 
 SHORTEST_S, LONGEST_S = 1e-4, 1.0
 PER_DECADE = 3  # time constants from which a fit starts
+SHARES_SHOWN = 0.02, 0.08  # for which `rdpi excite` says the time constants that a drive shows
 RESOLVED = 0.5, 0.25  # time constants that recordings resolve: from half a sample to a quarter of the longest
 
 
@@ -54,6 +56,21 @@ class Relaxation(Effect):
             across, energy = across + float(late @ left), energy + float(late @ late)
         share = self.parameters[0]
         return float(np.clip(across / energy, share.low, share.high)) if energy > 0 else 0.0
+
+    def shown(self, drive: PlannedDrive) -> Shown | None:
+        times_s = drive.times_s()
+        times_s = times_s[times_s >= drive.step_s]
+        changes = (drive.change(self, share=1.0, time_constant_s=time_s) for time_s in times_s)
+        least = drive.least(changes, [drive.later(), drive.lagged(drive.step_s), drive.slow()])
+        seen = {share: times_s[least <= share] for share in SHARES_SHOWN if np.any(least <= share)}
+        if not seen:
+            return Shown(f"a share of {100 * SHARES_SHOWN[-1]:g} % looks like delay, lag and creep; give a longer "
+                         "--duration or allow a higher --slew")
+        texts = [f"shares of {100 * share:g} %: time constants from {time_text(times[0])} to {time_text(times[-1])}"
+                 for share, times in seen.items()]
+        first = next(iter(seen.values()))
+        return Shown("; ".join([*texts, "faster looks like lag, slower like creep"]), float(first[0]),
+                     float(first[-1]), "s")
 
 
 def _late(z_um: np.ndarray, run: Recording, time_constant_s: float) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
+from .planned import PlannedDrive, Shown, time_text
 
 DAMPINGS = 0.02, 0.1, 0.4
 PER_OCTAVE = 3  # of the grid, on which only strongly damped ones are found
@@ -17,6 +18,7 @@ PEAKS = 3
 AROUND, COARSE = 4, 0.008  # steps tried on either side of a peak, of its damping or of the spectrum's grid
 LEAST_PERIOD = 3.0  # samples of a period that can be simulated
 OCTAVES = 8
+SHOWN_DAMPING, RING_PERIODS = 0.05, 5  # what `rdpi excite` asks of a drive: so many periods in its longest hold
 
 
 class Resonance(Effect):
@@ -48,6 +50,24 @@ class Resonance(Effect):
         grid += [(peak * (1 + step * max(damping, COARSE)), damping) for peak in _peaks(residuals, lowest, highest)
                  for damping in SHARP for step in range(-AROUND, AROUND + 1)]
         return [{"f0_hz": float(f0), "damping": damping} for f0, damping in grid]
+
+    def shown(self, drive: PlannedDrive) -> Shown | None:
+        lowest, highest = RING_PERIODS / drive.hold_s, drive.rate_hz / LEAST_PERIOD
+        if lowest >= highest:
+            return Shown("no hold is long enough for it to ring; give a longer --duration")
+        grid = np.geomspace(lowest, highest, 1 + int(PER_OCTAVE * np.log2(highest / lowest)))
+        changes = (drive.change(self, f0_hz=f0_hz, damping=SHOWN_DAMPING) for f0_hz in grid)
+        # On its slow side it looks like delay and lag.
+        seen = drive.least(changes, [drive.later(), drive.lagged(2 * drive.step_s)]) <= 1
+        if not seen.any():
+            return Shown("the edges are too slow to make it ring; allow a higher --slew or faster --rates")
+        # The edge's spectrum has gaps; above the first one only some resonances would ring.
+        first = int(np.argmax(seen))
+        last = len(seen) - 1 if seen[first:].all() else first + int(np.argmin(seen[first:])) - 1
+        why = (f"a period must have {LEAST_PERIOD:g} samples" if last == len(seen) - 1 else
+               f"edges of {time_text(drive.edge_s)} do not make a higher one ring")
+        return Shown(f"from {grid[first]:.4g} to {grid[last]:.4g} Hz, with a damping of {SHOWN_DAMPING:g}; {why}",
+                     float(grid[first]), float(grid[last]), "Hz")
 
 
 def _peaks(residuals: Residuals, lowest_hz: float, highest_hz: float) -> list[float]:

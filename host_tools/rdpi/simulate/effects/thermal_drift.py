@@ -9,6 +9,7 @@ import numpy as np
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
+from .planned import PlannedDrive, Shown, time_text
 
 COLUMNS = "time_s", "temperature_degC"  # whose parameters stand in this order
 
@@ -60,3 +61,7 @@ class ThermalDrift(Effect):
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         seen = [self.column in run.columns and np.ptp(run.columns[self.column]) > 0 for run in residuals.runs]
         return [{}] if all(seen) else []
+
+    def shown(self, drive: PlannedDrive) -> Shown | None:
+        return Shown(f"{time_text(len(drive.u) * drive.step_s)} are too short; log {COLUMNS[1]} in longer "
+                     "recordings")
