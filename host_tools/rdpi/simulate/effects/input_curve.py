@@ -7,7 +7,9 @@ import numpy as np
 from ...data import Recording
 from ...model import LARGEST, Model
 from .base import Effect, Parameter, Residuals, Values
+from .planned import PlannedDrive, Shown
 
+BOW = 0.05  # what `rdpi excite` tries: small enough to be linear in it
 LEAST_SLOPE = 0.1  # of the curve against the straight line between its ends; an inverse has at most one over it
 
 
@@ -66,6 +68,13 @@ class InputCurve(Effect):
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         drive = residuals.model.drive
         return [{"quadratic": 0.0, "cubic": 0.0, "low_V": drive.min_V, "high_V": drive.max_V}]
+
+    def shown(self, drive: PlannedDrive) -> Shown | None:
+        range_V = drive.model.drive
+        bow = drive.change(self, quadratic=BOW, cubic=0.0, low_V=range_V.min_V, high_V=range_V.max_V)
+        least = float(drive.least([bow], instead_of="bends")[0]) * BOW / 4  # height in the middle of the range
+        return Shown(f"bows of {100 * least:.2g} % of the range or more; a bent displacement (saturation stage) looks "
+                     "nearly alike", least, None, "of the range")
 
 
 def _least_slope(quadratic: float, cubic: float) -> float:
