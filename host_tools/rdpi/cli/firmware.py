@@ -39,6 +39,7 @@ def header(model: str, output: str, name: str, **sweep: float | None) -> dict[st
     parameters = read_model(model)
     parameters.drive = replace(parameters.drive, **{key: value for key, value in sweep.items() if value is not None})
     left_out = _left_out(parameters)
+    parameters = parameters.uncompensated()
     written = write_header(parameters, output, name, source=model)
     click.echo("".join(left_out), nl=False)
     click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones, "
@@ -54,8 +55,11 @@ def _left_out(model: Any) -> list[str]:
     """A line for each effect of the model: only the simulation knows them. Raises BadInput for one that it does not."""
     from ..simulate import effects
 
-    return [f"note: {one} is not compensated: the inverse does not have this effect yet\n"
+    told = [f"note: {one} is not compensated: the inverse does not have this effect yet\n"
             for one in effects.acting(model)]
+    if told and model.operator_alone is not None:
+        told.append("note: the inverse is that of the operator that was fitted as if nothing stood around it\n")
+    return told
 
 
 @command("profile")

@@ -108,11 +108,12 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         chain_of_rig = around.entries(chosen)
         rated = chosen.found.hypothesis.rated and not options.rate_independent
         if chain_of_rig or rated is options.rate_independent:
-            found = _operator(chosen.found.state.seen(), frame, options, rated)
+            seen = chosen.found.state.seen()
+            found = _operator(seen, Frame.of(seen, options, []), options, rated)
     seen = [run.recording for run in found.runs]
     if found.columns.top_um_per_s:
         _compare_sources(seen, found, options, warnings)
-    model = replace(found.model, effects=chain_of_rig)
+    model = replace(found.model, effects=chain_of_rig, operator_alone=plain.model.alone() if chain_of_rig else None)
     if options.dac_bits is not None and None in (options.min_V, options.max_V):
         warnings.append(f"the DAC's codes are assumed to span {model.drive.min_V:g} to {model.drive.max_V:g} V, the "
                         "recorded range; give --min-V and --max-V, the drives of the first and of the last code")

@@ -137,7 +137,7 @@ class _Reader:
         x_um = self.number(memory, "x_um", "memory.", default=0.0)
         plays_um = self.numbers(memory, "plays_um", "memory.", default=[])
         thresholds_um = self.numbers(document, "thresholds_um")
-        passport = document.pop("passport", None)
+        passport, alone = document.pop("passport", None), document.pop("operator_alone", None)
         return Model(
             **{key: self.number(document, key) for key in ("gain_um_per_V", "offset_V", "offset_um", "stroke_um")},
             thresholds_um=thresholds_um,
@@ -160,6 +160,7 @@ class _Reader:
             fit=self.section(document, "fit", dict, {}),
             effects=self.effects(document),
             passport=passport,
+            operator_alone=alone,
             extra=document,
             where=self.path,
         )

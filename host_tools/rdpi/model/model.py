@@ -20,12 +20,14 @@ from . import validation
 from .documents import Document, json_key
 from .limits import (EPSILON, LARGEST, MAX_DAC_BITS, MAX_DEADZONES, MAX_PLAYS, MAX_SWEEP_CYCLES, MIN_SLOPE_RATIO,
                      SWEEP_CYCLES, SWEEP_HZ, TINY, Source)
-from .records import EffectEntry, FitRecord, Passport
+from .records import EffectEntry, FitRecord, OperatorAlone, Passport
 
 SECTIONS = "rate", "drive", "memory"
-NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "where", "dac_bits",
+NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "operator_alone", "where", "dac_bits",
                "sweep_cycles", "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
 WHOLE = "dac_bits", "sweep_cycles"
+_OF_OPERATOR = ("gain_um_per_V", "offset_um", "stroke_um", "thresholds_um", "slopes", "slope_rate_s_per_um",
+                "deadzones_um", "deadzone_weights")
 
 
 @dataclass
@@ -106,6 +108,8 @@ class Model(Document):
                                   holds=list[EffectEntry], default_factory=list)
     passport: Any = json_key("what the model misses of the recordings of its fit; null: not known",
                              holds=Passport | None, default=None)
+    operator_alone: Any = json_key("the operator fitted as if nothing stood around it, for an inverse that compensates "
+                                   "no effect; null: that of the model", holds=OperatorAlone | None, default=None)
     where: str = "model"  # names it in messages: the file that it was read from
 
     def __post_init__(self) -> None:
@@ -190,6 +194,26 @@ class Model(Document):
             if len(values) != length:
                 raise BadInput(f"{where}: {key}: has {len(values)} values, expected {length}, one per {of}")
 
+    def uncompensated(self) -> Model:
+        """The model for an inverse that compensates no effect: with the operator fitted as if there were none, which
+        takes up of them what it can. Raises BadInput, naming the key, if that is no operator.
+        """
+        if self.operator_alone is None:
+            return self
+        where = f"{self.where}: operator_alone"
+        one = OperatorAlone.from_json(self.operator_alone, where)
+        found = replace(self, effects=[], operator_alone=None, where=where, memory=Memory(one.x_um, one.plays_um),
+                        rate=replace(self.rate, max_um_per_s=one.max_um_per_s, singular_um_per_s=one.singular_um_per_s),
+                        **{name: getattr(one, name) for name in _OF_OPERATOR})
+        found.validate()
+        return found
+
+    def alone(self) -> dict[str, Any]:
+        """The key `operator_alone` of another model of the same recordings, where this is its operator alone."""
+        return OperatorAlone(
+            max_um_per_s=self.rate.max_um_per_s, singular_um_per_s=self.rate.singular_um_per_s, x_um=self.memory.x_um,
+            plays_um=self.memory.plays_um, **{name: getattr(self, name) for name in _OF_OPERATOR}).to_json()
+
     def shortest_sample_s(self) -> float:
         """Sample time in s below which the firmware refuses: its drive could not move as slowly as the sweep."""
         return 8 * EPSILON * float(abs(self.drive.min_V) + abs(self.drive.max_V)) / float(self.drive.sweep_speed())
@@ -204,6 +228,6 @@ class Model(Document):
         bare.rate = replace(bare.rate, smoothing_s=0.0, identified_um_per_s=None, singular_um_per_s=None)
         bare.drive = replace(bare.drive, sweep_V_per_s=self.drive.sweep_speed(), sweep_end_V=self.sweep_end())
         document = bare.to_json()
-        for key in ("tool", "actuator", "fit", "effects", "passport"):
+        for key in ("tool", "actuator", "fit", "effects", "passport", "operator_alone"):
             del document[key]
         return "sha256:" + hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+import numpy as np
+
 from .documents import Document, json_key
 
 HeldOut = Literal["other runs", "left out in turn", "fitted"]
@@ -33,6 +35,25 @@ class EffectEntry(Document):
                                 "with those of `was`, or did not act", omitted=True)
     was: dict[str, float | None] | None = json_key("values before `rdpi gap` found them changed, by parameter",
                                                    omitted=True)
+
+
+@dataclass(kw_only=True)
+class OperatorAlone(Document):
+    """The operator fitted as if nothing stood around it. What it does not share with the model."""
+
+    gain_um_per_V: float = json_key("gain of the control input", "um/V")
+    offset_um: float = json_key("measured displacement at which the operator's is 0", "um")
+    stroke_um: float = json_key("peak-to-peak displacement of the recordings", "um", low=0)
+    thresholds_um: np.ndarray = json_key("thresholds r_0 = 0 < r_1 < ... < r_n of the plays", "um")
+    slopes: np.ndarray = json_key("slopes W_0 ... W_n of the loading curve at rest")
+    slope_rate_s_per_um: np.ndarray = json_key("change c_0 ... c_n of each slope with the rate", "s/um")
+    deadzones_um: np.ndarray = json_key("dead zones d_0 = 0 < d_1 < ... < d_m of the saturation stage", "um")
+    deadzone_weights: np.ndarray = json_key("weights ws_0 ... ws_m of the dead zones")
+    max_um_per_s: float = json_key("guard: the firmware clamps the rate here", "um/s")
+    singular_um_per_s: float | None = json_key("rate at which the first slope would reach zero; null: none falls",
+                                               "um/s", default=None)
+    x_um: float = json_key("control input at the first sample", "um")
+    plays_um: np.ndarray = json_key("output of each play at the first sample", "um")
 
 
 @dataclass(kw_only=True)

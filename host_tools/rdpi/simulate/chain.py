@@ -188,6 +188,7 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
             raise BadInput(f"{run.path}: an offset can only be removed from a recording "
                            "(command_V and displacement_um)")
         offset = score(simulate(model, [run])[0].predicted_um, run.displacement_um).offset_um
+    model = model.uncompensated()
     if sweep:
         if engine == "numpy":
             raise BadInput("the engine numpy has no start-up sweep; use f64, f32 or q31")

@@ -1,0 +1,141 @@
+"""What stands around the operator: effects that `fit` finds with it, and those that it must not find."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from fitted import moving_runs, static_run
+from injected import COMMISSIONING, FURTHER, NOISE_UM, drives, entry, plain_model, recorded
+from plants import changed, stack
+
+from rdpi.data import Recording
+from rdpi.errors import BadInput
+from rdpi.fit import Options, fit
+from rdpi.fit.around import lines
+from rdpi.fit.identify import Fit
+from rdpi.model import Model
+from rdpi.simulate import chain
+
+# Smaller than a sample of 1 ms, one sample, and several.
+PUT: dict[str, dict[str, float]] = {
+    "delay": {"delay_s": 0.0006}, "lag": {"time_constant_s": 0.003},
+    "relaxation": {"share": 0.05, "time_constant_s": 0.02}, "creep": {"percent_per_decade": 3.0},
+    "resonance": {"f0_hz": 60.0, "damping": 0.05},
+    "input_curve": {"quadratic": 0.15, "cubic": 0.1, "low_V": 0.0, "high_V": 100.0}}
+TOGETHER = "delay", "lag", "resonance"
+
+
+def put(*names: str, law: float = 0.0) -> list[Recording]:
+    return recorded(plain_model(law), drives(COMMISSIONING), *(entry(name, **PUT[name]) for name in names))
+
+
+@lru_cache(maxsize=None)
+def fitted(*names: str, effects: str = "auto", law: float = 0.0) -> Fit:
+    return fit(put(*names, law=law), Options(effects=effects))
+
+
+def misses_um(model: Model, *names: str, law: float = 0.0) -> float:
+    """rms on drives that were not fitted, beyond their noise."""
+    runs = recorded(plain_model(law), drives(FURTHER), *(entry(name, **PUT[name]) for name in names), seed=5)
+    left = np.concatenate([run.displacement_um - found.predicted_um
+                           for run, found in zip(runs, chain.simulate(model, runs))])
+    return float(np.sqrt(max(np.mean(left**2) - NOISE_UM**2, 0.0)))
+
+
+@pytest.mark.parametrize("names", [*((name,) for name in PUT), TOGETHER], ids=" ".join)
+def test_finds_what_is_there(names: tuple[str, ...]) -> None:
+    """By name and size; what was not fitted is predicted as if nothing stood around the operator."""
+    found = fitted(*names)
+    kept = {one.acting.effect.name: one for one in found.choice.kept}
+    assert set(kept) == set(names)
+    for name in names:
+        for parameter, value in PUT[name].items():
+            near = 0.6 if name == "input_curve" else 0.15  # the saturation, which bends likewise, takes its part
+            assert kept[name].acting.values[parameter] == pytest.approx(value, rel=near)
+    assert misses_um(found.model, *names) < 2 * misses_um(fitted(effects="none").model)
+    assert misses_um(found.model, *names) < 0.6 * misses_um(fitted(*names, effects="none").model, *names)
+
+
+def test_finds_nothing_where_nothing_is() -> None:
+    for law in (0.0, 1.0):
+        found = fitted(law=law)
+        assert found.choice.kept == () and found.model.effects == []
+        assert found.model.operator_alone is None
+        assert bool(found.model.slope_rate_s_per_um.any()) is bool(law)
+
+
+def test_a_delay_and_a_rate_law_are_told_apart() -> None:
+    """On an actuator that is not the model's own code, with a law by which W_0 reaches zero at 2900 um/s."""
+    delay_s = 0.0007
+    runs = moving_runs("displacement", 0.004)
+    late = []
+    for run in runs:
+        time_s = np.arange(len(run)) * run.sample_time_s
+        late.append(changed(run, displacement_um=np.interp(time_s - delay_s, time_s, run.displacement_um)))
+    alone, both = fit(runs), fit(late)
+    assert alone.choice.kept == ()
+    (delay,) = both.choice.kept
+    assert delay.acting.effect.name == "delay" and delay.acting.values["delay_s"] == pytest.approx(delay_s, rel=0.05)
+    before, after = alone.model.slope_rate_s_per_um, both.model.slope_rate_s_per_um
+    assert np.linalg.norm(after - before) < 0.1 * np.linalg.norm(before)
+
+
+def test_what_is_told() -> None:
+    found = fitted(*TOGETHER)
+    document = found.document("model.json", False)
+    assert [one.name for one in document.effects] == list(TOGETHER)
+    for one, kept in zip(document.effects, found.choice.kept):
+        assert one.held_out_rms_um.before > one.held_out_rms_um.after > 0
+        assert one.shrink == pytest.approx(1 - one.held_out_rms_um.after / one.held_out_rms_um.before)
+        for name, (low, high) in kept.ci95.items():
+            assert low < kept.acting.values[name] < high
+            assert one.parameters[name].ci95 == (low, high)
+    assert [item["origin"] for item in found.model.effects] == ["fit"] * len(TOGETHER)
+    told = "\n".join(lines(found.choice, found.model.stroke_um))
+    assert "around the operator: delay, lag, resonance" in told
+    assert all(f"{name}: " in told for name in TOGETHER)
+
+
+def test_effects_by_name() -> None:
+    """Exactly these, and none."""
+    forced = fitted("delay", effects="lag,creep")
+    assert {one.acting.effect.name for one in forced.choice.kept} == {"lag", "creep"}
+    none = fitted("delay", effects="none")
+    assert none.choice is None and none.model.effects == []
+
+
+@pytest.mark.parametrize("effects, words", [
+    ("delay,delay", "named twice"), ("auto,delay", "stands alone"), ("sloth", "no effect 'sloth'"), ("", "no effect ''"),
+    ("gain_change", "none that `rdpi fit` identifies"), ((), "names no effect"), (3, "effects")])
+def test_names_that_are_refused(effects: object, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        fit([static_run()], Options(effects=effects))
+
+
+def test_recordings_that_cannot_show_what_is_asked_for() -> None:
+    one_rate = static_run(stack())
+    with pytest.raises(BadInput, match="static.csv: cannot show relaxation: all strokes have about the same rate"):
+        fit([replace(one_rate, path="static.csv")], Options(effects="relaxation"))
+    with pytest.raises(BadInput, match="cannot show input_curve: all strokes have about the same size"):
+        fit([one_rate], Options(effects="input_curve"))
+    short = put()[0]
+    short = replace(short, columns={name: values[:900] for name, values in short.columns.items()})
+    with pytest.raises(BadInput, match="cannot show creep: too short or too slow"):
+        fit([short], Options(effects="creep"))
+
+
+def test_an_inverse_without_compensation_has_the_operator_alone() -> None:
+    """Until the firmware compensates effects, what the operator can take up of them must stay in it."""
+    found, alone = fitted(*TOGETHER), fitted(*TOGETHER, effects="none")
+    inverse = found.model.uncompensated()
+    assert inverse.effects == []
+    for name in ("offset_um", "slopes", "slope_rate_s_per_um", "deadzones_um", "deadzone_weights"):
+        assert getattr(inverse, name) == pytest.approx(getattr(alone.model, name))
+    assert inverse.rate.max_um_per_s == alone.model.rate.max_um_per_s
+    assert alone.model.uncompensated() is alone.model
+    broken = replace(found.model, operator_alone={**found.model.operator_alone, "slopes": [1.0]})
+    with pytest.raises(BadInput, match="operator_alone: slopes: has 1 values"):
+        broken.uncompensated()
