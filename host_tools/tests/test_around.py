@@ -56,7 +56,7 @@ def test_finds_what_is_there(names: tuple[str, ...]) -> None:
             near = 0.6 if name == "input_curve" else 0.15  # the saturation, which bends likewise, takes its part
             assert kept[name].acting.values[parameter] == pytest.approx(value, rel=near)
     assert misses_um(found.model, *names) < 2 * misses_um(fitted(effects="none").model)
-    assert misses_um(found.model, *names) < 0.6 * misses_um(fitted(*names, effects="none").model, *names)
+    assert misses_um(found.model, *names) < 0.7 * misses_um(fitted(*names, effects="none").model, *names)
 
 
 def test_finds_nothing_where_nothing_is() -> None:

@@ -28,6 +28,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -236,15 +237,15 @@ def _predicted(model: Path, folder: Path) -> dict[str, float]:
 
 
 def _inverse(model_path: Path, run_path: Path) -> dict[str, float]:
-    """rms in % of the command's range, constant removed, of the drive that the double-precision inverse gives for the
-    recorded displacement. Against the recorded command, shifted by the model's delays; and against what reaches the
+    """rms in % of the command's range, constant removed, of the drive that the double-precision inverse of the model's
+    operator gives for the recorded displacement. Against the recorded command, shifted by the model's delays; and against what reaches the
     operator when the whole chain of the model is driven with it.
     """
     from rdpi.data import read_recording
     from rdpi.model import read_model
     from rdpi.simulate import chain, effects
 
-    model, run = read_model(model_path), read_recording(run_path)
+    model, run = replace(read_model(model_path), operator_alone=None), read_recording(run_path)
     steps, _ = chain.follow(model, run, "displacement_um", "f64", remove_offset=True)
     acting = effects.acting(model)
     delay_s = sum(one.values.get("delay_s", 0.0) for one in acting)

@@ -52,9 +52,9 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
         report: str | None, **options: Any) -> dict[str, Any]:
     """Identify a model from recordings.
 
-    The identification is one bounded least-squares problem over all samples of all runs. The best models come from
-    recordings at several rates and amplitudes whose memory is known (metadata memory: reset). `rdpi excite` makes the
-    drives for them.
+    The fit finds the operator and what stands around it, such as a delay, creep or a resonance. An effect is kept if it
+    lowers the error on recordings that were left out. The best models come from recordings at several rates and
+    amplitudes whose memory is known (metadata memory: reset). `rdpi excite commission` makes the drive for them.
     """
     from ..data import make_folder, read_recording
     from ..fit import Options, fit as identify, summary

@@ -1,6 +1,7 @@
-"""Identification: recordings to a model, as one bounded linear least-squares problem over all samples of all runs.
+"""Identification: recordings to a model.
 
-regression.py holds the problem itself.
+The operator is one bounded linear least-squares problem over all samples of all runs (regression.py). What stands
+around it is chosen first (around.py); the operator is then fitted to the recordings as it alone would have made them.
 """
 
 from __future__ import annotations
