@@ -18,7 +18,7 @@ import numpy as np
 
 from ..simulate.effects import Acting, Effect, Residuals
 from . import thresholds as tuned
-from .hypothesis import Hypothesis, Setting, Unknowns, shifted
+from .hypothesis import Hypothesis, Setting, Unknowns, bounds, shifted
 from .joint import Linearised, refined
 
 STARTS = 3  # of an effect's starts, of which derivatives are taken
@@ -102,7 +102,7 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
         full = _pruned(_full(now, candidates), rate_law)
         now = full if full.beats(now) else now
     progress(0.8)
-    return Choice(plain, now, tuple(_kept(now, candidates)))
+    return Choice(plain, now, tuple(_kept(now, candidates, rate_law)))
 
 
 def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], rate_law: bool) -> Choice:
@@ -111,7 +111,7 @@ def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     now = _full(plain, candidates)
     rated = judged(setting, replace(now.hypothesis, rated=True), now.state.found) if rate_law else now
     now = rated if rated.beats(now) else now
-    return Choice(plain, now, tuple(_kept(now, ())))
+    return Choice(plain, now, tuple(_kept(now, (), rate_law)))
 
 
 def starts(state: Linearised, effect: Effect) -> list[Acting]:
@@ -196,8 +196,29 @@ def _pruned(now: Judged, rate_law: bool) -> Judged:
     return now
 
 
-def _kept(now: Judged, candidates: Sequence[Effect]) -> Iterator[Kept]:
-    intervals = now.state.intervals()
+def _intervals(now: Judged, rate_law: bool) -> list[dict[str, tuple[float, float]]]:
+    """95 % intervals of the parameters of each effect, within bounds; none for one at a bound.
+
+    Beside the scatter from block to block counts how far the parameter moves with a rate law, or without the one there
+    is: no law is quite that of an actuator, and what it leaves goes into the parameters.
+    """
+    other = now
+    if rate_law:
+        other = judged(now.state.setting, replace(now.hypothesis, rated=not now.hypothesis.rated), now.state.found)
+    found = []
+    for one, there, errors in zip(now.hypothesis.acting, other.hypothesis.acting, now.state.errors()):
+        ends = {}
+        for name, error in errors.items():
+            value = one.values[name]
+            reach = tuned.CHAIN_WIDEN * 1.96 * float(np.hypot(error, there.values[name] - value))
+            low, high = np.clip([value - reach, value + reach], *bounds(one, name))
+            ends[name] = float(low), float(high)
+        found.append(ends)
+    return found
+
+
+def _kept(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Iterator[Kept]:
+    intervals = _intervals(now, rate_law)
     for place, one in enumerate(now.hypothesis.acting):
         less = judged(now.state.setting, now.hypothesis.lacking(one), now.state.found)
         rivals = []

@@ -264,8 +264,8 @@ class Linearised:
                 row[fold] = np.einsum("i,bij,j->b", weights, self.blocks[fold], weights)
         return result
 
-    def intervals(self) -> list[dict[str, tuple[float, float]]]:
-        """95 % intervals of the parameters of each effect that acts, within bounds; none for one at a bound.
+    def errors(self) -> list[dict[str, float]]:
+        """Standard errors of the parameters of each effect that acts; none for one at a bound.
 
         Jackknife over the blocks: what the operator cannot show makes neighbouring samples err alike, not blocks.
         """
@@ -275,13 +275,10 @@ class Linearised:
         moves = np.array([self.solve(np.delete(self.blocks, block, axis=0), used, self.hypothesis.rated, self.target,
                                      self.residual)[moving] for block in range(count)])
         errors = np.sqrt((count - 1) / count * np.sum((moves - np.mean(moves, axis=0)) ** 2, axis=0))
-        result: list[dict[str, tuple[float, float]]] = [{} for _ in self.hypothesis.acting]
+        result: list[dict[str, float]] = [{} for _ in self.hypothesis.acting]
         for column, error in zip(moving, errors):
             place, name = self.free[column - self.own_start]
-            one = self.hypothesis.acting[place]
-            ends = one.values[name] + tuned.CHAIN_WIDEN * 1.96 * error * np.array([-1.0, 1.0])
-            low, high = np.clip(ends, *bounds(one, name))
-            result[place][name] = float(low), float(high)
+            result[place][name] = float(error)
         return result
 
 
