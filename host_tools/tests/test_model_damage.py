@@ -28,8 +28,8 @@ Path_ = tuple[Any, ...]
 
 @lru_cache(maxsize=None)
 def document() -> dict[str, Any]:
-    """A model with a passport and effects that show all that an effect's entry may hold."""
-    model = replace(commissioned(), effects=[
+    """A model with a passport, the operator alone, and effects that show all that an effect's entry may hold."""
+    model = replace(commissioned(), operator_alone=commissioned().alone(), effects=[
         entry("lag", "amplifier", time_constant_s={"value": 0.001, "ci95": [0.0, 0.1], "unit": "s"}),
         {**entry("cross_coupling", um_per_V=0.01), "column": "other_axis_V"}])
     return json.loads(json.dumps(model.to_json()))
@@ -94,7 +94,7 @@ def check(path: Path_, folder: Path) -> None:
 
 PARTS = ["schema", "tool", "actuator", "gain_um_per_V", "offset_V", "offset_um", "stroke_um", "thresholds_um", "slopes",
          "slope_rate_s_per_um", "deadzones_um", "deadzone_weights", "rate", "drive", "memory", "fit", "effects",
-         "passport"]
+         "passport", "operator_alone"]
 
 
 @pytest.mark.slow

@@ -42,7 +42,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, (source, rows) in RUNS.items():
         rdpi("import", DATA / source, "--command", 0, "--displacement", 4, "--rate", 200, "--rows", rows,
              "-o", folder / name)
-    for name, options in {"m2": [], "m4": ["--deadzones", 4], "window": ["--rate-window", 0.04]}.items():
+    for name, options in {"m2": [], "m4": ["--deadzones", 4], 
+                          "window": ["--rate-window", 0.04, "--effects", "none"]}.items():
         rdpi("fit", folder / "fit.csv", "-o", folder / f"{name}.json", *options)
     return folder
 

@@ -109,7 +109,7 @@ class Model(Document):
     passport: Any = json_key("what the model misses of the recordings of its fit; null: not known",
                              holds=Passport | None, default=None)
     operator_alone: Any = json_key("the operator fitted as if nothing stood around it, for an inverse that compensates "
-                                   "no effect; null: that of the model", holds=OperatorAlone | None, default=None)
+                                   "no effect; null: that of the model", holds=OperatorAlone | None, default=None, omitted=True)
     where: str = "model"  # names it in messages: the file that it was read from
 
     def __post_init__(self) -> None:
@@ -229,5 +229,5 @@ class Model(Document):
         bare.drive = replace(bare.drive, sweep_V_per_s=self.drive.sweep_speed(), sweep_end_V=self.sweep_end())
         document = bare.to_json()
         for key in ("tool", "actuator", "fit", "effects", "passport", "operator_alone"):
-            del document[key]
+            document.pop(key, None)
         return "sha256:" + hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
