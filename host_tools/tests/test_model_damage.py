@@ -76,6 +76,7 @@ def use(model: Model, key: str) -> None:
     if key not in ("passport", "fit"):
         chain.simulate(model, [run()])
         chain.follow(model, run())
+    model.uncompensated()
 
 
 @lru_cache(maxsize=None)
