@@ -21,6 +21,7 @@ from .documents import Document, json_key
 from .limits import (EPSILON, LARGEST, MAX_DAC_BITS, MAX_DEADZONES, MAX_PLAYS, MAX_SWEEP_CYCLES, MIN_SLOPE_RATIO,
                      SWEEP_CYCLES, SWEEP_HZ, TINY, Source)
 from .records import EffectEntry, FitRecord, Passport
+from .sweep import swept_states
 
 SECTIONS = "rate", "drive", "memory"
 NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "where", "dac_bits",
@@ -75,6 +76,13 @@ class Memory(Document):
     x_um: float = json_key("control input", "um", default=0.0)
     plays_um: np.ndarray = json_key("output of each play; none: those of plays that came from 0", "um",
                                     default_factory=lambda: np.zeros(0))
+    sweep_share: float | None = json_key("how far a decaying sweep takes the actuator's plays: 1: as far as their "
+                                         "equations say, 0: they rest at the control input; null: not known, which "
+                                         "simulations take for 0 and the firmware for 1", low=0, high=1, omitted=True)
+
+    def followed_share(self) -> float:
+        """The share that the firmware takes."""
+        return 1.0 if self.sweep_share is None else self.sweep_share
 
 
 @dataclass(kw_only=True)
@@ -124,6 +132,11 @@ class Model(Document):
     def start_V(self) -> float:
         """Drive in V that holds the memory: the firmware starts from it."""
         return float(self.memory.plays_um[0] / self.gain_um_per_V + self.offset_V)
+
+    def swept(self, x_um: float) -> np.ndarray:
+        """States of the plays after a decaying sweep over the range of the drive that ended at this control input."""
+        ends = float(self.x_of(self.drive.min_V)), float(self.x_of(self.drive.max_V))
+        return swept_states(x_um, self.thresholds_um, ends, self.memory.sweep_share or 0.0)
 
     def sweep_end(self) -> float:
         """Drive in V at which the start-up sweep ends."""
@@ -202,6 +215,7 @@ class Model(Document):
         """SHA-256 of what the firmware takes from the model: same behaviour, same digest."""
         bare = replace(self, extra={}, **{key: replace(getattr(self, key), extra={}) for key in SECTIONS})
         bare.rate = replace(bare.rate, smoothing_s=0.0, identified_um_per_s=None, singular_um_per_s=None)
+        bare.memory = replace(bare.memory, sweep_share=self.memory.followed_share())
         bare.drive = replace(bare.drive, sweep_V_per_s=self.drive.sweep_speed(), sweep_end_V=self.sweep_end())
         document = bare.to_json()
         for key in ("tool", "actuator", "fit", "effects", "passport"):
