@@ -24,6 +24,7 @@ from .bands import RateSlopes, slopes_of_bands
 from .document import FitDocument
 from .regression import (Columns, Plant, Reduced, Run, joined, offset_of, prepare, rate_of, reduce, saturation_of,
                          search, smoothing_times_s, solve, without_rate)
+from .sweep_start import SweepStart, sweep_start
 
 GRID = np.linspace(0.12, 0.88, 20)  # candidate dead zones, as shares of the displacement's range
 MAX_RATE_TIME_S = 1e3
@@ -66,6 +67,7 @@ class Fit:
     scores: list[RunScore]
     rate_slopes: RateSlopes
     noise_um: float
+    sweep: SweepStart
     warnings: list[str] = field(default_factory=list)
 
     def record(self) -> records.FitRecord:
@@ -80,7 +82,7 @@ class Fit:
         """The document of `rdpi fit --json`; `path` is that of the model file."""
         known = self.record()
         return FitDocument(runs=known.runs, noise_um=known.noise_um, warnings=known.warnings, model=path,
-                           gate_failed=gate_failed, rate_slopes=self.rate_slopes.bands())
+                           gate_failed=gate_failed, rate_slopes=self.rate_slopes.bands(), sweep=self.sweep.record())
 
 
 def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Sequence[Recording] = (),
@@ -107,8 +109,10 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     offset_V = low_V if gain > 0 else high_V  # x >= 0, as one-sided dead zones need it
     thresholds = _thresholds(options, abs(gain) * max(float(np.ptp(run.command_V)) for run in runs), warnings)
 
+    ends_V = (low_V if options.min_V is None else options.min_V, high_V if options.max_V is None else options.max_V)
+    sweep = sweep_start(runs, gain, offset_V, thresholds, ends_V)
     prepared = prepare(runs, gain, offset_V, thresholds, options.rate_source, options.rate_window_s,
-                        options.rate_filter_s, smoothing_s)
+                       options.rate_filter_s, smoothing_s, sweep.states_um)
     usable = np.concatenate([run.rate_um_per_s[run.first:] for run in prepared])
     top = float(np.percentile(usable, 99.9))
     if top <= 0:
@@ -134,14 +138,13 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         deadzone_weights=np.ones(1),
         rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s,
                   min_slope_ratio=options.min_slope_ratio, smoothing_s=min(smoothing_s), identified_um_per_s=top),
-        drive=Drive(low_V if options.min_V is None else options.min_V,
-                    high_V if options.max_V is None else options.max_V, options.slew_V_per_s, options.dac_bits),
-        memory=Memory(float(first.x_um[0]), first.states_um),
+        drive=Drive(*ends_V, options.slew_V_per_s, options.dac_bits),
+        memory=Memory(float(first.x_um[0]), first.states_um, sweep.share),
         actuator=options.actuator if options.actuator is not None else runs[0].metadata.get("actuator", ""),
     ), plant, columns, prepared, reduced)
     if first.recording.memory == "unknown":
         states = chain.estimate_states(model, first.recording)
-        model.memory = Memory(float(states[0]), states)
+        model.memory = replace(model.memory, x_um=float(states[0]), plays_um=states)
     model.memory = chain.within_drive(model)
     if options.dac_bits is not None and None in (options.min_V, options.max_V):
         warnings.append(f"the DAC's codes are assumed to span {model.drive.min_V:g} to {model.drive.max_V:g} V, the "
@@ -158,7 +161,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     without = plant
     if not options.rate_independent:
         without = search(*without_rate(factor, columns), options.deadzones, samples)
-    found = Fit(model, (plant.residual, without.residual), scores, bands, noise, warnings)
+    found = Fit(model, (plant.residual, without.residual), scores, bands, noise, sweep, warnings)
     model.fit = found.record().to_json()
     return found
 

@@ -191,7 +191,7 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
         model = replace(model, memory=rest_at(model, float(usable[0] - offset)))
     elif recorded:
         states = estimate_states(model, run)
-        model = replace(model, memory=Memory(float(states[0]), states))
+        model = replace(model, memory=replace(model.memory, x_um=float(states[0]), plays_um=states))
         model = replace(model, memory=within_drive(model))
     if callable(engine):
         return engine(model, reference - offset), offset
