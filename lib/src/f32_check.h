@@ -27,7 +27,7 @@
 
 /* The part of the struct that holds nothing but numbers, without those that make codes. */
 #define NUMBERS_BEGIN offsetof(rdpi_f32_params_t, gain_um_per_V)
-#define NUMBERS_END (offsetof(rdpi_f32_params_t, sweep_end_V) + sizeof(rdpi_real_t))
+#define NUMBERS_END (offsetof(rdpi_f32_params_t, sweep_forgotten) + sizeof(rdpi_real_t))
 
 /* The part that the digest covers. It ends with the numbers that make codes. */
 #define DIGEST_BEGIN offsetof(rdpi_f32_params_t, plays)
@@ -137,7 +137,8 @@ static rdpi_status_t rdpi_f32_check_drive(const rdpi_f32_params_t *params, rdpi_
     rdpi_real_t largest_V = fabs(params->min_V) + fabs(params->max_V);
     rdpi_real_t moved_V = largest_V + params->sweep_V_per_s * sample_time_s / 16;
     if (params->sweep_cycles - 1u >= MAX_SWEEP_CYCLES || params->sweep_end_V < params->min_V ||
-        params->sweep_end_V > params->max_V || moved_V <= largest_V ||
+        params->sweep_end_V > params->max_V || params->sweep_forgotten < 0 || params->sweep_forgotten > 1 ||
+        moved_V <= largest_V ||
         (params->slew_V_per_s > 0 && params->slew_V_per_s < params->sweep_V_per_s)) {
         return RDPI_ERR_SWEEP;
     }

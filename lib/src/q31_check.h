@@ -10,7 +10,7 @@
 
 /* The part of the struct that the digest covers. */
 #define DIGEST_BEGIN offsetof(rdpi_q31_params_t, slew_per_us)
-#define DIGEST_END (offsetof(rdpi_q31_params_t, sweep_end) + sizeof(int32_t))
+#define DIGEST_END (offsetof(rdpi_q31_params_t, sweep_forgotten) + sizeof(int32_t))
 
 /* What must hold before any other check may read. */
 static rdpi_status_t rdpi_q31_check_pointers(uint64_t layout, const rdpi_q31_t *self, const rdpi_q31_params_t *params)
@@ -106,7 +106,8 @@ static rdpi_status_t rdpi_q31_check_drive(const rdpi_q31_params_t *params)
         return RDPI_ERR_DRIVE;
     }
     if (params->sweep_cycles - 1u >= MAX_SWEEP_CYCLES || params->sweep_end < params->min_drive ||
-        params->sweep_end > params->max_drive ||
+        params->sweep_end > params->max_drive || params->sweep_forgotten < 0 ||
+        params->sweep_forgotten > RDPI_Q31_ONE ||
         (params->slew_per_us > 0u && params->slew_per_us < params->sweep_per_us)) {
         return RDPI_ERR_SWEEP;
     }

@@ -267,6 +267,21 @@ void rdpi_q31_missed(rdpi_q31_t *self, uint32_t ticks)
     self->missed_count += ticks < UINT32_MAX - self->missed_count ? ticks : UINT32_MAX - self->missed_count;
 }
 
+/* As in rdpi_f32.c. The differences are cut towards 0, so that none outgrows that of the thresholds. */
+static RDPI_Q31_SELDOM void forget_sweep(rdpi_q31_t *self)
+{
+    const rdpi_q31_params_t *params = self->params;
+    rdpi_q31_bank_t *bank = &self->bank;
+    int32_t kept = RDPI_Q31_ONE - params->sweep_forgotten, before = bank->y[0], y = bank->y[0];
+    for (size_t i = 1; i < params->plays; i++) {
+        int32_t state = rdpi_q31_bank_state(bank, params, i);
+        y += (int32_t)(rdpi_q31_mul(kept, state - before) / RDPI_Q31_ONE);
+        before = state;
+        bank->y[i] = y;
+    }
+    rdpi_q31_bank_set(bank, params, bank->y);
+}
+
 bool rdpi_q31_sweep(rdpi_q31_t *self)
 {
     const rdpi_q31_params_t *params = self->params;
@@ -295,6 +310,9 @@ bool rdpi_q31_sweep(rdpi_q31_t *self)
         self->sweep_turns--;
     }
     output(self, self->bank.y[0]);
+    if (self->sweep_turns == 0u && params->sweep_forgotten > 0) {
+        forget_sweep(self);
+    }
     return self->sweep_turns > 0u;
 }
 

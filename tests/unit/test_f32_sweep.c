@@ -42,6 +42,8 @@ void test_sweep_to_the_end_of_the_range_returns_there_after_every_cycle(void);
 void test_sweep_after_the_last_is_another_whole_one(void);
 void test_sweep_begins_from_the_present_drive_without_a_jump(void);
 void test_sweep_wipes_out_what_the_plays_remember(void);
+void test_sweep_leaves_what_is_not_forgotten(void);
+void test_sweep_forgets_nothing_before_it_has_ended(void);
 void test_sweep_ignores_the_slew_limit_it_cannot_exceed(void);
 void test_reset_makes_the_next_sweep_begin_anew(void);
 void test_memory_set_makes_the_next_sweep_begin_anew(void);

@@ -103,6 +103,8 @@ typedef struct {
                                       0: unlimited */
     rdpi_real_t sweep_V_per_s;   /**< slope of the start-up sweep, > 0 */
     rdpi_real_t sweep_end_V;     /**< where the start-up sweep ends, min_V <= end <= max_V */
+    rdpi_real_t sweep_forgotten; /**< share, 0 .. 1, of y_i - x that is no longer there when the sweep has ended; 0: the
+                                      plays stay where the sweep has taken them */
     rdpi_real_t last_code;       /**< 2^dac_bits - 1. Without codes, this and the five numbers below are 0 */
     rdpi_real_t codes_per_um;    /**< dac_code = codes_per_um * x + code_of_x_0, cut to an integer */
     rdpi_real_t code_of_x_0;     /**< includes 0.5, so that cutting rounds to the nearest code */
@@ -255,7 +257,8 @@ void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks);
 
 /** One sample of the start-up sweep, in place of a step. The sweep wipes out what the actuator remembers. The plays
  * follow it, so that plays and actuator end in the same state, whatever each was before. (Only plays whose r_i is
- * beyond half the range of x keep their state, because nothing moves them.)
+ * beyond half the range of x keep their state, because nothing moves them.) An actuator that forgets ends nearer to x:
+ * with the last sample, the plays come nearer by the share sweep_forgotten.
  *
  * 1. If the amplifier does not output drive_V, report its drive first: rdpi_f32_forward(self, its_V, 0). Otherwise the
  *    first sample jumps.
