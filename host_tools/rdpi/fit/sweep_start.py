@@ -115,7 +115,7 @@ def _part(run: Recording, x: np.ndarray, z: np.ndarray, reach: float, most: int)
 def _rms_left(parts: Sequence[_Part], r: np.ndarray, kinds: np.ndarray) -> np.ndarray:
     """What plays of each kind, (forgetting, share), leave of the displacement: rms over that of the loops."""
     plays = [_walk(part, r, kinds) for part in parts]
-    top = max(float(np.max(part.rate)) for part in parts)
+    top = max(float(np.max(part.rate)) for part in parts) or 1.0
     rates = [part.rate[part.used, None] / top for part in parts]
     usual = [_columns(one[:, -1 - len(FORGETTINGS)], rate) for one, rate in zip(plays, rates)]  # remember, share 1
     z = _stacked([part.z[part.used, None] for part in parts], parts)
