@@ -18,7 +18,8 @@ rdpi_status_t rdpi_batch_rate(rdpi_real_t window_s, rdpi_real_t filter_s, rdpi_r
 void rdpi_batch_step(rdpi_f32_t *self, const rdpi_real_t *reference_um, size_t samples, rdpi_real_t *drive_V,
                      rdpi_real_t *rate_um_per_s, uint32_t *flags, uint32_t *dac_code);
 
-/* rdpi_f32_sweep until it ends, `samples` times at most; returns how many samples it took, 0 if it goes on. */
+/* rdpi_f32_sweep until it ends, `samples` times at most, then rdpi_f32_forget_sweep; returns how many samples it took,
+ * 0 if it goes on. */
 size_t rdpi_batch_sweep(rdpi_f32_t *self, size_t samples, rdpi_real_t *drive_V, uint32_t *dac_code);
 
 /* rdpi_f32_predict over arrays. */

@@ -137,8 +137,7 @@ static rdpi_status_t rdpi_f32_check_drive(const rdpi_f32_params_t *params, rdpi_
     rdpi_real_t largest_V = fabs(params->min_V) + fabs(params->max_V);
     rdpi_real_t moved_V = largest_V + params->sweep_V_per_s * sample_time_s / 16;
     if (params->sweep_cycles - 1u >= MAX_SWEEP_CYCLES || params->sweep_end_V < params->min_V ||
-        params->sweep_end_V > params->max_V || params->sweep_forgotten < 0 || params->sweep_forgotten > 1 ||
-        moved_V <= largest_V ||
+        params->sweep_end_V > params->max_V || moved_V <= largest_V ||
         (params->slew_V_per_s > 0 && params->slew_V_per_s < params->sweep_V_per_s)) {
         return RDPI_ERR_SWEEP;
     }

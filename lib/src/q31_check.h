@@ -106,8 +106,7 @@ static rdpi_status_t rdpi_q31_check_drive(const rdpi_q31_params_t *params)
         return RDPI_ERR_DRIVE;
     }
     if (params->sweep_cycles - 1u >= MAX_SWEEP_CYCLES || params->sweep_end < params->min_drive ||
-        params->sweep_end > params->max_drive || params->sweep_forgotten < 0 ||
-        params->sweep_forgotten > RDPI_Q31_ONE ||
+        params->sweep_end > params->max_drive ||
         (params->slew_per_us > 0u && params->slew_per_us < params->sweep_per_us)) {
         return RDPI_ERR_SWEEP;
     }

@@ -369,22 +369,6 @@ void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks)
     self->missed_count += ticks < UINT32_MAX - self->missed_count ? ticks : UINT32_MAX - self->missed_count;
 }
 
-/* The end of a sweep, for an actuator that forgets part of what it leaves: the plays come nearer to x. The difference of
- * neighbours shrinks, so that one history can still lead to these states. */
-static RDPI_F32_SELDOM void forget_sweep(rdpi_f32_t *self)
-{
-    const rdpi_f32_params_t *params = self->params;
-    rdpi_f32_bank_t *bank = &self->bank;
-    rdpi_real_t kept = 1 - params->sweep_forgotten, before_um = bank->y_um[0], y_um = bank->y_um[0];
-    for (size_t i = 1; i < params->plays; i++) {
-        rdpi_real_t state_um = rdpi_f32_bank_state(bank, params->play, i);
-        y_um = rdpi_f32_fma(kept, state_um - before_um, y_um);
-        before_um = state_um;
-        bank->y_um[i] = y_um;
-    }
-    rdpi_f32_bank_set(bank, params->play, params->plays, bank->y_um);
-}
-
 bool rdpi_f32_sweep(rdpi_f32_t *self)
 {
     const rdpi_f32_params_t *params = self->params;
@@ -411,10 +395,24 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     }
     rdpi_f32_target_t target = rdpi_f32_bank_target(rdpi_f32_x_of_drive(params, drive_V));
     (void)output(self, drive_V, target, false);
-    if (self->sweep_turns == 0u && params->sweep_forgotten > 0) {
-        forget_sweep(self);
-    }
     return self->sweep_turns > 0u;
+}
+
+void rdpi_f32_forget_sweep(rdpi_f32_t *self)
+{
+    const rdpi_f32_params_t *params = self->params;
+    rdpi_f32_bank_t *bank = &self->bank;
+    rdpi_real_t forgotten = rdpi_f32_clamp(params->sweep_forgotten, 0, 1);
+    if (forgotten > 0) { /* 0 leaves the next step its last bit */
+        rdpi_f32_get_memory(self, bank->y_um);
+        for (size_t i = 1; i < params->plays; i++) {
+            bank->y_um[i] = rdpi_f32_fma(-forgotten, bank->y_um[i] - bank->y_um[0], bank->y_um[i]);
+        }
+        rdpi_real_t drive_V = self->drive_V, ramp_V = self->ramp_V; /* from x they would be rounded once more */
+        put_memory(self, bank->y_um);
+        self->drive_V = drive_V;
+        self->ramp_V = ramp_V;
+    }
 }
 
 rdpi_real_t rdpi_f32_predict(const rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s)

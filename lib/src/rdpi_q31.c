@@ -267,21 +267,6 @@ void rdpi_q31_missed(rdpi_q31_t *self, uint32_t ticks)
     self->missed_count += ticks < UINT32_MAX - self->missed_count ? ticks : UINT32_MAX - self->missed_count;
 }
 
-/* As in rdpi_f32.c. The differences are cut towards 0, so that none outgrows that of the thresholds. */
-static RDPI_Q31_SELDOM void forget_sweep(rdpi_q31_t *self)
-{
-    const rdpi_q31_params_t *params = self->params;
-    rdpi_q31_bank_t *bank = &self->bank;
-    int32_t kept = RDPI_Q31_ONE - params->sweep_forgotten, before = bank->y[0], y = bank->y[0];
-    for (size_t i = 1; i < params->plays; i++) {
-        int32_t state = rdpi_q31_bank_state(bank, params, i);
-        y += (int32_t)(rdpi_q31_mul(kept, state - before) / RDPI_Q31_ONE);
-        before = state;
-        bank->y[i] = y;
-    }
-    rdpi_q31_bank_set(bank, params, bank->y);
-}
-
 bool rdpi_q31_sweep(rdpi_q31_t *self)
 {
     const rdpi_q31_params_t *params = self->params;
@@ -310,10 +295,23 @@ bool rdpi_q31_sweep(rdpi_q31_t *self)
         self->sweep_turns--;
     }
     output(self, self->bank.y[0]);
-    if (self->sweep_turns == 0u && params->sweep_forgotten > 0) {
-        forget_sweep(self);
-    }
     return self->sweep_turns > 0u;
+}
+
+/* The differences are cut towards 0, so that none outgrows that of the thresholds. */
+void rdpi_q31_forget_sweep(rdpi_q31_t *self)
+{
+    const rdpi_q31_params_t *params = self->params;
+    rdpi_q31_bank_t *bank = &self->bank;
+    int32_t share = params->sweep_forgotten, before = bank->y[0], y = bank->y[0];
+    int32_t kept = share > RDPI_Q31_ONE ? 0 : (share < 0 ? RDPI_Q31_ONE : RDPI_Q31_ONE - share);
+    for (size_t i = 1; i < params->plays; i++) {
+        int32_t state = rdpi_q31_bank_state(bank, params, i);
+        y += (int32_t)(rdpi_q31_mul(kept, state - before) / RDPI_Q31_ONE);
+        before = state;
+        bank->y[i] = y;
+    }
+    rdpi_q31_bank_set(bank, params, bank->y);
 }
 
 int32_t rdpi_q31_predict(const rdpi_q31_t *self, int32_t drive, int32_t rate)

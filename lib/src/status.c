@@ -36,8 +36,7 @@ const char *rdpi_status_text(rdpi_status_t status)
     case RDPI_ERR_MEMORY:
         return "memory is not a state one history can leave inside the drive range";
     case RDPI_ERR_SWEEP:
-        return "start-up sweep: needs 1 to 10000 cycles, an end in range, a speed within the slew and not too slow, "
-               "0 to 1 forgotten";
+        return "start-up sweep: needs 1 to 10000 cycles, an end in range, a speed within the slew and not too slow";
     case RDPI_ERR_DIGEST:
         return "parameters differ from those generated, or are of another number type: generate or flash them again";
     case RDPI_ERR_SIZE:

@@ -267,16 +267,6 @@ void test_init_refuses_a_sweep_that_ends_outside_the_drive_range(void)
     refused(RDPI_ERR_SWEEP);
 }
 
-void test_init_refuses_a_sweep_that_forgets_less_than_nothing_or_more_than_all(void)
-{
-    given.params.sweep_forgotten = (rdpi_real_t)-0.001;
-    refused(RDPI_ERR_SWEEP);
-    given.params.sweep_forgotten = (rdpi_real_t)1.001;
-    refused(RDPI_ERR_SWEEP);
-    given.params.sweep_forgotten = 1;
-    start();
-}
-
 void test_init_refuses_a_sweep_that_does_not_move(void)
 {
     given.params.sweep_V_per_s = 0;

@@ -336,16 +336,6 @@ void test_init_refuses_a_sweep_of_no_and_of_too_many_cycles(void)
     start();
 }
 
-void test_init_refuses_a_sweep_that_forgets_less_than_nothing_or_more_than_all(void)
-{
-    given.params.sweep_forgotten = -1;
-    refused(RDPI_ERR_SWEEP);
-    given.params.sweep_forgotten = RDPI_Q31_ONE + 1;
-    refused(RDPI_ERR_SWEEP);
-    given.params.sweep_forgotten = RDPI_Q31_ONE;
-    start();
-}
-
 void test_init_refuses_a_sweep_that_ends_outside_the_range(void)
 {
     given.params.sweep_end = 28 * U + 1;

@@ -217,6 +217,9 @@ void rdpi_q31_missed(rdpi_q31_t *self, uint32_t ticks);
 /** As rdpi_f32_sweep. */
 bool rdpi_q31_sweep(rdpi_q31_t *self);
 
+/** As rdpi_f32_forget_sweep. */
+void rdpi_q31_forget_sweep(rdpi_q31_t *self);
+
 /** As rdpi_f32_predict: returns the displacement, in reference units, for a drive at a rate. The guard, RDPI_Q31_ONE,
  * clamps the rate. Returns RDPI_Q31_NO_REFERENCE if the rate is negative or |drive| > RDPI_Q31_MAX_DRIVE.
  *

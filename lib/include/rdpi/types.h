@@ -70,8 +70,8 @@ typedef enum {
                                      many DAC bits (q31: or the steps of the codes do not fit the range) */
     RDPI_ERR_MEMORY = -15,      /**< no single history leads to these states, or their drive is outside its range */
     RDPI_ERR_SWEEP = -16,       /**< the start-up sweep does not have 1 to 10000 cycles, ends outside the range, is
-                                     faster than the slew limit, is so slow that rounding swallows the change of one
-                                     sample, or sweep_forgotten is not 0 to 1 */
+                                     faster than the slew limit, or is so slow that rounding swallows the change of one
+                                     sample */
     RDPI_ERR_DIGEST = -17,      /**< the parameters are not those that were generated: the flash or the file is damaged,
                                      or they were generated for another RDPI_REAL */
     RDPI_ERR_SIZE = -18         /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW),
