@@ -298,18 +298,16 @@ bool rdpi_q31_sweep(rdpi_q31_t *self)
     return self->sweep_turns > 0u;
 }
 
-/* The differences are cut towards 0, so that none outgrows that of the thresholds. */
+/* Distances to x are cut towards 0: no state leaves the format, and no two neighbours are further apart than before. */
 void rdpi_q31_forget_sweep(rdpi_q31_t *self)
 {
     const rdpi_q31_params_t *params = self->params;
     rdpi_q31_bank_t *bank = &self->bank;
-    int32_t share = params->sweep_forgotten, before = bank->y[0], y = bank->y[0];
+    int32_t share = params->sweep_forgotten, x = bank->y[0];
     int32_t kept = share > RDPI_Q31_ONE ? 0 : (share < 0 ? RDPI_Q31_ONE : RDPI_Q31_ONE - share);
     for (size_t i = 1; i < params->plays; i++) {
-        int32_t state = rdpi_q31_bank_state(bank, params, i);
-        y += (int32_t)(rdpi_q31_mul(kept, state - before) / RDPI_Q31_ONE);
-        before = state;
-        bank->y[i] = y;
+        int32_t way = rdpi_q31_bank_state(bank, params, i) - x;
+        bank->y[i] = x + (int32_t)(rdpi_q31_mul(kept, way) / RDPI_Q31_ONE);
     }
     rdpi_q31_bank_set(bank, params, bank->y);
 }

@@ -171,3 +171,24 @@ void test_sweep_outputs_dac_codes_from_end_to_end_and_the_plays_follow_them(void
         TEST_ASSERT_EQUAL_UINT32(31, highest);
     }
 }
+
+void test_sweep_cuts_what_is_left_towards_x(void)
+{
+    int32_t all[PLAYS], left[PLAYS];
+    const int32_t forgotten = RDPI_Q31_ONE / 3;
+    for (int32_t end = -4; end <= 4; end += 8) { /* plays above x, plays below */
+        given.params.sweep_end = end * U;
+        given.params.sweep_forgotten = forgotten;
+        start();
+        while (rdpi_q31_sweep(&axis)) {
+        }
+        rdpi_q31_get_memory(&axis, all);
+        rdpi_q31_forget_sweep(&axis);
+        rdpi_q31_get_memory(&axis, left);
+        TEST_ASSERT_TRUE(end < 0 ? all[1] > all[0] : all[1] < all[0]);
+        for (size_t i = 0; i < PLAYS; i++) {
+            int64_t times_one = (int64_t)(RDPI_Q31_ONE - forgotten) * (all[i] - all[0]);
+            TEST_ASSERT_EQUAL_INT32(all[0] + times_one / RDPI_Q31_ONE, left[i]);
+        }
+    }
+}
