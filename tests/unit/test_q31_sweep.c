@@ -176,7 +176,7 @@ void test_sweep_cuts_what_is_left_towards_x(void)
 {
     int32_t all[PLAYS], left[PLAYS];
     const int32_t forgotten = RDPI_Q31_ONE / 3;
-    for (int32_t end = -4; end <= 4; end += 8) { /* plays above x, plays below */
+    for (int32_t end = -32; end <= 28; end += 60) { /* plays above x, plays below */
         given.params.sweep_end = end * U;
         given.params.sweep_forgotten = forgotten;
         start();
