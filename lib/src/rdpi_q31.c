@@ -298,16 +298,21 @@ bool rdpi_q31_sweep(rdpi_q31_t *self)
     return self->sweep_turns > 0u;
 }
 
-/* Distances to x are cut towards 0: no state leaves the format, and no two neighbours are further apart than before. */
+/* Rounding a share of a distance down leads no state beyond where it was, and no two neighbours further apart. */
 void rdpi_q31_forget_sweep(rdpi_q31_t *self)
 {
     const rdpi_q31_params_t *params = self->params;
     rdpi_q31_bank_t *bank = &self->bank;
-    int32_t share = params->sweep_forgotten, x = bank->y[0];
-    int32_t kept = share > RDPI_Q31_ONE ? 0 : (share < 0 ? RDPI_Q31_ONE : RDPI_Q31_ONE - share);
+    int32_t forgotten = params->sweep_forgotten, x = bank->y[0];
+    if (forgotten < 0) {
+        forgotten = 0;
+    }
+    if (forgotten > RDPI_Q31_ONE) {
+        forgotten = RDPI_Q31_ONE;
+    }
     for (size_t i = 1; i < params->plays; i++) {
         int32_t way = rdpi_q31_bank_state(bank, params, i) - x;
-        bank->y[i] = x + (int32_t)(rdpi_q31_mul(kept, way) / RDPI_Q31_ONE);
+        bank->y[i] = x + (int32_t)(rdpi_q31_mul(RDPI_Q31_ONE - forgotten, way) >> 30);
     }
     rdpi_q31_bank_set(bank, params, bank->y);
 }

@@ -172,23 +172,25 @@ void test_sweep_outputs_dac_codes_from_end_to_end_and_the_plays_follow_them(void
     }
 }
 
-void test_sweep_cuts_what_is_left_towards_x(void)
+void test_sweep_leaves_states_within_reach_whatever_is_forgotten(void)
 {
     int32_t all[PLAYS], left[PLAYS];
-    const int32_t forgotten = RDPI_Q31_ONE / 3;
     for (int32_t end = -32; end <= 28; end += 60) { /* plays above x, plays below */
-        given.params.sweep_end = end * U;
-        given.params.sweep_forgotten = forgotten;
-        start();
-        while (rdpi_q31_sweep(&axis)) {
-        }
-        rdpi_q31_get_memory(&axis, all);
-        rdpi_q31_forget_sweep(&axis);
-        rdpi_q31_get_memory(&axis, left);
-        TEST_ASSERT_TRUE(end < 0 ? all[1] > all[0] : all[1] < all[0]);
-        for (size_t i = 0; i < PLAYS; i++) {
-            int64_t times_one = (int64_t)(RDPI_Q31_ONE - forgotten) * (all[i] - all[0]);
-            TEST_ASSERT_EQUAL_INT32(all[0] + times_one / RDPI_Q31_ONE, left[i]);
+        for (int32_t one_of = 2; one_of < 1000; one_of += 7) {
+            given.params.sweep_end = end * U;
+            given.params.sweep_forgotten = RDPI_Q31_ONE / one_of;
+            start();
+            while (rdpi_q31_sweep(&axis)) {
+            }
+            rdpi_q31_get_memory(&axis, all);
+            rdpi_q31_forget_sweep(&axis);
+            rdpi_q31_get_memory(&axis, left);
+            for (size_t i = 0; i < PLAYS; i++) {
+                double kept = 1 - (double)given.params.sweep_forgotten / RDPI_Q31_ONE;
+                TEST_ASSERT_INT_WITHIN(1, (int)(all[0] + kept * (all[i] - all[0])), left[i]);
+                TEST_ASSERT_TRUE(end < 0 ? left[i] <= all[i] : left[i] >= all[i]);
+            }
+            TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_q31_set_memory(&axis, left));
         }
     }
 }

@@ -277,9 +277,9 @@ void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks);
  * ISR safe. */
 bool rdpi_f32_sweep(rdpi_f32_t *self);
 
-/** The end of the start-up sweep for an actuator that forgets part of what the sweep leaves. Brings every play nearer to
- * x, by the share sweep_forgotten of its distance; a share below 0 counts as 0, one above 1 as 1. Nothing else changes.
- * Call it once, after the last sample of a sweep and before the first step. O(n). ISR safe. */
+/** The end of the start-up sweep for an actuator that forgets part of what the sweep leaves. Brings every play nearer
+ * to x, by the share sweep_forgotten of its distance. A share below 0 counts as 0, one above 1 as 1. Nothing else
+ * changes. Call it once, after the last sample of a sweep and before the first step. O(n). ISR safe. */
 void rdpi_f32_forget_sweep(rdpi_f32_t *self);
 
 /** Returns the displacement in um that the model predicts for `drive_V` at `rate_um_per_s` (eq. 8, 9 and 17). The guard
