@@ -86,6 +86,9 @@ static bool advance(uint32_t ticks)
     sample.flags = 0;
     if (sweeping) {
         sweeping = RDPI(sweep)(&axis);
+        if (!sweeping) {
+            RDPI(forget_sweep)(&axis);
+        }
         sample.flags = RDPI_TELEMETRY_SWEEP;
     } else if (NEXT_REFERENCE(ticks, &reference)) {
         if (ticks > 1u) {

@@ -43,6 +43,7 @@ size_t rdpi_batch_sweep(rdpi_f32_t *self, size_t samples, rdpi_real_t *drive_V, 
         drive_V[k] = self->drive_V;
         dac_code[k] = self->dac_code;
         if (!more) {
+            rdpi_f32_forget_sweep(self);
             return k + 1u;
         }
     }
@@ -83,6 +84,7 @@ size_t rdpi_batch_q31_sweep(rdpi_q31_t *self, size_t samples, int32_t *drive, ui
         drive[k] = self->drive;
         dac_code[k] = self->dac_code;
         if (!more) {
+            rdpi_q31_forget_sweep(self);
             return k + 1u;
         }
     }

@@ -18,7 +18,8 @@ rdpi_status_t rdpi_batch_rate(rdpi_real_t window_s, rdpi_real_t filter_s, rdpi_r
 void rdpi_batch_step(rdpi_f32_t *self, const rdpi_real_t *reference_um, size_t samples, rdpi_real_t *drive_V,
                      rdpi_real_t *rate_um_per_s, uint32_t *flags, uint32_t *dac_code);
 
-/* rdpi_f32_sweep until it ends, `samples` times at most; returns how many samples it took, 0 if it goes on. */
+/* rdpi_f32_sweep until it ends, `samples` times at most, then rdpi_f32_forget_sweep; returns how many samples it took,
+ * 0 if it goes on. */
 size_t rdpi_batch_sweep(rdpi_f32_t *self, size_t samples, rdpi_real_t *drive_V, uint32_t *dac_code);
 
 /* rdpi_f32_predict over arrays. */
@@ -66,7 +67,7 @@ typedef struct {
     uint16_t plays, deadzones, dac_bits, sweep_cycles;
     rdpi_real_t gain_um_per_V, V_per_um, offset_V, offset_um;
     rdpi_real_t rate_window_s, rate_filter_s, max_um_per_s, min_slope_ratio;
-    rdpi_real_t min_V, max_V, slew_V_per_s, sweep_V_per_s, sweep_end_V;
+    rdpi_real_t min_V, max_V, slew_V_per_s, sweep_V_per_s, sweep_end_V, sweep_forgotten;
     rdpi_real_t last_code, codes_per_um, code_of_x_0, um_per_code, x_of_code_0_um, V_per_code;
     const rdpi_f32_play_t *play;
     const rdpi_f32_deadzone_t *saturation;
@@ -110,7 +111,7 @@ typedef struct {
     int16_t guard_exponent;
     uint16_t min_slope_ratio;
     uint32_t guard_mantissa, rate_window_ns, rate_filter_ns;
-    int32_t min_drive, max_drive, drive_of_code_0, codes_per_drive, drive_per_code, sweep_end;
+    int32_t min_drive, max_drive, drive_of_code_0, codes_per_drive, drive_per_code, sweep_end, sweep_forgotten;
     const rdpi_q31_play_t *play;
     const rdpi_q31_deadzone_t *saturation, *inverse_saturation;
     const int32_t *memory;

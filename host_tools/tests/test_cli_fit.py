@@ -68,7 +68,7 @@ def test_model_file(fitted: Callable, runs: dict[str, Path], tmp_path: Path) -> 
     assert document["rate"]["source"] == "displacement" and document["effects"] == []
     assert document["passport"]["schema"] == "rdpi-passport/1" and len(document["passport"]["runs"]) == 2
     assert {"min_V", "max_V", "slew_V_per_s"} <= set(document["drive"])
-    assert set(document["memory"]) == {"x_um", "plays_um"}
+    assert set(document["memory"]) == {"x_um", "plays_um", "sweep_share"}
     model = read_model(tmp_path / "model.json")
     assert slopes_um_per_V(model) == pytest.approx(stack().slopes, rel=0.02)
     assert document["fit"]["runs"][0]["digest"] == read_recording(runs["large"]).digest

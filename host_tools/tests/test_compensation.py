@@ -113,6 +113,12 @@ def test_memory_after_the_sweep(end_V: float, first_V: float, memory: str, why: 
     assert memory_after(swept(end_V), first_V) == (memory, why)
 
 
+def test_memory_after_a_sweep_whose_share_is_known() -> None:
+    model = swept(200.0)
+    model.memory = replace(model.memory, sweep_share=0.5)
+    assert memory_after(model, 200.0) == ("reset", "") and memory_after(model, 50.0) == ("unknown", "")
+
+
 def test_memory_of_a_drive_after_the_sweep() -> None:
     found = compensate(swept(200.0), replace(reference(), columns={
         "time_s": TIME_S, "reference_um": np.full(500, 1e5)}), sweep=True)  # the drive stays at its end

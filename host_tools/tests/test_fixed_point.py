@@ -115,7 +115,7 @@ def test_init_takes_what_is_chosen_and_formats_are_used(model: Model) -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_the_digest_is_the_crc_of_the_fields_in_their_order(seed: int) -> None:
     q = parameters.q31(random_model(seed, plays=seed, deadzones=seed % 3, slew=seed > 2, dac_bits=16))
-    data = struct.pack("<2Q4H4BhH3I6i", *(getattr(q, name) for name in SCALARS))
+    data = struct.pack("<2Q4H4BhH3I7i", *(getattr(q, name) for name in SCALARS))
     data += b"".join(getattr(q, name).astype("<i4").tobytes() for name in TABLES)
     assert firmware.digest(q) == zlib.crc32(data)
 

@@ -244,7 +244,7 @@ def test_a_model_beyond_fixed_point_has_floats_alone_and_says_why(model: Model, 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_digest_is_the_crc_of_the_fields_in_their_order(seed: int) -> None:
     single = parameters.f32(random_model(seed, plays=seed, deadzones=seed % 3))
-    data = struct.pack("<4H19f", single.plays, single.deadzones, single.dac_bits, single.sweep_cycles,
+    data = struct.pack("<4H20f", single.plays, single.deadzones, single.dac_bits, single.sweep_cycles,
                        *(getattr(single, field) for field in SCALARS))
     data += b"".join(getattr(single, field).astype("<f4").tobytes() for field in TABLES)
     assert firmware.digest(single) == zlib.crc32(data)
@@ -315,7 +315,7 @@ def test_a_library_of_another_schema_is_an_error(model: Model, compiled: Callabl
     assert SCHEMA == lib.RDPI_PARAMS_SCHEMA
     other = '#include "rdpi/rdpi.h"\n#undef RDPI_PARAMS_SCHEMA\n#define RDPI_PARAMS_SCHEMA 99u\n'
     done = compiled(other + INIT, {"rdpi_params.h": render(model)})
-    assert done.returncode == 1 and "these parameters have schema 3" in done.stderr
+    assert done.returncode == 1 and f"these parameters have schema {SCHEMA}" in done.stderr
 
 
 @pytest.mark.parametrize("flag", ["RDPI_MAX_PLAYS=3", "RDPI_MAX_DEADZONES=1"])

@@ -180,10 +180,15 @@ def test_runs_that_do_not_belong_together(change: dict[str, Callable], message: 
      r"^bad\.csv: \d+ samples stay at the highest .*clipped"),
     (bent(displacement_um=lambda z: z + np.linspace(0, 4, len(z))),
      r"^bad\.csv: the model misses this run by [3-9]\.?\d* % rms .*drift"),
-    (static_run(visited((90.0, 0.0)), name="bad.csv"), r"^bad\.csv: marked memory: reset, but .*unknown"),
 ])
 def test_doubtful_recordings_are_remarked_on(run: Recording, note: str) -> None:
     assert [text for text in fit([run], STATIC).warnings if re.search(note, text)]
+
+
+def test_a_start_unlike_the_others_is_remarked_on() -> None:
+    runs = [static_run(), static_run(high=80, name="b.csv"), static_run(visited((90.0, 0.0)), name="bad.csv")]
+    result = fit([replace(run, digest=f"sha256:{run.path}") for run in runs], STATIC)
+    assert any(re.match(r"bad\.csv: marked memory: reset, but .*unknown", text) for text in result.warnings)
 
 
 def test_recordings_of_different_actuators_are_remarked_on() -> None:

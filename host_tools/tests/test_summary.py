@@ -14,6 +14,7 @@ from rdpi.errors import BadInput
 from rdpi.fit import report, summary
 from rdpi.fit.bands import RateSlopes
 from rdpi.fit.identify import Fit, RunScore
+from rdpi.fit.sweep_start import SweepStart
 from rdpi.simulate import chain
 
 
@@ -25,7 +26,8 @@ def fitted(*percents: float, held_out: tuple[bool, ...] = ()) -> Fit:
     scores = [RunScore(replace(run, path=f"{k}.csv"), k < len(held_out) and held_out[k],
                        chain.Score(0.1, 0.2, percent, 2 * percent, 0.0), "reset") for k, percent in enumerate(percents)]
     bands = RateSlopes(np.array([100.0]), np.full((1, 10), np.nan), np.array([5]))
-    return Fit(model, (0.01, 0.02), scores, bands, 0.003, ["something to know"])
+    sweep = SweepStart(0.25, "beginnings", 0.012, 0.034, model.thresholds_um, (0.0, 12.5))
+    return Fit(model, (0.01, 0.02), scores, bands, 0.003, sweep, ["something to know"])
 
 
 def test_what_a_model_is_judged_by() -> None:
@@ -45,6 +47,7 @@ def test_lines() -> None:
     low, high = chain.reachable_um(result.model)
     assert any(f"{low:.5g} to {high:.5g} um" in line for line in lines)
     assert any("500 um/s" in line and "1160 um/s" in line for line in lines)
+    assert any("sweep takes the plays 25 % of the way" in line for line in lines)
     assert lines[-1] == "note: something to know"
     assert not any("residual" in line for line in summary.lines(replace(result, residual=(0.01, 0.01))))
 

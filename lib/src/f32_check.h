@@ -27,7 +27,7 @@
 
 /* The part of the struct that holds nothing but numbers, without those that make codes. */
 #define NUMBERS_BEGIN offsetof(rdpi_f32_params_t, gain_um_per_V)
-#define NUMBERS_END (offsetof(rdpi_f32_params_t, sweep_end_V) + sizeof(rdpi_real_t))
+#define NUMBERS_END (offsetof(rdpi_f32_params_t, sweep_forgotten) + sizeof(rdpi_real_t))
 
 /* The part that the digest covers. It ends with the numbers that make codes. */
 #define DIGEST_BEGIN offsetof(rdpi_f32_params_t, plays)

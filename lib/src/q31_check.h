@@ -10,7 +10,7 @@
 
 /* The part of the struct that the digest covers. */
 #define DIGEST_BEGIN offsetof(rdpi_q31_params_t, slew_per_us)
-#define DIGEST_END (offsetof(rdpi_q31_params_t, sweep_end) + sizeof(int32_t))
+#define DIGEST_END (offsetof(rdpi_q31_params_t, sweep_forgotten) + sizeof(int32_t))
 
 /* What must hold before any other check may read. */
 static rdpi_status_t rdpi_q31_check_pointers(uint64_t layout, const rdpi_q31_t *self, const rdpi_q31_params_t *params)

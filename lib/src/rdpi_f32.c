@@ -398,6 +398,23 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     return self->sweep_turns > 0u;
 }
 
+void rdpi_f32_forget_sweep(rdpi_f32_t *self)
+{
+    const rdpi_f32_params_t *params = self->params;
+    rdpi_f32_bank_t *bank = &self->bank;
+    rdpi_real_t forgotten = rdpi_f32_clamp(params->sweep_forgotten, 0, 1);
+    if (forgotten > 0) { /* 0 leaves the next step its last bit */
+        rdpi_f32_get_memory(self, bank->y_um);
+        for (size_t i = 1; i < params->plays; i++) {
+            bank->y_um[i] = rdpi_f32_fma(-forgotten, bank->y_um[i] - bank->y_um[0], bank->y_um[i]);
+        }
+        rdpi_real_t drive_V = self->drive_V, ramp_V = self->ramp_V; /* from x they would be rounded once more */
+        put_memory(self, bank->y_um);
+        self->drive_V = drive_V;
+        self->ramp_V = ramp_V;
+    }
+}
+
 rdpi_real_t rdpi_f32_predict(const rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s)
 {
     const rdpi_f32_params_t *params = self->params;

@@ -298,6 +298,25 @@ bool rdpi_q31_sweep(rdpi_q31_t *self)
     return self->sweep_turns > 0u;
 }
 
+/* Rounding a share of a distance down leads no state beyond where it was, and no two neighbours further apart. */
+void rdpi_q31_forget_sweep(rdpi_q31_t *self)
+{
+    const rdpi_q31_params_t *params = self->params;
+    rdpi_q31_bank_t *bank = &self->bank;
+    int32_t forgotten = params->sweep_forgotten, x = bank->y[0];
+    if (forgotten < 0) {
+        forgotten = 0;
+    }
+    if (forgotten > RDPI_Q31_ONE) {
+        forgotten = RDPI_Q31_ONE;
+    }
+    for (size_t i = 1; i < params->plays; i++) {
+        int32_t way = rdpi_q31_bank_state(bank, params, i) - x;
+        bank->y[i] = x + (int32_t)(rdpi_q31_mul(RDPI_Q31_ONE - forgotten, way) >> 30);
+    }
+    rdpi_q31_bank_set(bank, params, bank->y);
+}
+
 int32_t rdpi_q31_predict(const rdpi_q31_t *self, int32_t drive, int32_t rate)
 {
     const rdpi_q31_params_t *params = self->params;

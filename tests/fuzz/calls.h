@@ -63,6 +63,10 @@ static void do_sweep(axis_t *self, unsigned samples)
         check_counts(&before, self);
         check_state(self);
     }
+    if (!more) {
+        rdpi(forget_sweep)(self);
+        check_state(self);
+    }
 }
 
 static void do_predict(const axis_t *self, number_t drive, number_t rate)

@@ -40,6 +40,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     double sweep_V_per_s = fmin(span_V / sample_time_s * pow(10, take_between(-2, 0.5)), 1e6);
     params.sweep_V_per_s = (rdpi_real_t)sweep_V_per_s;
     params.slew_V_per_s = (rdpi_real_t)(take_u8() % 2 ? fmin(sweep_V_per_s * pow(10, take_between(0.01, 2)), 1e7) : 0);
+    params.sweep_forgotten = (rdpi_real_t)0.25;
     params.sweep_end_V = (rdpi_real_t)(min_V + span_V * take_between(0.01, 0.99));
 
     double r_um = 0, stroke_um = fabs(gain) * span_V;

@@ -70,6 +70,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         .min_drive = (int32_t)min_drive,
         .max_drive = (int32_t)max_drive,
         .sweep_end = (int32_t)take_whole(min_drive, max_drive),
+        .sweep_forgotten = RDPI_Q31_ONE / 4,
         .play = play,
         .saturation = saturation,
         .inverse_saturation = inverse,

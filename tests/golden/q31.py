@@ -38,7 +38,8 @@ NUMBERS = {
     "drive_shift": ctypes.c_uint8, "guard_exponent": ctypes.c_int16, "min_slope_ratio": ctypes.c_uint16,
     "guard_mantissa": ctypes.c_uint32, "rate_window_ns": ctypes.c_uint32, "rate_filter_ns": ctypes.c_uint32,
     "min_drive": ctypes.c_int32, "max_drive": ctypes.c_int32, "drive_of_code_0": ctypes.c_int32,
-    "codes_per_drive": ctypes.c_int32, "drive_per_code": ctypes.c_int32, "sweep_end": ctypes.c_int32}
+    "codes_per_drive": ctypes.c_int32, "drive_per_code": ctypes.c_int32, "sweep_end": ctypes.c_int32,
+    "sweep_forgotten": ctypes.c_int32}
 ARRAYS = ("play", "saturation", "inverse_saturation", "memory")
 
 
@@ -161,7 +162,7 @@ def actuators() -> list[Actuator]:
             slew_per_us=speed(slew, time), sweep_per_us=speed(2**19, time), plays=len(plays), deadzones=len(pieces),
             sweep_cycles=20, saturation_shift=shift, inverse_shift=shift, guard_exponent=guard[1], min_slope_ratio=1,
             guard_mantissa=guard[0], rate_window_ns=window, rate_filter_ns=filter_ns, min_drive=low, max_drive=high,
-            sweep_end=(low + high) // 2, **codes(bits, low, high, falling))
+            sweep_end=(low + high) // 2, sweep_forgotten=0, **codes(bits, low, high, falling))
         result.append(Actuator(name, time, numbers, plays, stage, inverse, memory, references(random, count, reach)))
 
     rising = [(i * 20000003, ONE // 4 + i * 77777777, -(ONE // 8) - i * 5555555) for i in range(10)]
@@ -278,7 +279,7 @@ def replay(lib: ctypes.CDLL, actuator: Actuator) -> list[tuple[int, ...]]:
     """Rows missed, reference, drive, rate, dac_code, flags."""
     arrays = {name: (ctypes.c_int32 * len(actuator.flat(name)))(*actuator.flat(name)) for name in ARRAYS}
     pointers = {name: ctypes.cast(array, ctypes.POINTER(ctypes.c_int32)) for name, array in arrays.items()}
-    params, axis = Params(schema=3, digest=actuator.digest(), **actuator.numbers, **pointers), Axis()
+    params, axis = Params(schema=4, digest=actuator.digest(), **actuator.numbers, **pointers), Axis()
     status = lib.init(ctypes.byref(axis), ctypes.byref(params), ctypes.c_uint32(actuator.sample_time_ns))
     if status != 0:
         sys.exit(f"{actuator.name}: rdpi_q31_init returns {status}")

@@ -24,6 +24,7 @@
 #define rdpi_f32_step long_step
 #define rdpi_f32_missed long_missed
 #define rdpi_f32_sweep long_sweep
+#define rdpi_f32_forget_sweep long_forget_sweep
 #define rdpi_f32_predict long_predict
 #define rdpi_f32_forward long_forward
 #include "rdpi_f32.c"
@@ -35,6 +36,7 @@
 #undef rdpi_f32_step
 #undef rdpi_f32_missed
 #undef rdpi_f32_sweep
+#undef rdpi_f32_forget_sweep
 #undef rdpi_f32_predict
 #undef rdpi_f32_forward
 
@@ -47,6 +49,7 @@ void rdpi_f32_get_memory(const rdpi_f32_t *self, rdpi_real_t *y_um);
 rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um);
 void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks);
 bool rdpi_f32_sweep(rdpi_f32_t *self);
+void rdpi_f32_forget_sweep(rdpi_f32_t *self);
 rdpi_real_t rdpi_f32_predict(const rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s);
 rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s);
 
@@ -120,6 +123,7 @@ static void random_model(scenario_t *scenario, int number)
         params->min_V = (rdpi_real_t)((double)params->offset_V - reach_V + shift_V);
         params->max_V = (rdpi_real_t)((double)params->offset_V + reach_V + shift_V);
         params->sweep_end_V = (rdpi_real_t)uniform((double)params->min_V, (double)params->max_V);
+        params->sweep_forgotten = (rdpi_real_t)fmax(0, uniform(-1, 1));
         params->sweep_V_per_s = (rdpi_real_t)fmin(2e6, reach_V * log_uniform(1e-3, 0.3) / scenario->sample_time_s);
         params->slew_V_per_s = params->slew_V_per_s > 0 ? 4 * params->sweep_V_per_s : 0;
         params->sweep_cycles = (uint16_t)(1 + choose(4));
@@ -235,6 +239,10 @@ static operation_t operate(twins_t *twins, user_t *user, rdpi_real_t *quick, rdp
     case SWEEP:
         *quick = rdpi_f32_sweep(&twins->quick);
         *slow = long_sweep(&twins->slow);
+        if (!*quick && !*slow) {
+            rdpi_f32_forget_sweep(&twins->quick);
+            long_forget_sweep(&twins->slow);
+        }
         break;
     case FORWARD: {
         double span_V = (double)params->max_V - (double)params->min_V;

@@ -15,7 +15,7 @@ void test_digest_does_not_depend_on_addresses_schema_and_digest(void);
 #include "axis_digest.inc"
 
 /* Every number but the memory, the last of each array standing for all of it. */
-#define NUMBERS 30
+#define NUMBERS 31
 #define CODE_NUMBERS 6 /* the last of them: what makes codes */
 
 static rdpi_real_t *number(size_t k)
@@ -24,7 +24,7 @@ static rdpi_real_t *number(size_t k)
         &given.params.gain_um_per_V, &given.params.V_per_um, &given.params.offset_V, &given.params.offset_um,
         &given.params.rate_window_s, &given.params.rate_filter_s, &given.params.max_um_per_s,
         &given.params.min_slope_ratio, &given.params.min_V, &given.params.max_V, &given.params.slew_V_per_s,
-        &given.params.sweep_V_per_s, &given.params.sweep_end_V,
+        &given.params.sweep_V_per_s, &given.params.sweep_end_V, &given.params.sweep_forgotten,
         &given.play[PLAYS - 1].r_um, &given.play[PLAYS - 1].slope, &given.play[PLAYS - 1].slope_rate_s_per_um,
         &given.play[PLAYS - 1].intercept_um, &given.play[PLAYS - 1].intercept_rate_s,
         &given.saturation[DEADZONES - 1].d_um, &given.saturation[DEADZONES - 1].weight,
@@ -122,8 +122,8 @@ void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
     const rdpi_real_t numbers[] = {
         from->gain_um_per_V, from->V_per_um, from->offset_V, from->offset_um, from->rate_window_s, from->rate_filter_s,
         from->max_um_per_s, from->min_slope_ratio, from->min_V, from->max_V, from->slew_V_per_s, from->sweep_V_per_s,
-        from->sweep_end_V, from->last_code, from->codes_per_um, from->code_of_x_0, from->um_per_code,
-        from->x_of_code_0_um, from->V_per_code};
+        from->sweep_end_V, from->sweep_forgotten, from->last_code, from->codes_per_um, from->code_of_x_0,
+        from->um_per_code, from->x_of_code_0_um, from->V_per_code};
     uint32_t crc = rdpi_crc32(0, counts, sizeof counts);
     crc = rdpi_crc32(crc, numbers, sizeof numbers);
     for (size_t i = 0; i < PLAYS; i++) {

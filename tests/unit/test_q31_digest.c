@@ -29,7 +29,8 @@ void test_init_refuses_one_wrong_bit_in_any_number_and_in_the_digest_itself(void
 {
     one_bit_of(&given.params.digest, sizeof given.params.digest);
     one_bit_of(&given.params.slew_per_us,
-               offsetof(rdpi_q31_params_t, sweep_end) + sizeof(int32_t) - offsetof(rdpi_q31_params_t, slew_per_us));
+               offsetof(rdpi_q31_params_t, sweep_forgotten) + sizeof(int32_t) -
+                   offsetof(rdpi_q31_params_t, slew_per_us));
     refused_as_they_are(RDPI_OK);
 }
 
@@ -69,6 +70,7 @@ void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
     ADD(codes_per_drive);
     ADD(drive_per_code);
     ADD(sweep_end);
+    ADD(sweep_forgotten);
 #undef ADD
     crc = rdpi_crc32(crc, given.play, PLAYS * sizeof given.play[0]);
     crc = rdpi_crc32(crc, given.saturation, DEADZONES * sizeof given.saturation[0]);

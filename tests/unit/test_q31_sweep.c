@@ -40,6 +40,9 @@ void test_sweep_to_the_end_of_the_range_returns_there_after_every_cycle(void);
 void test_sweep_after_the_last_is_another_whole_one(void);
 void test_sweep_begins_from_the_present_drive_without_a_jump(void);
 void test_sweep_wipes_out_what_the_plays_remember(void);
+void test_sweep_leaves_what_is_not_forgotten(void);
+void test_sweep_forgets_nothing_by_itself(void);
+void test_sweep_forgets_no_less_than_nothing_and_no_more_than_all(void);
 void test_sweep_ignores_the_slew_limit_it_cannot_exceed(void);
 void test_reset_makes_the_next_sweep_begin_anew(void);
 void test_memory_set_makes_the_next_sweep_begin_anew(void);
@@ -166,5 +169,28 @@ void test_sweep_outputs_dac_codes_from_end_to_end_and_the_plays_follow_them(void
         TEST_ASSERT_EQUAL_INT32(0, axis.drive);
         TEST_ASSERT_EQUAL_UINT32(0, lowest);
         TEST_ASSERT_EQUAL_UINT32(31, highest);
+    }
+}
+
+void test_sweep_leaves_states_within_reach_whatever_is_forgotten(void)
+{
+    int32_t all[PLAYS], left[PLAYS];
+    for (int32_t end = -32; end <= 28; end += 60) { /* plays above x, plays below */
+        for (int32_t one_of = 2; one_of < 1000; one_of += 7) {
+            given.params.sweep_end = end * U;
+            given.params.sweep_forgotten = RDPI_Q31_ONE / one_of;
+            start();
+            while (rdpi_q31_sweep(&axis)) {
+            }
+            rdpi_q31_get_memory(&axis, all);
+            rdpi_q31_forget_sweep(&axis);
+            rdpi_q31_get_memory(&axis, left);
+            for (size_t i = 0; i < PLAYS; i++) {
+                double kept = 1 - (double)given.params.sweep_forgotten / RDPI_Q31_ONE;
+                TEST_ASSERT_INT_WITHIN(1, (int)(all[0] + kept * (all[i] - all[0])), left[i]);
+                TEST_ASSERT_TRUE(end < 0 ? left[i] <= all[i] : left[i] >= all[i]);
+            }
+            TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_q31_set_memory(&axis, left));
+        }
     }
 }

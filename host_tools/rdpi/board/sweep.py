@@ -18,10 +18,11 @@ def memory_after(model: Model, first_V: float) -> tuple[str, str]:
     """What a drive remembers that starts at `first_V`, in V, right after the model's start-up sweep.
 
     Returns the metadata `memory`, "reset" or "unknown", and the reason where the sweep itself makes it unknown, else
-    "". It is "reset" if the sweep ends near the middle of the drive's range and the drive starts there.
+    "". It is "reset" if the drive starts where the sweep ends, and it is known where that leaves the plays: near the
+    middle of the drive's range, or anywhere if the model says so.
     """
     low_V, high_V, end_V = model.drive.min_V, model.drive.max_V, model.sweep_end()
     stays = abs(first_V - end_V) <= STILL * (high_V - low_V)
-    if stays and amid(end_V, low_V, high_V):
+    if stays and (model.memory.sweep_share is not None or amid(end_V, low_V, high_V)):
         return "reset", ""
     return "unknown", OFF_THE_MIDDLE if stays else ""

@@ -23,7 +23,7 @@ from .parameters import INT32_MAX, Q31
 if TYPE_CHECKING:
     import jinja2
 
-SCHEMA = 3  # of the parameters as the template fills them in; the header compares it with the library's
+SCHEMA = 4  # of the parameters as the template fills them in; the header compares it with the library's
 NAME = "rdpi_params"
 
 # What the header says of the fields of rdpi_f32_params_t, in its order. Tables: type, length, columns.
@@ -48,6 +48,7 @@ SCALARS = {
     "slew_V_per_s": "V/s: largest change of the output; 0: unlimited",
     "sweep_V_per_s": "V/s: speed of the start-up sweep ...",
     "sweep_end_V": "V: ... and where it ends",
+    "sweep_forgotten": "share of what the sweep leaves in the plays that the actuator forgets",
     "last_code": "2^DAC_BITS - 1",
     "codes_per_um": "DAC code = codes_per_um x + code_of_x_0, cut to an integer",
     "code_of_x_0": "",
@@ -85,6 +86,7 @@ Q31_SCALARS = {
     "codes_per_drive": ("", "times 2^code_shift"),
     "drive_per_code": ("", "times 2^drive_shift"),
     "sweep_end": ("", "drive at which the start-up sweep ends"),
+    "sweep_forgotten": ("", "times 2^30: share of what the sweep leaves in the plays that the actuator forgets"),
 }
 
 # Of C and C++ to date and of GNU's compilers; names of the standard headers are in templates/c_names.txt.

@@ -76,7 +76,10 @@ class Firmware:
         self._module.lib.rdpi_f32_missed(self._self, _ticks(ticks))
 
     def sweep(self) -> tuple[np.ndarray, np.ndarray]:
-        """The whole start-up sweep, rdpi_f32_sweep until it ends: drives in V and DAC codes, both (samples,)."""
+        """The whole start-up sweep: drives in V and DAC codes, both (samples,).
+
+        rdpi_f32_sweep until it ends, then rdpi_f32_forget_sweep.
+        """
         return _sweep(self._module, self._module.lib.rdpi_batch_sweep, self._self, self._dtype)
 
     def predict(self, drive_V: np.ndarray, rate_um_per_s: np.ndarray) -> np.ndarray:
@@ -159,7 +162,10 @@ class FixedPoint:
         self._module.lib.rdpi_q31_missed(self._self, _ticks(ticks))
 
     def sweep(self) -> tuple[np.ndarray, np.ndarray]:
-        """The whole start-up sweep, rdpi_q31_sweep until it ends: drives in V and DAC codes, both (samples,)."""
+        """The whole start-up sweep: drives in V and DAC codes, both (samples,).
+
+        rdpi_q31_sweep until it ends, then rdpi_q31_forget_sweep.
+        """
         drive, codes = _sweep(self._module, self._module.lib.rdpi_batch_q31_sweep, self._self, np.int32)
         return self._volts(drive), codes
 

@@ -40,6 +40,7 @@ class F32:
     slew_V_per_s: float
     sweep_V_per_s: float
     sweep_end_V: float
+    sweep_forgotten: float
     last_code: float
     codes_per_um: float
     code_of_x_0: float
@@ -74,6 +75,7 @@ def f32(model: Model, dtype: type = np.float32) -> F32:
             rate_window_s=rate.window_s, rate_filter_s=rate.filter_s, max_um_per_s=rate.max_um_per_s,
             min_slope_ratio=rate.min_slope_ratio, min_V=drive.min_V, max_V=drive.max_V,
             slew_V_per_s=drive.slew_V_per_s or 0.0, sweep_V_per_s=drive.sweep_speed(), sweep_end_V=model.sweep_end(),
+            sweep_forgotten=1 - model.memory.followed_share(),
             **_codes(gain, *(float(rounded(volt)) for volt in (drive.min_V, drive.max_V, model.offset_V)),
                      drive.dac_bits or 0, dtype))
         play = (r, slopes, slope_rates, intercepts(r, slopes), intercepts(r, slope_rates))
@@ -143,6 +145,7 @@ class Q31:
     codes_per_drive: int
     drive_per_code: int
     sweep_end: int
+    sweep_forgotten: int
     play: np.ndarray  # int32 (n + 1, 3): r, slope, slope_rate
     saturation: np.ndarray  # int32 (m + 1, 2): d, weight
     inverse_saturation: np.ndarray  # int32 (m + 1, 2)
@@ -217,7 +220,7 @@ def q31(model: Model) -> Q31:
         slew, sweep, len(r), len(d), drive.dac_bits or 0, drive.sweep_cycles, saturation_shift, inverse_shift,
         code_shift, drive_shift, exponent, ratio, mantissa, round(rate.window_s * 1e9), round(rate.filter_s * 1e9),
         min_drive, max_drive, min_drive if rising else max_drive, per_drive, per_code,
-        round(float(model.x_of(model.sweep_end())) * per_um),
+        round(float(model.x_of(model.sweep_end())) * per_um), round((1 - model.memory.followed_share()) * ONE),
         np.stack([r, rest, fastest - rest], axis=1).astype(np.int32),
         saturation.astype(np.int32), inverse.astype(np.int32), states(memory_um, 1 / per_um, r, math.inf),
         Scale(1 / (per_um * model.gain_um_per_V), model.offset_V, 1 / per_um, um_per_v, um_per_reference,

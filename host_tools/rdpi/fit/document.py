@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from ..model import Document, json_key, records
+
+ShownBy = Literal["beginnings", "inner loops", "nothing"]
 
 
 @dataclass(kw_only=True)
@@ -38,6 +41,16 @@ class IdentifiedEffect(Document):
 
 
 @dataclass(kw_only=True)
+class Sweep(Document):
+    """Where a decaying sweep leaves the plays, and what shows it. Both errors are shares of the loops' rms width."""
+
+    share: float = json_key("how far the sweep takes the plays, as in the model's memory", low=0, high=1)
+    shown_by: ShownBy = json_key("what shows it; nothing: the usual share is assumed")
+    remembers_rms: float = json_key("error of plays that remember until it is wiped out", low=0)
+    forgets_rms: float = json_key("error of plays that forget as the drive moves on", low=0)
+
+
+@dataclass(kw_only=True)
 class FitDocument(Document):
     """What `rdpi fit` found."""
 
@@ -48,3 +61,4 @@ class FitDocument(Document):
     gate_failed: bool = json_key("true: a run is predicted worse than --max-rms allows")
     rate_slopes: list[RateBand] = json_key("slopes in each band of rate")
     effects: list[IdentifiedEffect] = json_key("what stands around the operator, in the order of the chain")
+    sweep: Sweep = json_key("where a decaying sweep leaves the plays")

@@ -26,6 +26,7 @@ from .choice import Choice
 from .document import FitDocument
 from .regression import (Columns, Plant, Reduced, Run, joined, offset_of, prepare, rate_of, reduce, saturation_of,
                          search, smoothing_times_s, solve, without_rate)
+from .sweep_start import SweepStart, sweep_start
 
 GRID = np.linspace(0.12, 0.88, 20)  # candidate dead zones, as shares of the displacement's range
 MAX_RATE_TIME_S = 1e3
@@ -69,6 +70,7 @@ class Fit:
     scores: list[RunScore]
     rate_slopes: RateSlopes
     noise_um: float
+    sweep: SweepStart
     warnings: list[str] = field(default_factory=list)
     choice: Choice | None = None  # what stands around the operator; None: it was not asked
     plain: Model | None = None  # the operator alone, fitted as if nothing stood around it
@@ -86,7 +88,7 @@ class Fit:
         known = self.record()
         return FitDocument(runs=known.runs, noise_um=known.noise_um, warnings=known.warnings, model=path,
                            gate_failed=gate_failed, rate_slopes=self.rate_slopes.bands(),
-                           effects=around.sections(self.choice))
+                           effects=around.sections(self.choice), sweep=self.sweep.record())
 
 
 def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Sequence[Recording] = (),
@@ -128,7 +130,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     bands = slopes_of_bands(found.model, found.runs)
     progress(1.0)
     result = Fit(model, (found.plant.residual, found.without.residual), scores, bands,
-                 float(np.median(noises[:len(runs)])), warnings, chosen, plain.model)
+                 float(np.median(noises[:len(runs)])), found.sweep, warnings, chosen, plain.model)
     model.fit = result.record().to_json()
     return result
 
@@ -170,12 +172,16 @@ class Operator:
     runs: list[Run]
     reduced: list[Reduced]
     columns: Columns
+    sweep: SweepStart
 
 
 def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: bool,
               progress: Callable[[float], None] = lambda fraction: None) -> Operator:
+    low_V, high_V = frame.range_V
+    ends_V = (low_V if options.min_V is None else options.min_V, high_V if options.max_V is None else options.max_V)
+    sweep = sweep_start(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, ends_V)
     prepared = prepare(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, options.rate_source,
-                       options.rate_window_s, options.rate_filter_s, frame.smoothing_s)
+                       options.rate_window_s, options.rate_filter_s, frame.smoothing_s, sweep.states_um)
     top = float(np.percentile(np.concatenate([run.rate_um_per_s[run.first:] for run in prepared]), 99.9))
     if top <= 0:
         raise BadInput(f"{runs[0].path}: the displacement never moves after warm-up; "
@@ -190,7 +196,7 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
     plant = search(factor, columns, options.deadzones, samples)
     without = search(*without_rate(factor, columns), options.deadzones, samples) if rated else plant
 
-    first, (low_V, high_V) = prepared[0], frame.range_V
+    first = prepared[0]
     model = _of_plant(Model(
         gain_um_per_V=frame.gain_um_per_V, offset_V=frame.offset_V, offset_um=0.0, stroke_um=frame.stroke_um,
         thresholds_um=frame.thresholds_um, slopes=plant.rest, slope_rate_s_per_um=np.zeros(len(plant.rest)),
@@ -198,16 +204,15 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
         rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s,
                   min_slope_ratio=options.min_slope_ratio, smoothing_s=min(frame.smoothing_s),
                   identified_um_per_s=top),
-        drive=Drive(low_V if options.min_V is None else options.min_V,
-                    high_V if options.max_V is None else options.max_V, options.slew_V_per_s, options.dac_bits),
-        memory=Memory(float(first.x_um[0]), first.states_um),
+        drive=Drive(*ends_V, options.slew_V_per_s, options.dac_bits),
+        memory=Memory(float(first.x_um[0]), first.states_um, sweep.share),
         actuator=options.actuator if options.actuator is not None else runs[0].metadata.get("actuator", ""),
     ), plant, columns, prepared, reduced)
     if first.recording.memory == "unknown":
         states = chain.estimate_states(model, first.recording)
-        model.memory = Memory(float(states[0]), states)
+        model.memory = replace(model.memory, x_um=float(states[0]), plays_um=states)
     model.memory = chain.within_drive(model)
-    return Operator(model, plant, without, prepared, reduced, columns)
+    return Operator(model, plant, without, prepared, reduced, columns, sweep)
 
 
 def _compare_sources(runs: Sequence[Recording], found: Operator, options: Options, warnings: list[str]) -> None:

@@ -210,7 +210,9 @@ def smoothing_times_s(runs: Sequence[Recording]) -> list[float]:
 
 
 def prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds: np.ndarray, source: str,
-             window_s: float, filter_s: float, smoothing_s: Sequence[float]) -> list[Run]:
+             window_s: float, filter_s: float, smoothing_s: Sequence[float],
+             swept: Callable[[float], np.ndarray]) -> list[Run]:
+    """`swept` gives the states of the plays after a sweep that ended at a control input."""
     prepared: list[Run] = []
     end: np.ndarray | None = None
     for run, smoothing in zip(runs, smoothing_s):
@@ -218,7 +220,7 @@ def prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds:
         rate = rate_of(run, x, source, window_s, filter_s, smoothing)
         known = run.memory == "reset" or (run.memory == "carried" and end is not None)
         carried = run.memory == "carried" and end is not None
-        states = np.array(end) if carried else chain.states_after(x[0], x[0], thresholds)
+        states = np.array(end) if carried else swept(float(x[0]))
         first = 0 if known else chain.warm_up(x, thresholds[-1])
         if first and reversals(x, 0.1, first) == 0:
             raise BadInput(f"{run.path}: its memory is unknown, and the drive has no reversal after it has erased "

@@ -53,6 +53,7 @@ def lines(result: Fit) -> list[str]:
     if dependent != independent:
         told.append(f"residual of the regression: {dependent:.3g} % rms of the stroke, "
                     f"without the rate law {independent:.3g} %")
+    told.append(result.sweep.line())
     singular = rate.singular_um_per_s
     return told + [
         f"reachable displacement: {low:.5g} to {high:.5g} um; references are displacements as the sensor reads them",

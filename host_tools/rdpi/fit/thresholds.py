@@ -8,7 +8,7 @@ Sources:
   benches   chosen on recordings of the virtual benches of tests/bench, told from others: drives, seeds and settings
             that were not used for choosing
   cycles    measured on the cycles of ../shared/data/picma_p885, one to nine cycles apart, noise taken off
-  rigs      chosen on virtual rigs of tests/rigs, scored on families that were left out
+  rigs      chosen on virtual rigs of tests/rigs, scored on others of each family
   judged    set when the check was written, far from what recordings of one actuator show; no set is on record
 """
 
@@ -39,6 +39,11 @@ SEVERAL_RATES = 3.0  # [1] ratio of the strokes' mean rates, from which they are
 POOR_PERCENT = 3.0  # [% of the stroke] rms of a run; judged
 RESET_DOUBT = 0.7  # [1] error of a run's beginning, best start over rest, below which reset is doubted; judged
 OTHER_SOURCE = 0.6  # [1] residual with the other rate source over this one's; below, that one is proposed; judged
+
+# --- where a sweep leaves the plays (sweep_start.py)
+FORGETS = 0.955  # [1] rms that plays which forget leave over that of plays which remember; below, they forget; rigs
+FORGETS_LOOP = 8e-4  # [loop, squared] by which the squares differ at least; rigs
+SWEEP_SHOWN = 0.98  # [1] rms with the best share over that with 1, or with 0, below which this one is wrong; rigs
 
 # --- the passport (passport.py)
 # On the recordings not used for choosing KERNEL and HALF, ln(actual / expected) had mean and sd -0.03, 0.21 (Preisach),

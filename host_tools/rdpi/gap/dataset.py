@@ -85,7 +85,7 @@ class ModelRun:
         if start_um is None:
             start_um = self.start_um
             if run.memory == "reset" and drive_V[0] != self.input_V[0]:
-                start_um = np.full(len(start_um), model.x_of(drive_V[0]))  # the sweep ended where it was driven to
+                start_um = model.swept(float(model.x_of(drive_V[0])))  # the sweep ended where it was driven to
         engine = self._engine if model is self.model else chain.operator_from(model, driven, start_um)
 
         def forward(rate_um_per_s: np.ndarray) -> np.ndarray:

@@ -10,7 +10,9 @@ from .limits import LARGEST, MAX_DAC_BITS, MAX_OFFSET, MAX_PLAYS, MIN_SLOPE_RATI
 from .model import Drive, Memory, Model, Rate
 from .operators import MAX_REFERENCE_UM
 from .records import Passport
+from .sweep import swept_states
 
 __all__ = ["LARGEST", "MAX_DAC_BITS", "MAX_OFFSET", "MAX_PLAYS", "MAX_REFERENCE_UM", "MIN_SLOPE_RATIO", "SOURCES",
            "TOLERANCE", "Document", "Drive", "Memory", "Model", "Passport", "Rate", "guarded", "intercepts",
-           "inverse_saturation", "json_key", "operators", "read_model", "records", "schema", "write_model"]
+           "inverse_saturation", "json_key", "operators", "read_model", "records", "schema", "swept_states",
+           "write_model"]

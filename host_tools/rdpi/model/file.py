@@ -136,6 +136,7 @@ class _Reader:
         cycles = self.whole(drive, "sweep_cycles", "drive.", default=SWEEP_CYCLES)
         x_um = self.number(memory, "x_um", "memory.", default=0.0)
         plays_um = self.numbers(memory, "plays_um", "memory.", default=[])
+        sweep_share = self.number(memory, "sweep_share", "memory.", default=None)
         thresholds_um = self.numbers(document, "thresholds_um")
         passport, alone = document.pop("passport", None), document.pop("operator_alone", None)
         return Model(
@@ -154,7 +155,7 @@ class _Reader:
                         bits, cycles, self.number(drive, "sweep_V_per_s", "drive.", default=None),
                         self.number(drive, "sweep_end_V", "drive.", default=None), extra=drive),
             memory=Memory(x_um, plays_um if len(plays_um) else np.clip(0.0, x_um - thresholds_um, x_um + thresholds_um),
-                          extra=memory),
+                          sweep_share, extra=memory),
             tool=tool if isinstance(tool, str) else "",
             actuator=str(document.pop("actuator", "")),
             fit=self.section(document, "fit", dict, {}),

@@ -21,10 +21,11 @@ from .documents import Document, json_key
 from .limits import (EPSILON, LARGEST, MAX_DAC_BITS, MAX_DEADZONES, MAX_PLAYS, MAX_SWEEP_CYCLES, MIN_SLOPE_RATIO,
                      SWEEP_CYCLES, SWEEP_HZ, TINY, Source)
 from .records import EffectEntry, FitRecord, OperatorAlone, Passport
+from .sweep import swept_states
 
 SECTIONS = "rate", "drive", "memory"
-NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "operator_alone", "where", "dac_bits",
-               "sweep_cycles", "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
+NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "operator_alone",
+               "where", "dac_bits", "sweep_cycles", "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
 WHOLE = "dac_bits", "sweep_cycles"
 _OF_OPERATOR = ("gain_um_per_V", "offset_um", "stroke_um", "thresholds_um", "slopes", "slope_rate_s_per_um",
                 "deadzones_um", "deadzone_weights")
@@ -77,6 +78,13 @@ class Memory(Document):
     x_um: float = json_key("control input", "um", default=0.0)
     plays_um: np.ndarray = json_key("output of each play; none: those of plays that came from 0", "um",
                                     default_factory=lambda: np.zeros(0))
+    sweep_share: float | None = json_key("how far a decaying sweep takes the actuator's plays: 1: as far as their "
+                                         "equations say, 0: they rest at the control input; null: not known, which "
+                                         "simulations take for 0 and the firmware for 1", low=0, high=1, omitted=True)
+
+    def followed_share(self) -> float:
+        """The share that the firmware takes."""
+        return 1.0 if self.sweep_share is None else self.sweep_share
 
 
 @dataclass(kw_only=True)
@@ -128,6 +136,11 @@ class Model(Document):
     def start_V(self) -> float:
         """Drive in V that holds the memory: the firmware starts from it."""
         return float(self.memory.plays_um[0] / self.gain_um_per_V + self.offset_V)
+
+    def swept(self, x_um: float) -> np.ndarray:
+        """States of the plays after a decaying sweep over the range of the drive that ended at this control input."""
+        ends = float(self.x_of(self.drive.min_V)), float(self.x_of(self.drive.max_V))
+        return swept_states(x_um, self.thresholds_um, ends, self.memory.sweep_share or 0.0)
 
     def sweep_end(self) -> float:
         """Drive in V at which the start-up sweep ends."""
@@ -202,7 +215,7 @@ class Model(Document):
             return self
         where = f"{self.where}: operator_alone"
         one = OperatorAlone.from_json(self.operator_alone, where)
-        found = replace(self, effects=[], operator_alone=None, where=where, memory=Memory(one.x_um, one.plays_um),
+        found = replace(self, effects=[], operator_alone=None, where=where, memory=replace(self.memory, x_um=one.x_um, plays_um=one.plays_um),
                         rate=replace(self.rate, max_um_per_s=one.max_um_per_s, singular_um_per_s=one.singular_um_per_s),
                         **{name: getattr(one, name) for name in _OF_OPERATOR})
         found.validate()
@@ -226,6 +239,7 @@ class Model(Document):
         """SHA-256 of what the firmware takes from the model: same behaviour, same digest."""
         bare = replace(self, extra={}, **{key: replace(getattr(self, key), extra={}) for key in SECTIONS})
         bare.rate = replace(bare.rate, smoothing_s=0.0, identified_um_per_s=None, singular_um_per_s=None)
+        bare.memory = replace(bare.memory, sweep_share=self.memory.followed_share())
         bare.drive = replace(bare.drive, sweep_V_per_s=self.drive.sweep_speed(), sweep_end_V=self.sweep_end())
         document = bare.to_json()
         for key in ("tool", "actuator", "fit", "effects", "passport", "operator_alone"):

@@ -102,6 +102,8 @@ def _check_drive(model: Model, refuse: Refuse) -> None:
     if drive.dac_bits is not None and not 1 <= drive.dac_bits <= MAX_DAC_BITS:
         refuse("drive.dac_bits", f"is {drive.dac_bits}; must be 1 to {MAX_DAC_BITS}, or null")
     _check_sweep(model, refuse)
+    if memory.sweep_share is not None and not 0 <= memory.sweep_share <= 1:
+        refuse("memory.sweep_share", f"is {memory.sweep_share:g}; must be 0 to 1, or null")
     if not math.isclose(memory.plays_um[0], memory.x_um, rel_tol=TOLERANCE, abs_tol=TOLERANCE * model.stroke_um):
         refuse("memory.plays_um[0]",
                f"is {memory.plays_um[0]:g}, but must be x_um = {memory.x_um:g} (its threshold is 0)")

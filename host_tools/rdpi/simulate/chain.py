@@ -92,7 +92,7 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
         if kind == "carried" and predictions:
             states = predictions[-1].states_um
         elif kind == "reset":
-            states = np.full(len(model.thresholds_um), x0)
+            states = model.swept(x0)
         elif kind == "model" or run.displacement_um is None:
             kind, states = "model", model.memory.plays_um
         else:
@@ -130,8 +130,8 @@ def estimate_states(model: Model, run: Recording, acting: Sequence[effects.Actin
 
 def start_states(model: Model, run: Recording, acting: Sequence[effects.Acting] = ()
                  ) -> tuple[np.ndarray, float, float]:
-    """Best states at the first sample, and the rms error in um of the samples that depend on them: with plays at rest,
-    with the best. The displacement is what effects that act show of the operator's.
+    """Best states at the first sample, and the rms error in um of the samples that depend on them: with plays as a
+    sweep leaves them, with the best. The displacement is what effects that act show of the operator's.
 
     One number is sought, the position from which the input came straight to where the run begins.
     """
@@ -146,16 +146,17 @@ def start_states(model: Model, run: Recording, acting: Sequence[effects.Acting] 
     rate = _predict(model, beginning, rest, "estimated").rate_um_per_s
     measured = run.displacement_um[used]
 
-    def miss_um(position: float) -> float:
-        z = operator_from(model, run, states_after(position, x[0], r)).forward(beginning.command_V, rate)
+    def miss_um(states_um: np.ndarray) -> float:
+        z = operator_from(model, run, states_um).forward(beginning.command_V, rate)
         error = measured - effects.displaced(acting, z, beginning, model)
         error -= np.mean(error[samples:])  # drift since the fit, and plays that never move, are not to pass for memory
         return float(np.sqrt(np.mean(error[:samples] ** 2)))
 
     positions = x[0] + np.linspace(-r[-1], r[-1], 41)
-    misses = [miss_um(position) for position in positions]
+    starts = [states_after(position, x[0], r) for position in positions]
+    misses = [miss_um(states) for states in starts]
     best = int(np.argmin(misses))
-    return states_after(positions[best], x[0], r), miss_um(x[0]), misses[best]
+    return starts[best], miss_um(model.swept(float(x[0]))), misses[best]
 
 
 def follow(model: Model, run: Recording, column: str = "reference_um", engine: str | Engine = "f32",
@@ -198,7 +199,7 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
         acting = effects.acting(model)  # the inverse ignores them, but the recording shows them
         plain = effects.operator(acting, replace(model, effects=[]))
         states = estimate_states(plain, _driven(model, run, acting), acting)
-        model = replace(model, memory=Memory(float(states[0]), states))
+        model = replace(model, memory=replace(model.memory, x_um=float(states[0]), plays_um=states))
         model = replace(model, memory=within_drive(model))
     if callable(engine):
         return engine(model, reference - offset), offset
@@ -211,11 +212,15 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
 
 
 def rest_at(model: Model, displacement_um: float) -> Memory:
-    """Memory that a decaying sweep ending at `displacement_um` leaves: every play at x, so that v = W_n x at rate 0."""
+    """Memory that a decaying sweep ending at `displacement_um`, at rate 0, or at the nearest end of the range leaves.
+
+    The states that sweeps leave are linear in x, and increase with it. So is v, their output.
+    """
     v = operators.saturation_inverse(displacement_um - model.offset_um, model.deadzones_um, model.deadzone_weights)
-    low, high = sorted((model.x_of(model.drive.min_V), model.x_of(model.drive.max_V)))
-    x = float(np.clip(v / model.slopes[-1], low, high))
-    return Memory(x, np.full(len(model.thresholds_um), x))
+    ends = sorted(float(model.x_of(volt)) for volt in (model.drive.min_V, model.drive.max_V))
+    outputs = [float(-np.diff(model.swept(x), append=0.0) @ model.slopes) for x in ends]
+    x = float(np.interp(v, outputs, ends))
+    return replace(model.memory, x_um=x, plays_um=model.swept(x))
 
 
 def within_drive(model: Model) -> Memory:

@@ -103,6 +103,8 @@ typedef struct {
                                       0: unlimited */
     rdpi_real_t sweep_V_per_s;   /**< slope of the start-up sweep, > 0 */
     rdpi_real_t sweep_end_V;     /**< where the start-up sweep ends, min_V <= end <= max_V */
+    rdpi_real_t sweep_forgotten; /**< share, 0 .. 1, of y_i - x that the actuator has forgotten when the start-up sweep
+                                      has ended; see rdpi_f32_forget_sweep */
     rdpi_real_t last_code;       /**< 2^dac_bits - 1. Without codes, this and the five numbers below are 0 */
     rdpi_real_t codes_per_um;    /**< dac_code = codes_per_um * x + code_of_x_0, cut to an integer */
     rdpi_real_t code_of_x_0;     /**< includes 0.5, so that cutting rounds to the nearest code */
@@ -261,6 +263,7 @@ void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks);
  *    first sample jumps.
  * 2. Once per sample, call rdpi_f32_sweep and output drive_V (or dac_code).
  * 3. Stop after the sample for which it returned false. One more call would begin another sweep.
+ * 4. Call rdpi_f32_forget_sweep once. Parameters whose sweep_forgotten is 0 do not need it.
  *
  * @return true while the sweep goes on; false with its last sample, at which drive_V is sweep_end_V (to a code).
  *
@@ -273,6 +276,11 @@ void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks);
  * rdpi_f32_set_memory and rdpi_f32_forward end it. The sweep forgets the rate history. Amortised O(1), at most O(n).
  * ISR safe. */
 bool rdpi_f32_sweep(rdpi_f32_t *self);
+
+/** The end of the start-up sweep for an actuator that forgets part of what the sweep leaves. Brings every play nearer
+ * to x, by the share sweep_forgotten of its distance. A share below 0 counts as 0, one above 1 as 1. Nothing else
+ * changes. Call it once, after the last sample of a sweep and before the first step. O(n). ISR safe. */
+void rdpi_f32_forget_sweep(rdpi_f32_t *self);
 
 /** Returns the displacement in um that the model predicts for `drive_V` at `rate_um_per_s` (eq. 8, 9 and 17). The guard
  * clamps the rate; the drive is not limited. No state changes. Returns NaN if the drive is not finite, or the rate is

@@ -83,6 +83,7 @@ typedef struct {
     int32_t codes_per_drive;    /**< codes per drive unit, times 2^code_shift; has the sign of the gain */
     int32_t drive_per_code;     /**< its inverse, times 2^drive_shift */
     int32_t sweep_end;          /**< the drive at which the start-up sweep ends */
+    int32_t sweep_forgotten;    /**< see sweep_forgotten in rdpi/f32.h; times 2^30 */
     const rdpi_q31_play_t *play;                   /**< [plays] */
     const rdpi_q31_deadzone_t *saturation;         /**< [deadzones], S (eq. 8), from v to reference units */
     const rdpi_q31_deadzone_t *inverse_saturation; /**< [deadzones], S^-1 (eq. 13), from reference units to v */
@@ -215,6 +216,9 @@ void rdpi_q31_missed(rdpi_q31_t *self, uint32_t ticks);
 
 /** As rdpi_f32_sweep. */
 bool rdpi_q31_sweep(rdpi_q31_t *self);
+
+/** As rdpi_f32_forget_sweep. */
+void rdpi_q31_forget_sweep(rdpi_q31_t *self);
 
 /** As rdpi_f32_predict: returns the displacement, in reference units, for a drive at a rate. The guard, RDPI_Q31_ONE,
  * clamps the rate. Returns RDPI_Q31_NO_REFERENCE if the rate is negative or |drive| > RDPI_Q31_MAX_DRIVE.
