@@ -117,7 +117,8 @@ class Model(Document):
     passport: Any = json_key("what the model misses of the recordings of its fit; null: not known",
                              holds=Passport | None, default=None)
     operator_alone: Any = json_key("the operator fitted as if nothing stood around it, for an inverse that compensates "
-                                   "no effect; null: that of the model", holds=OperatorAlone | None, default=None, omitted=True)
+                                   "no effect; null: that of the model", holds=OperatorAlone | None, default=None,
+                                   omitted=True)
     where: str = "model"  # names it in messages: the file that it was read from
 
     def __post_init__(self) -> None:
@@ -215,7 +216,8 @@ class Model(Document):
             return self
         where = f"{self.where}: operator_alone"
         one = OperatorAlone.from_json(self.operator_alone, where)
-        found = replace(self, effects=[], operator_alone=None, where=where, memory=replace(self.memory, x_um=one.x_um, plays_um=one.plays_um),
+        found = replace(self, effects=[], operator_alone=None, where=where,
+                        memory=replace(self.memory, x_um=one.x_um, plays_um=one.plays_um),
                         rate=replace(self.rate, max_um_per_s=one.max_um_per_s, singular_um_per_s=one.singular_um_per_s),
                         **{name: getattr(one, name) for name in _OF_OPERATOR})
         found.validate()
