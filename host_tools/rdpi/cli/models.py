@@ -22,7 +22,8 @@ from .types import Numbers, Output, Percent, Report
               help="Thresholds r_1, r_2, ..., um. Default: equal intervals.")
 @click.option("--rate-independent", is_flag=True, help="Fit a model whose slopes do not depend on rate.")
 @click.option("--effects", default="auto", show_default=True, metavar="auto|none|NAME,...",
-              help="Effects to identify around the operator. auto: those that recordings show. NAME,...: exactly these.")
+              help="Effects to identify around the operator. auto: those that recordings show. NAME,...: "
+                   "exactly these.")
 @click.option("--rate-source", type=click.Choice(["displacement", "control"]), default="displacement",
               show_default=True, help="Signal whose rate modulates the slopes.")
 @click.option("--rate-window", "rate_window_s", type=float, default=0.0, show_default=True, metavar="S",

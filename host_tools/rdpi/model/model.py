@@ -23,8 +23,8 @@ from .limits import (EPSILON, LARGEST, MAX_DAC_BITS, MAX_DEADZONES, MAX_PLAYS, M
 from .records import EffectEntry, FitRecord, OperatorAlone, Passport
 
 SECTIONS = "rate", "drive", "memory"
-NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "operator_alone", "where", "dac_bits",
-               "sweep_cycles", "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
+NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "operator_alone",
+               "where", "dac_bits", "sweep_cycles", "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
 WHOLE = "dac_bits", "sweep_cycles"
 _OF_OPERATOR = ("gain_um_per_V", "offset_um", "stroke_um", "thresholds_um", "slopes", "slope_rate_s_per_um",
                 "deadzones_um", "deadzone_weights")
@@ -109,7 +109,8 @@ class Model(Document):
     passport: Any = json_key("what the model misses of the recordings of its fit; null: not known",
                              holds=Passport | None, default=None)
     operator_alone: Any = json_key("the operator fitted as if nothing stood around it, for an inverse that compensates "
-                                   "no effect; null: that of the model", holds=OperatorAlone | None, default=None, omitted=True)
+                                   "no effect; null: that of the model", holds=OperatorAlone | None, default=None,
+                                   omitted=True)
     where: str = "model"  # names it in messages: the file that it was read from
 
     def __post_init__(self) -> None:
