@@ -101,8 +101,8 @@ def test_what_is_told() -> None:
 
 def test_effects_by_name() -> None:
     """Exactly these, and none."""
-    forced = fitted("delay", effects="lag,creep")
-    assert {one.acting.effect.name for one in forced.choice.kept} == {"lag", "creep"}
+    forced = fitted("delay", effects="lag,creep,relaxation,resonance,input_curve")
+    assert {one.acting.effect.name for one in forced.choice.kept} == set(PUT) - {"delay"}
     none = fitted("delay", effects="none")
     assert none.choice is None and none.model.effects == []
 
