@@ -114,11 +114,24 @@ def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     return Choice(plain, now, tuple(_kept(now, (), rate_law)))
 
 
+def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:
+    """The same effects where the model shall have no rate law, which only took part so that none passes for it."""
+    if not choice.found.hypothesis.rated:
+        return choice
+    state = choice.found.state
+    now = judged(state.setting, replace(state.hypothesis, rated=False), state.found)
+    return Choice(choice.plain, now, tuple(_kept(now, candidates, False)))
+
+
 def starts(state: Linearised, effect: Effect) -> list[Acting]:
     """Where a fit of an effect may start beside those that act: its most promising starts; none: it is not excited."""
     setting = state.setting
-    left = [run.displacement_um - predicted for run, predicted in zip(setting.runs, state.predicted_um)]
-    left = [miss - np.mean(miss) for miss in left]
+    left = []
+    for run, predicted, first in zip(setting.runs, state.predicted_um, setting.first):
+        miss = run.displacement_um - predicted
+        miss -= np.mean(miss[first:])
+        miss[:first] = 0.0  # an unknown memory is no effect
+        left.append(miss)
     seen = Residuals(setting.model, setting.runs, state.predicted_um, left, left)
     found = [shifted(Acting(effect, {**effect.absent(), **values}), dict.fromkeys(effect.fitted, 0.0))
              for values in effect.starts(seen)]
