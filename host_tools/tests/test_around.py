@@ -15,6 +15,7 @@ from rdpi.data import Recording
 from rdpi.errors import BadInput
 from rdpi.fit import Options, fit
 from rdpi.fit.around import lines
+from rdpi.fit.hypothesis import Setting
 from rdpi.fit.identify import Fit
 from rdpi.model import Model
 from rdpi.simulate import chain
@@ -64,7 +65,7 @@ def test_finds_nothing_where_nothing_is() -> None:
         found = fitted(law=law)
         assert found.choice.kept == () and found.model.effects == []
         assert found.model.operator_alone is None
-        assert bool(found.model.slope_rate_s_per_um.any()) is bool(law)
+        assert found.model.slope_rate_s_per_um.any()  # the law that was not switched off
 
 
 def test_a_delay_and_a_rate_law_are_told_apart() -> None:
@@ -94,21 +95,22 @@ def test_what_is_told() -> None:
             assert low < kept.acting.values[name] < high
             assert one.parameters[name].ci95 == (low, high)
     assert [item["origin"] for item in found.model.effects] == ["fit"] * len(TOGETHER)
-    told = "\n".join(lines(found.choice, found.model.stroke_um))
+    told = "\n".join(lines(found.choice))
     assert "around the operator: delay, lag, resonance" in told
     assert all(f"{name}: " in told for name in TOGETHER)
 
 
 def test_effects_by_name() -> None:
     """Exactly these, and none."""
-    forced = fitted("delay", effects="lag,creep")
-    assert {one.acting.effect.name for one in forced.choice.kept} == {"lag", "creep"}
+    forced = fitted("delay", effects="lag,creep,relaxation,resonance,input_curve")
+    assert {one.acting.effect.name for one in forced.choice.kept} == set(PUT) - {"delay"}
     none = fitted("delay", effects="none")
     assert none.choice is None and none.model.effects == []
 
 
 @pytest.mark.parametrize("effects, words", [
-    ("delay,delay", "named twice"), ("auto,delay", "stands alone"), ("sloth", "no effect 'sloth'"), ("", "no effect ''"),
+    ("delay,delay", "named twice"), ("auto,delay", "stands alone"), ("sloth", "no effect 'sloth'"),
+    ("", "no effect ''"),
     ("gain_change", "none that `rdpi fit` identifies"), ((), "names no effect"), (3, "effects")])
 def test_names_that_are_refused(effects: object, words: str) -> None:
     with pytest.raises(BadInput, match=words):
@@ -125,6 +127,50 @@ def test_recordings_that_cannot_show_what_is_asked_for() -> None:
     short = replace(short, columns={name: values[:900] for name, values in short.columns.items()})
     with pytest.raises(BadInput, match="cannot show creep: too short or too slow"):
         fit([short], Options(effects="creep"))
+
+
+def test_a_drive_that_repeats_is_not_met_at_the_same_places_always() -> None:
+    """Of 300 000 samples a part counts: at even steps, 25 of them, a sine of 40 Hz would be seen at ten places."""
+    command = np.tile(50 + 45 * np.sin(2 * np.pi * np.arange(2500) / 250), 12)
+    slow = np.tile(50 + 45 * np.sin(2 * np.pi * np.arange(25000) / 25000), 6)
+    run = changed(drives()[0], command_V=np.r_[command, slow], time_s=np.arange(len(command) + len(slow)) / 1e4)
+    rows = Setting([run], [None], [0], plain_model(), np.zeros(0), [np.zeros(len(run))], 1.0).rows[0]
+    assert len(rows) < len(run) / 10 and np.all(np.diff(rows) > 0)
+    assert len(np.unique(rows[rows < len(command)] % 250)) > 125
+
+
+def test_a_short_recording_beside_a_long_one_hides_nothing() -> None:
+    long = put("lag")
+    whole = replace(long[0], columns={name: np.concatenate([run.columns[name] for run in long])
+                                      for name in ("command_V", "displacement_um")}
+                    | {"time_s": np.arange(sum(map(len, long))) / 1000.0}, metadata={})
+    short = replace(long[0], path="short.csv", digest="short", metadata={},
+                    columns={name: values[300:900] for name, values in long[0].columns.items()})
+    found = fit([whole, short])
+    assert [one.acting.effect.name for one in found.choice.kept] == ["lag"]
+
+
+def test_what_a_rate_independent_model_is_told() -> None:
+    """The rate law takes part in the choice, and stays out of what is told."""
+    found = fit(put("delay", law=1.0), Options(rate_independent=True))
+    assert not found.model.slope_rate_s_per_um.any()
+    assert "rate law" not in "\n".join(lines(found.choice))
+
+
+def test_nothing_to_find_in_exact_recordings() -> None:
+    runs = [changed(run, displacement_um=0.1 * run.command_V) for run in put()]
+    told = "\n".join(lines(fit(runs).choice))
+    assert "nan" not in told
+
+
+def test_the_drive_of_the_model_is_the_recorded_one() -> None:
+    """And not what a lag makes of it; header and inverse are those of the operator alone."""
+    found, alone = fitted("lag"), fitted("lag", effects="none")
+    assert found.model.effects
+    assert (found.model.drive.min_V, found.model.drive.max_V) == (alone.model.drive.min_V, alone.model.drive.max_V)
+    reference = changed(drives()[0], reference_um=5 + 2 * np.sin(np.arange(len(drives()[0])) / 50))
+    one, other = (chain.follow(model, reference, engine="f64")[0].drive_V for model in (found.model, alone.model))
+    assert one == pytest.approx(other)
 
 
 def test_an_inverse_without_compensation_has_the_operator_alone() -> None:

@@ -23,7 +23,7 @@ from .types import Numbers, Output, Percent, Report
 @click.option("--rate-independent", is_flag=True, help="Fit a model whose slopes do not depend on rate.")
 @click.option("--effects", default="auto", show_default=True, metavar="auto|none|NAME,...",
               help="Effects to identify around the operator. auto: those that recordings show. NAME,...: "
-                   "exactly these.")
+                   "exactly these. Beside effects, the rate law stays only if it helps.")
 @click.option("--rate-source", type=click.Choice(["displacement", "control"]), default="displacement",
               show_default=True, help="Signal whose rate modulates the slopes.")
 @click.option("--rate-window", "rate_window_s", type=float, default=0.0, show_default=True, metavar="S",

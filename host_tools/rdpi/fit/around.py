@@ -13,10 +13,11 @@ from ..errors import BadInput
 from ..model import records
 from ..simulate.effects import CATALOGUE, Effect
 from . import thresholds as tuned
-from .choice import Choice, Kept, choose, forced, starts
+from .choice import Choice, Kept, choose, forced, starts, without_rate_law
 from .document import BeforeAfter, IdentifiedEffect
 from .hypothesis import Hypothesis, Setting, Unknowns
 from .joint import refined
+from .regression import Run
 
 if TYPE_CHECKING:
     from .identify import Operator, Options
@@ -30,7 +31,8 @@ def wanted(effects: str | Sequence[str]) -> list[str] | None:
     """Names of the effects that must be identified; None: those that recordings show. Raises BadInput for others."""
     if isinstance(effects, str) and effects in (AUTO, NONE):
         return [] if effects == NONE else None
-    names = effects.split(",") if isinstance(effects, str) else arguments.listed(effects, str, "effects")
+    names = [name.strip() for name in effects.split(",")] if isinstance(effects, str) else \
+        arguments.listed(effects, str, "effects")
     for name in names:
         if name in (AUTO, NONE):
             raise BadInput(f"--effects: {name} stands alone, without names of effects")
@@ -50,7 +52,7 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
     corners_um = plain.columns.grid_um[np.linspace(1, len(plain.columns.grid_um) - 2, CORNERS).round().astype(int)]
     setting = Setting(
         runs, [run.states_um if run.recording.memory == "carried" or plain.sweep.share else None for run in plain.runs],
-        [run.first for run in plain.runs], plain.model, corners_um if options.deadzones else corners_um[:0],
+        [_first(run) for run in plain.runs], plain.model, corners_um if options.deadzones else corners_um[:0],
         [run.rate_um_per_s for run in plain.runs], plain.model.rate.identified_um_per_s)
     slopes = plain.without.rest
     unknowns = Unknowns(slopes, np.zeros(len(slopes)), np.ones(len(setting.corners_um)))
@@ -59,11 +61,20 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
     rate_law = strokes.rates_differ
     names = wanted(options.effects)
     if names is None:
-        return choose(setting, unknowns, [kind() for kind in FITTED.values() if strokes.show(kind)], rate_law,
-                      progress)
-    for name in names:
-        _check_excited(setting, unknowns, FITTED[name](), strokes)
-    return forced(setting, unknowns, [FITTED[name]() for name in names], rate_law)
+        candidates = [kind() for kind in FITTED.values() if strokes.show(kind)]
+        found = choose(setting, unknowns, candidates, rate_law, progress)
+    else:
+        candidates = [FITTED[name]() for name in names]
+        for effect in candidates:
+            _check_excited(setting, unknowns, effect, strokes)
+        found = forced(setting, unknowns, candidates, rate_law)
+    return without_rate_law(found, candidates) if options.rate_independent else found
+
+
+def _first(run: Run) -> int:
+    """The first sample that counts. A run that goes on from another starts in motion, where lags start settled."""
+    part = len(run.x_um) // 8 if run.recording.memory == "carried" else 0
+    return max(run.first, part)
 
 
 def _check_excited(setting: Setting, unknowns: Unknowns, effect: Effect, strokes: Strokes) -> None:
@@ -126,7 +137,7 @@ def sections(choice: Choice | None) -> list[IdentifiedEffect]:
     return [IdentifiedEffect(
         name=one.acting.effect.name, stage=one.acting.effect.stage, parameters=_parameters(one),
         held_out_rms_um=BeforeAfter(before=one.without.rms_um, after=choice.found.rms_um),
-        shrink=1 - choice.found.rms_um / one.without.rms_um, confusable_with=list(one.confusable_with))
+        shrink=1 - choice.found.rms_um / max(one.without.rms_um, 1e-300), confusable_with=list(one.confusable_with))
         for one in (choice.kept if choice else ())]
 
 
@@ -136,9 +147,9 @@ def _parameters(one: Kept) -> dict[str, records.EffectParameter]:
                                                     unit=effect.unit(parameter)) for parameter in effect.parameters}
 
 
-def lines(choice: Choice, stroke_um: float) -> list[str]:
+def lines(choice: Choice) -> list[str]:
     """For people: each effect, its size, what it brought, and what may be in its place."""
-    share = 100 / stroke_um
+    share = 100 / choice.plain.state.setting.model.stroke_um
     beside = [one.acting.effect.name for one in choice.kept] + ["rate law"] * choice.found.hypothesis.rated
     told = [f"around the operator: {', '.join(beside) or 'nothing'}; rms on recordings, or parts of them, that were "
             f"not fitted: {share * choice.found.rms_um:.3g} % of the stroke"
@@ -155,4 +166,4 @@ def lines(choice: Choice, stroke_um: float) -> list[str]:
 def _size(effect: Effect, parameter: Any, value: float, ci95: tuple[float, float] | None) -> str:
     unit = effect.unit(parameter)
     text = f"{parameter.name} {value:.4g}" + (f" {unit}" if unit != "1" else "")
-    return text + (f" ({ci95[0]:.4g} to {ci95[1]:.4g})" if ci95 else "")
+    return text + (f" ({ci95[0]:.4g} to {ci95[1]:.4g})" if ci95 else ", at an end of what the fit allows")

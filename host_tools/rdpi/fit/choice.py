@@ -108,17 +108,30 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
 def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], rate_law: bool) -> Choice:
     """All of these effects, wanted by name, whether they bring something or not."""
     plain = judged(setting, Hypothesis(), unknowns)
-    now = _full(plain, candidates)
+    now = _full(plain, candidates, whatever=True)
     rated = judged(setting, replace(now.hypothesis, rated=True), now.state.found) if rate_law else now
     now = rated if rated.beats(now) else now
     return Choice(plain, now, tuple(_kept(now, (), rate_law)))
 
 
+def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:
+    """The same effects where the model shall have no rate law, which only took part so that none passes for it."""
+    if not choice.found.hypothesis.rated:
+        return choice
+    state = choice.found.state
+    now = judged(state.setting, replace(state.hypothesis, rated=False), state.found)
+    return Choice(choice.plain, now, tuple(_kept(now, candidates, False)))
+
+
 def starts(state: Linearised, effect: Effect) -> list[Acting]:
     """Where a fit of an effect may start beside those that act: its most promising starts; none: it is not excited."""
     setting = state.setting
-    left = [run.displacement_um - predicted for run, predicted in zip(setting.runs, state.predicted_um)]
-    left = [miss - np.mean(miss) for miss in left]
+    left = []
+    for run, predicted, first in zip(setting.runs, state.predicted_um, setting.first):
+        miss = run.displacement_um - predicted
+        miss -= np.mean(miss[first:])
+        miss[:first] = 0.0  # an unknown memory is no effect
+        left.append(miss)
     seen = Residuals(setting.model, setting.runs, state.predicted_um, left, left)
     found = [shifted(Acting(effect, {**effect.absent(), **values}), dict.fromkeys(effect.fitted, 0.0))
              for values in effect.starts(seen)]
@@ -161,8 +174,10 @@ def _joined(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged
     return min((one for one in fitted if not best.beats(one)), key=lambda one: one.hypothesis.size)
 
 
-def _full(now: Judged, candidates: Sequence[Effect]) -> Judged:
-    """With every effect that the recordings excite, one after the other and then all together."""
+def _full(now: Judged, candidates: Sequence[Effect], whatever: bool = False) -> Judged:
+    """With every effect that the recordings excite and that leaves less, or `whatever` it leaves: one after the other
+    and then all together.
+    """
     state = now.state
     for effect in _absent(now.state, candidates):
         found = starts(state, effect)
@@ -171,7 +186,7 @@ def _full(now: Judged, candidates: Sequence[Effect]) -> Judged:
         wide = Linearised(state.setting, state.hypothesis, state.found, found)
         k = min(range(len(found)), key=lambda k: squares_of(wide.held_out(join=k)))
         there = refined(state.setting, state.hypothesis.having(found[k]), state.found)
-        if there.squares < state.squares:
+        if whatever or there.squares < state.squares:
             state = there
     state = refined(state.setting, state.hypothesis, state.found, FULL_STEPS)
     return Judged(state, state.held_out())

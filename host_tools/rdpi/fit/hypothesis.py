@@ -14,7 +14,8 @@ from ..model import Model
 from ..simulate import effects
 from ..simulate.effects import Acting
 
-ROWS = 12_000  # samples that count: more say no more
+ROWS = 12_000  # about so many samples count: more say no more
+GOLDEN = (5**0.5 - 1) / 2
 FASTEST = 1.25  # of the highest rate; faster samples count as so fast
 
 
@@ -65,9 +66,15 @@ class Setting:
 
     @cached_property
     def rows(self) -> list[np.ndarray]:
-        """Samples of each run that count."""
+        """Samples of each run that count, one of every `stride`: not at even steps, which would always meet a periodic
+        drive at the same places.
+        """
         stride = max(1, sum(len(run) for run in self.runs) // ROWS)
-        return [np.arange(first, len(run), stride) for run, first in zip(self.runs, self.first)]
+        rows = []
+        for run, first in zip(self.runs, self.first):
+            steps = np.arange(first, len(run), stride)
+            rows.append(np.minimum(steps + (stride * (np.arange(len(steps)) * GOLDEN % 1)).astype(int), len(run) - 1))
+        return rows
 
     @cached_property
     def samples(self) -> int:

@@ -109,10 +109,11 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if options.effects != "none":
         chosen = around.identify(plain, runs, options, lambda share: progress(0.3 + 0.3 * share))
         chain_of_rig = around.entries(chosen)
-        rated = chosen.found.hypothesis.rated and not options.rate_independent
-        if chain_of_rig or rated is options.rate_independent:
+        if chain_of_rig:
+            rated = chosen.found.hypothesis.rated and not options.rate_independent
             seen = chosen.found.state.seen()
-            found = _operator(seen, Frame.of(seen, options, []), options, rated)
+            beside = replace(Frame.of(seen, options, []), offset_V=frame.offset_V, range_V=frame.range_V)
+            found = _operator(seen, beside, options, rated)
     seen = [run.recording for run in found.runs]
     if found.columns.top_um_per_s:
         _compare_sources(seen, found, options, warnings)

@@ -107,11 +107,11 @@ class Linearised:
         value, (low, high) = one.values[name], bounds(one, name)
         sign, room = (1.0, high - value) if high - value >= value - low else (-1.0, value - low)
         step = min(0.01 * abs(value) or 1e-4, room)
-        for _ in range(3):
+        for last in (False, False, True):
             moved = Acting(one.effect, {**one.values, name: value + sign * step})
             difference = change(effects.in_order([*acting[:place], moved, *acting[place + 1:]]), one.effect.ahead) - at
             size = float(np.sqrt(np.mean(difference**2))) / (PROBE * self.setting.model.stroke_um)
-            if 0.05 < size < 20 or size == 0 or size < 0.05 and step == room:
+            if 0.05 < size < 20 or size == 0 or size < 0.05 and step == room or last:
                 break
             step = min(step / float(np.clip(size, 1e-3, 1e3)), room)
         return sign * difference / step
@@ -241,9 +241,11 @@ class Linearised:
 
     @cached_property
     def foldings(self) -> list[list[np.ndarray]]:
-        """Blocks that are left out in turn: parts of every recording, and whole recordings where there are several."""
-        block = np.arange(len(self.blocks))
-        owners = [block % BLOCKS, block // BLOCKS][:2 if len(self.setting.runs) > 1 else 1]
+        """Blocks that are left out in turn: parts of every recording; and whole recordings, where none of them holds so
+        much that the others make no operator.
+        """
+        block, rows = np.arange(len(self.blocks)), [len(at) for at in self.setting.rows]
+        owners = [block % BLOCKS] + ([block // BLOCKS] if max(rows) < tuned.MOST_LEFT_OUT * sum(rows) else [])
         return [[owner == one for one in range(owner[-1] + 1)] for owner in owners]
 
     def held_out(self, rated: bool | None = None, join: int | None = None) -> np.ndarray:
@@ -261,7 +263,7 @@ class Linearised:
         for row, folds in zip(result, self.foldings):
             for fold in folds:
                 weights = self.solve(self.blocks[~fold], used.astype(int), rated, target, self.residual)
-                row[fold] = np.einsum("i,bij,j->b", weights, self.blocks[fold], weights)
+                row[fold] = np.maximum(np.einsum("i,bij,j->b", weights, self.blocks[fold], weights), 0.0)
         return result
 
     def errors(self) -> list[dict[str, float]]:
@@ -278,7 +280,8 @@ class Linearised:
         result: list[dict[str, float]] = [{} for _ in self.hypothesis.acting]
         for column, error in zip(moving, errors):
             place, name = self.free[column - self.own_start]
-            result[place][name] = float(error)
+            if error > 0:
+                result[place][name] = float(error)
         return result
 
 
@@ -299,7 +302,10 @@ def refined(setting: Setting, hypothesis: Hypothesis, found: Unknowns, steps: in
             damping *= 10
         else:
             break
-        state = Linearised(setting, replace(hypothesis, acting=acting), found)
-        if before - squares < ENOUGH * before:
+        better = Linearised(setting, replace(hypothesis, acting=acting), found)
+        if better.squares >= before:  # the trial held F(z) - z at the unknowns before
+            break
+        state = better
+        if before - state.squares < ENOUGH * before:
             break
     return state

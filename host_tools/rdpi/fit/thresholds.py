@@ -31,6 +31,7 @@ MIN_SAMPLES_PER_UNKNOWN = 5  # [samples] fewer cannot be fitted; judged
 CHAIN_SHARE = 0.3  # [of the squares] held out, that an effect around the operator must take away; rigs
 CHAIN_LEAST = 3e-4  # [stroke] rms that it must take away; judged
 CHAIN_WIDEN = 1.5  # [width] by which intervals of its parameters are widened; rigs
+MOST_LEFT_OUT = 0.75  # [samples] that one recording may hold for recordings to be left out in turn; judged
 STROKE = 0.1  # [range] a shorter movement is no stroke; judged
 SEVERAL_SIZES = 2.0  # [1] ratio of the strokes' sizes, from which they are several; judged
 SEVERAL_RATES = 3.0  # [1] ratio of the strokes' mean rates, from which they are several; judged

@@ -27,8 +27,8 @@ SECTIONS = "rate", "drive", "memory"
 NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "operator_alone",
                "where", "dac_bits", "sweep_cycles", "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
 WHOLE = "dac_bits", "sweep_cycles"
-_OF_OPERATOR = ("gain_um_per_V", "offset_um", "stroke_um", "thresholds_um", "slopes", "slope_rate_s_per_um",
-                "deadzones_um", "deadzone_weights")
+_OF_OPERATOR = ("gain_um_per_V", "offset_V", "offset_um", "stroke_um", "thresholds_um", "slopes",
+                "slope_rate_s_per_um", "deadzones_um", "deadzone_weights")
 
 
 @dataclass

@@ -42,6 +42,7 @@ class OperatorAlone(Document):
     """The operator fitted as if nothing stood around it. What it does not share with the model."""
 
     gain_um_per_V: float = json_key("gain of the control input", "um/V")
+    offset_V: float = json_key("drive at which the control input is 0", "V")
     offset_um: float = json_key("measured displacement at which the operator's is 0", "um")
     stroke_um: float = json_key("peak-to-peak displacement of the recordings", "um", low=0)
     thresholds_um: np.ndarray = json_key("thresholds r_0 = 0 < r_1 < ... < r_n of the plays", "um")
