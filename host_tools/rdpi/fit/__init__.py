@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from . import checks, identify, localise, passport, report, summary
 from .bands import rate_slopes
-from .document import FitDocument
+from .document import BeforeAfter, FitDocument
 from .identify import Options, fit
 from .localise import Axis, AxisEntry, Table
 from .passport import FITTED
 
-__all__ = ["FITTED", "Axis", "AxisEntry", "FitDocument", "Options", "Table", "checks", "fit", "identify",
+__all__ = ["FITTED", "Axis", "AxisEntry", "BeforeAfter", "FitDocument", "Options", "Table", "checks", "fit", "identify",
            "localise", "passport", "rate_slopes", "report", "summary"]

@@ -16,7 +16,7 @@ from . import thresholds as tuned
 from .choice import Choice, Kept, choose, forced, starts, without_rate_law
 from .document import BeforeAfter, IdentifiedEffect
 from .hypothesis import Hypothesis, Setting, Unknowns
-from .joint import refined
+from .joint import Linearised, refined
 from .regression import Run
 
 if TYPE_CHECKING:
@@ -65,8 +65,9 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
         found = choose(setting, unknowns, candidates, rate_law, progress)
     else:
         candidates = [FITTED[name]() for name in names]
+        alone = refined(setting, Hypothesis(), unknowns)
         for effect in candidates:
-            _check_excited(setting, unknowns, effect, strokes)
+            _check_excited(alone, effect, strokes)
         found = forced(setting, unknowns, candidates, rate_law)
     return without_rate_law(found, candidates) if options.rate_independent else found
 
@@ -77,13 +78,13 @@ def _first(run: Run) -> int:
     return max(run.first, part)
 
 
-def _check_excited(setting: Setting, unknowns: Unknowns, effect: Effect, strokes: Strokes) -> None:
-    paths = ", ".join(run.path for run in setting.runs)
+def _check_excited(alone: Linearised, effect: Effect, strokes: Strokes) -> None:
+    paths = ", ".join(run.path for run in alone.setting.runs)
     if not strokes.show(type(effect)):
         alike = "rate" if effect.needs_rates else "size"
         raise BadInput(f"{paths}: cannot show {effect.name}: all strokes have about the same {alike}; it needs "
                        f"{effect.needs}")
-    if not starts(refined(setting, Hypothesis(), unknowns), effect):
+    if not starts(alone, effect):
         raise BadInput(f"{paths}: cannot show {effect.name}: too short or too slow; it needs {effect.needs}")
 
 

@@ -21,7 +21,7 @@ class RateBand(Document):
 
 @dataclass(kw_only=True)
 class BeforeAfter(Document):
-    """An rms without and with effects."""
+    """An rms without and with the effects."""
 
     before: float = json_key("without the effects", "um", low=0)
     after: float = json_key("with the effects", "um", low=0)

@@ -106,7 +106,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
 
     plain = _operator(runs, frame, options, not options.rate_independent, lambda share: progress(0.3 * share))
     found, chosen, chain_of_rig = plain, None, []
-    if options.effects != "none":
+    if options.effects != around.NONE:
         chosen = around.identify(plain, runs, options, lambda share: progress(0.3 + 0.3 * share))
         chain_of_rig = around.entries(chosen)
         if chain_of_rig:

@@ -130,6 +130,16 @@ class Linearised:
 
     def solve(self, kept: np.ndarray, used: np.ndarray, rated: bool, target: np.ndarray, residual: float) -> np.ndarray:
         """Coefficients of the residual with the columns `used` fitted to these blocks, (columns,)."""
+        left, right = self._normal_equations(kept, used, rated, target, residual)
+        size = np.sqrt(np.maximum(np.diag(left), 1e-300))
+        found = np.linalg.lstsq(left / np.outer(size, size), right / size, rcond=1e-12)[0] / size
+        weights = -target
+        weights[used] += found
+        return weights
+
+    def _normal_equations(self, kept: np.ndarray, used: np.ndarray, rated: bool, target: np.ndarray, residual: float
+                          ) -> tuple[np.ndarray, np.ndarray]:
+        """Of the columns `used` on these blocks, the prior of the linear ones included."""
         gram = np.sum(kept, axis=0)
         samples = self.setting.samples * len(kept) / len(self.blocks)
         rows, wish = self._prior(rated)
@@ -137,11 +147,7 @@ class Linearised:
         left, right = gram[np.ix_(used, used)], gram[used] @ target
         left[:linear, :linear] += samples * residual**2 * rows.T @ rows
         right[:linear] += samples * residual**2 * rows.T @ wish
-        size = np.sqrt(np.maximum(np.diag(left), 1e-300))
-        found = np.linalg.lstsq(left / np.outer(size, size), right / size, rcond=1e-12)[0] / size
-        weights = -target
-        weights[used] += found
-        return weights
+        return left, right
 
     def _prior(self, rated: bool) -> tuple[np.ndarray, np.ndarray]:
         """Its rows and targets for slopes at rest and their change, instead of slopes at both ends of the rate."""
@@ -154,15 +160,20 @@ class Linearised:
         """seg_0 as a sum of columns."""
         return np.eye(self.blocks.shape[1])[-1]
 
+    @cached_property
+    def here(self) -> tuple[Unknowns, float, float]:
+        """`best` of its own blocks."""
+        return self.best(self.blocks)
+
     @property
     def squares(self) -> float:
         """Left with the best unknowns, relative to the stroke."""
-        return self.best(self.blocks)[1]
+        return self.here[1]
 
-    @cached_property
+    @property
     def residual(self) -> float:
         """Relative rms with the best unknowns."""
-        return self.best(self.blocks)[2]
+        return self.here[2]
 
     def best(self, blocks: np.ndarray) -> tuple[Unknowns, float, float]:
         """Unknowns at the present parameters, the squares they leave, and these as a relative rms."""
@@ -199,20 +210,17 @@ class Linearised:
 
         Those at a bound stay there if they would leave it.
         """
-        found, _, residual = self.best(self.blocks)
+        found, _, residual = self.here
         weights = -self.target
         weights[:self.own_start] = np.r_[found.rest, found.change, found.pieces]
-        used = np.r_[self.linear, self.own]
-        gram = np.sum(self.blocks, axis=0)
-        rows, _ = self._prior(self.hypothesis.rated)
         split = len(self.linear)
-        left = gram[np.ix_(used, used)]
-        left[:split, :split] += self.setting.samples * residual**2 * rows.T @ rows
+        left, _ = self._normal_equations(self.blocks, np.r_[self.linear, self.own], self.hypothesis.rated, self.target,
+                                         residual)
         scale = np.array([scale_of(self.hypothesis.acting[place], name) for place, name in self.free])
         across = left[split:, :split]
         curvature = (left[split:, split:] - across @ np.linalg.lstsq(left[:split, :split], across.T, rcond=1e-13)[0]
                      ) * np.outer(scale, scale)
-        slope = gram[self.own] @ weights * scale
+        slope = np.sum(self.blocks, axis=0)[self.own] @ weights * scale
         step, open_ = np.zeros(len(slope)), np.ones(len(slope), bool)
         for _ in slope:
             inside = curvature[np.ix_(open_, open_)]
@@ -288,7 +296,7 @@ class Linearised:
 def refined(setting: Setting, hypothesis: Hypothesis, found: Unknowns, steps: int = STEPS) -> Linearised:
     """The least squares from there on (Levenberg and Marquardt)."""
     state, damping = Linearised(setting, hypothesis, found), 1e-2
-    state = Linearised(setting, hypothesis, state.best(state.blocks)[0])
+    state = Linearised(setting, hypothesis, state.here[0])
     for _ in range(steps if state.free else 0):
         before = state.squares
         for _ in range(4):

@@ -5,19 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from ..fit import AxisEntry
+from ..fit import AxisEntry, BeforeAfter
 from ..model import Document, json_key, records
 
 Interval = tuple[float, float]
 Verdict = Literal["effect", "ambiguous", "none", "unknown"]
-
-
-@dataclass(kw_only=True)
-class BeforeAfter(Document):
-    """An rms without and with the effects."""
-
-    before: float = json_key("without the effects", "um", low=0)
-    after: float = json_key("with the effects", "um", low=0)
 
 
 @dataclass(kw_only=True)
