@@ -126,7 +126,10 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     predictions = chain.simulate(model, [*runs, *hold_out])
     scores = _scores(runs, hold_out, predictions, warnings)
     _remark(found.plant, scores, warnings)
-    left_out = _leave_out(found, predictions, options.deadzones)
+    if len(found.plant.picks) < options.deadzones:
+        warnings.append(f"only {len(found.plant.picks)} of {options.deadzones} dead zones are fitted, because more "
+                        "would lie at or below zero; check for ringing and delay, and that the range is covered")
+    left_out = _leave_out(found, predictions)
     model.passport = _passport(runs, hold_out, predictions, left_out, noises).to_json()
     bands = slopes_of_bands(found.model, found.runs)
     progress(1.0)
@@ -194,13 +197,10 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
     if samples < tuned.MIN_SAMPLES_PER_UNKNOWN * unknowns:
         raise BadInput(f"{runs[0].path}: the fit has {unknowns} unknowns, but only {samples} samples after "
                        "warm-up; record longer, state the memory, or use fewer --operators")
-    plant = search(factor, columns, options.deadzones, samples)
-    without = search(*without_rate(factor, columns), options.deadzones, samples) if rated else plant
-
     first = prepared[0]
-    model = _of_plant(Model(
+    bare = Model(  # until a plant is fitted
         gain_um_per_V=frame.gain_um_per_V, offset_V=frame.offset_V, offset_um=0.0, stroke_um=frame.stroke_um,
-        thresholds_um=frame.thresholds_um, slopes=plant.rest, slope_rate_s_per_um=np.zeros(len(plant.rest)),
+        thresholds_um=frame.thresholds_um, slopes=np.ones(columns.plays), slope_rate_s_per_um=np.zeros(columns.plays),
         deadzones_um=np.zeros(1), deadzone_weights=np.ones(1),
         rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s,
                   min_slope_ratio=options.min_slope_ratio, smoothing_s=min(frame.smoothing_s),
@@ -208,7 +208,13 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
         drive=Drive(*ends_V, options.slew_V_per_s, options.dac_bits),
         memory=Memory(float(first.x_um[0]), first.states_um, sweep.share),
         actuator=options.actuator if options.actuator is not None else runs[0].metadata.get("actuator", ""),
-    ), plant, columns, prepared, reduced)
+    )
+    for deadzones in range(options.deadzones, -1, -1):
+        plant = search(factor, columns, deadzones, samples)
+        model = _of_plant(bare, plant, columns, prepared, reduced)
+        if model is not None:
+            break
+    without = search(*without_rate(factor, columns), deadzones, samples) if rated else plant
     if first.recording.memory == "unknown":
         states = chain.estimate_states(model, first.recording)
         model.memory = replace(model.memory, x_um=float(states[0]), plays_um=states)
@@ -296,17 +302,20 @@ def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> n
 
 
 def _of_plant(model: Model, plant: Plant, columns: Columns, runs: Sequence[Run],
-              reduced: Sequence[Reduced]) -> Model:
+              reduced: Sequence[Reduced]) -> Model | None:
     """The model with slopes, saturation, guard and offset of a plant fitted to these runs.
 
-    Raises BadInput for a saturation that has no meaning.
+    None: a dead zone lies at or below zero, where it has no meaning. There is none without dead zones.
     """
     offsets = np.array([offset_of(run.means, columns, plant) for run in reduced]) * model.stroke_um
     # The offset of a run whose unknown memory is never erased holds what its plays remember: only if there is no other.
     erased = [run.first == 0 or np.ptp(run.x_um) >= 2 * model.thresholds_um[-1] for run in runs]
     weights = [(len(run.x_um) - run.first) * (sure or not any(erased)) for run, sure in zip(runs, erased)]
     offset_um = float(np.average(offsets, weights=weights))
-    deadzones, deadzone_weights = saturation_of(columns.grid_um[list(plant.picks)] - offset_um, plant.pieces)
+    corners_um = columns.grid_um[list(plant.picks)] - offset_um
+    if np.any(corners_um <= 0):
+        return None
+    deadzones, deadzone_weights = saturation_of(corners_um, plant.pieces)
     top = model.rate.identified_um_per_s
     change = (plant.fast - plant.rest) / top
     found = replace(model, offset_um=offset_um, slopes=plant.rest, slope_rate_s_per_um=change, deadzones_um=deadzones,
@@ -314,13 +323,13 @@ def _of_plant(model: Model, plant: Plant, columns: Columns, runs: Sequence[Run],
     return guarded(found, 1 - model.rate.min_slope_ratio, tuned.RATE_HEADROOM * top)
 
 
-def _leave_out(found: Operator, predictions: Sequence[chain.Prediction], m: int) -> list[np.ndarray | None]:
+def _leave_out(found: Operator, predictions: Sequence[chain.Prediction]) -> list[np.ndarray | None]:
     """What a model fitted to the others misses of each run, (samples,); None where the others do not make a model.
 
     Effects, rate and memory are those of the model's own prediction: they hardly differ, and finding them anew takes
     long.
     """
-    runs, reduced, columns = found.runs, found.reduced, found.columns
+    runs, reduced, columns, m = found.runs, found.reduced, found.columns, len(found.plant.picks)
     left: list[np.ndarray | None] = [None] * len(runs)
     for group in np.array_split(np.arange(len(runs)), min(len(runs), FOLDS)):
         rest = [k for k in range(len(runs)) if k not in group]
@@ -331,7 +340,7 @@ def _leave_out(found: Operator, predictions: Sequence[chain.Prediction], m: int)
             factor, samples = joined(others)
             plant = search(factor, columns, m, samples)
             other = _of_plant(found.model, plant, columns, [runs[k] for k in rest], others)
-            for k in group:
+            for k in group if other is not None else ():
                 run, seen = runs[k].recording, predictions[k]
                 left[k] = run.displacement_um - chain.operator_from(other, run, seen.start_um).forward(
                     run.command_V, seen.rate_um_per_s)

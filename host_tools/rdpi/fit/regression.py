@@ -196,12 +196,10 @@ def offset_of(means: np.ndarray, columns: Columns, plant: Plant) -> float:
 
 
 def saturation_of(corners_um: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """d_j and ws_j of S from the corners of its inverse (in um of z, increasing) and the slopes U_j of that."""
-    corners = np.r_[0.0, corners_um]
-    if np.any(np.diff(corners) <= 0):
-        raise BadInput("the saturation stage does not fit these recordings (a dead zone lies at or below zero); "
-                       "use fewer --deadzones")
-    deadzones = np.r_[0.0, np.cumsum(np.diff(corners) * pieces[:-1])]
+    """d_j and ws_j of S from the corners of its inverse (in um of z, positive, increasing) and the slopes U_j of
+    that.
+    """
+    deadzones = np.r_[0.0, np.cumsum(np.diff(corners_um, prepend=0.0) * pieces[:-1])]
     return deadzones, np.diff(1 / pieces, prepend=0.0)
 
 
