@@ -102,11 +102,13 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
         progress(0.5 * rounds / (1 + len(candidates)))
     now = _pruned(now, rate_law)
     progress(0.6)
-    if now is not plain:
-        full = _pruned(_full(now, candidates), rate_law)
-        now = full if full.beats(now) else now
+    full = _full(now, candidates)
+    if full.beats(now):
+        full = _pruned(full, rate_law)
+        now = full if full.beats(now) or now.hypothesis.size >= full.hypothesis.size and full.left < now.left else now
     progress(0.8)
-    return Choice(plain, now, tuple(_kept(now, candidates, rate_law)))
+    now, compared = _exchanged(now, candidates)
+    return Choice(plain, now, tuple(_kept(now, compared, rate_law)))
 
 
 def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], rate_law: bool) -> Choice:
@@ -115,7 +117,7 @@ def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     now = _full(plain, candidates, whatever=True)
     rated = judged(setting, replace(now.hypothesis, rated=True), now.state.found) if rate_law else now
     now = rated if rated.beats(now) else now
-    return Choice(plain, now, tuple(_kept(now, (), rate_law)))
+    return Choice(plain, now, tuple(_kept(now, _compared(now, ()), rate_law)))
 
 
 def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:
@@ -124,7 +126,7 @@ def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:
         return choice
     state = choice.found.state
     now = judged(state.setting, replace(state.hypothesis, rated=False), state.found)
-    return Choice(choice.plain, now, tuple(_kept(now, candidates, False)))
+    return Choice(choice.plain, now, tuple(_kept(now, _compared(now, candidates), False)))
 
 
 def starts(state: Linearised, effect: Effect) -> list[Acting]:
@@ -175,7 +177,7 @@ def _joined(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged
     if not fitted:
         return None
     best = min(fitted, key=lambda one: one.left)
-    return min((one for one in fitted if not best.beats(one)), key=lambda one: one.hypothesis.size)
+    return min((one for one in fitted if not best.beats(one)), key=lambda one: (one.hypothesis.size, one.left))
 
 
 def _full(now: Judged, candidates: Sequence[Effect], whatever: bool = False) -> Judged:
@@ -196,22 +198,30 @@ def _full(now: Judged, candidates: Sequence[Effect], whatever: bool = False) -> 
     return Judged(state, state.held_out())
 
 
-def _smaller(hypothesis: Hypothesis, rate_law: bool) -> Iterator[Hypothesis]:
-    """Each effect left out, or a rate law in its place; and the rate law left out."""
-    for one in hypothesis.acting:
-        yield hypothesis.lacking(one)
-        if rate_law and not hypothesis.rated:
-            yield replace(hypothesis.lacking(one), rated=True)
+def _smaller(state: Linearised, rate_law: bool) -> Iterator[Hypothesis]:
+    """The rate law left out; each effect left out, or a rate law in its place; what harms least first."""
+    hypothesis = state.hypothesis
     if hypothesis.rated:
         yield replace(hypothesis, rated=False)
 
+    def without(one: Acting) -> float:
+        """Squares that are left."""
+        absent = Acting(one.effect, {**one.values, **one.effect.absent()})
+        return state.trial([absent if other is one else other for other in hypothesis.acting])[1]
 
-def _pruned(now: Judged, rate_law: bool) -> Judged:
-    """Without what does not help."""
-    for hypothesis in _smaller(now.hypothesis, rate_law):
+    for one in sorted(hypothesis.acting, key=without):
+        yield hypothesis.lacking(one)
+        if rate_law and not hypothesis.rated:
+            yield replace(hypothesis.lacking(one), rated=True)
+
+
+def _pruned(now: Judged, rate_law: bool, whole: Judged | None = None) -> Judged:
+    """Without what does not help, neither beside the others nor all that is left out together: `whole` has it."""
+    whole = whole or now
+    for hypothesis in _smaller(now.state, rate_law):
         less = judged(now.state.setting, hypothesis, now.state.found)
-        if not now.beats(less):
-            return _pruned(less, rate_law)
+        if not now.beats(less) and not whole.beats(less):
+            return _pruned(less, rate_law, whole)
     return now
 
 
@@ -236,16 +246,41 @@ def _intervals(now: Judged, rate_law: bool) -> list[dict[str, tuple[float, float
     return found
 
 
-def _kept(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Iterator[Kept]:
-    intervals = _intervals(now, rate_law)
-    for place, one in enumerate(now.hypothesis.acting):
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """An effect that acts, and what there is in its place."""
+
+    without: Judged  # the others fitted without it
+    rivals: list[Judged]  # with another effect in its place
+
+
+def _compared(now: Judged, candidates: Sequence[Effect]) -> list[Compared]:
+    """For each effect that acts; rivals are those that bring half as much to first order."""
+    found = []
+    for one in now.hypothesis.acting:
         less = judged(now.state.setting, now.hypothesis.lacking(one), now.state.found)
         rivals = []
         for effect in _absent(now.state, candidates):
             wide = Linearised(less.state.setting, less.hypothesis, less.state.found, starts(less.state, effect))
             left = [squares_of(wide.held_out(join=k)) for k in range(len(wide.joins))]
-            if left and min(left) < (now.left + less.left) / 2:  # to first order it brings half as much
+            if left and min(left) < (now.left + less.left) / 2:
                 start = wide.joins[int(np.argmin(left))]
-                if not now.beats(judged(less.state.setting, less.hypothesis.having(start), less.state.found)):
-                    rivals.append(effect.name)
-        yield Kept(one, intervals[place], less, tuple(rivals))
+                rivals.append(judged(less.state.setting, less.hypothesis.having(start), less.state.found))
+        found.append(Compared(less, rivals))
+    return found
+
+
+def _exchanged(now: Judged, candidates: Sequence[Effect]) -> tuple[Judged, list[Compared]]:
+    """With rivals of no more parameters in the place of effects as long as that leaves less, and the comparison."""
+    compared = _compared(now, candidates)
+    better = [rival for one in compared for rival in one.rivals
+              if rival.hypothesis.size <= now.hypothesis.size and rival.left < tuned.CHAIN_EXCHANGE * now.left]
+    return _exchanged(min(better, key=lambda one: one.left), candidates) if better else (now, compared)
+
+
+def _kept(now: Judged, compared: Sequence[Compared], rate_law: bool) -> Iterator[Kept]:
+    acting = now.hypothesis.acting
+    for one, ci95, other in zip(acting, _intervals(now, rate_law), compared):
+        rivals = [effect.effect.name for rival in other.rivals if not now.beats(rival)
+                  for effect in rival.hypothesis.beside(now.hypothesis)]
+        yield Kept(one, ci95, other.without, tuple(rivals))

@@ -29,6 +29,7 @@ from .regression import prior
 
 BLOCKS = 8  # of each recording
 STEPS = 8  # of Levenberg and Marquardt
+MOST_DAMPING = 10.0  # beyond which a step moves nothing
 ENOUGH = 1e-3  # relative change of the squares at which they end
 PROBE = 1e-3  # change of the prediction that a derivative is taken over, share of the stroke
 
@@ -299,21 +300,23 @@ def refined(setting: Setting, hypothesis: Hypothesis, found: Unknowns, steps: in
     state = Linearised(setting, hypothesis, state.here[0])
     for _ in range(steps if state.free else 0):
         before = state.squares
-        for _ in range(4):
+        while damping <= MOST_DAMPING:
             step = state.step(damping)
             acting = tuple(shifted(one, {name: step[j] for j, (at, name) in enumerate(state.free) if at == place})
                            for place, one in enumerate(state.hypothesis.acting))
             found, squares = state.trial(acting)
             if squares < before:
-                damping = max(damping / 10, 1e-6)
                 break
             damping *= 10
         else:
             break
         better = Linearised(setting, replace(hypothesis, acting=acting), found)
-        if better.squares >= before:  # the trial held F(z) - z at the unknowns before
+        if better.squares < before:
+            state, damping = better, max(damping / 10, 1e-6)
+            if before - better.squares < ENOUGH * before:
+                break
+        elif better.squares - before < ENOUGH * before:
             break
-        state = better
-        if before - state.squares < ENOUGH * before:
-            break
+        else:  # the trial held F(z) - z at the unknowns before, and they moved too far
+            damping *= 10
     return state

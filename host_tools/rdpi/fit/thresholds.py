@@ -29,6 +29,7 @@ BAND_OFFSET = 3.0  # [1] weight that keeps the offset of a band of rate near the
 MIN_SAMPLES_PER_UNKNOWN = 5  # [samples] fewer cannot be fitted; judged
 
 CHAIN_SHARE = 0.3  # [of the squares] held out, that an effect around the operator must take away; rigs
+CHAIN_EXCHANGE = 0.95  # [squares] held out, that an effect in the place of another leaves at most; judged
 CHAIN_LEAST = 3e-4  # [stroke] rms that it must take away; judged
 CHAIN_WIDEN = 1.5  # [width] by which intervals of its parameters are widened; rigs
 MOST_LEFT_OUT = 0.75  # [samples] that one recording may hold for recordings to be left out in turn; judged
