@@ -60,6 +60,24 @@ def test_finds_what_is_there(names: tuple[str, ...]) -> None:
     assert misses_um(found.model, *names) < 0.7 * misses_um(fitted(*names, effects="none").model, *names)
 
 
+def test_finds_what_hides_behind_strong_ringing() -> None:
+    """Alone none of these brings much."""
+    behind = {"lag": {"time_constant_s": 0.003}, "relaxation": {"share": 0.08, "time_constant_s": 0.1},
+              "resonance": {"f0_hz": 40.0, "damping": 0.015}}
+    found = fit(recorded(plain_model(), drives(COMMISSIONING), *(entry(name, **behind[name]) for name in behind)))
+    assert [one.acting.effect.name for one in found.choice.kept] == list(behind)
+    for one in found.choice.kept:
+        assert dict(one.acting.values) == pytest.approx(behind[one.acting.effect.name], rel=0.15)
+
+
+def test_dead_zones_without_meaning_are_left_out() -> None:
+    """By itself the operator puts them below zero; the fit goes on without them, and says so."""
+    ringing = entry("resonance", f0_hz=60.0, damping=0.01), entry("lag", time_constant_s=0.002)
+    found = fit(recorded(plain_model(), drives(COMMISSIONING), *ringing), Options(effects="none"))
+    assert len(found.model.deadzones_um) < 3
+    assert any("of 2 dead zones are fitted" in text for text in found.warnings)
+
+
 def test_finds_nothing_where_nothing_is() -> None:
     for law in (0.0, 1.0):
         found = fitted(law=law)

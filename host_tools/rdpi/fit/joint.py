@@ -28,7 +28,7 @@ from .hypothesis import Hypothesis, Setting, Unknowns, bounds, scale_of, shifted
 from .regression import prior
 
 BLOCKS = 8  # of each recording
-STEPS = 8  # of Levenberg and Marquardt
+STEPS = 16  # of Levenberg and Marquardt
 MOST_DAMPING = 10.0  # beyond which a step moves nothing
 ENOUGH = 1e-3  # relative change of the squares at which they end
 PROBE = 1e-3  # change of the prediction that a derivative is taken over, share of the stroke
