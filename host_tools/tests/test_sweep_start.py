@@ -171,6 +171,24 @@ def test_recordings_of_unknown_memory_show_what_follows_a_warm_up() -> None:
     assert found((still,))[:2] == (1.0, "nothing")
 
 
+@pytest.mark.parametrize("start", [0.0, -1.0])
+@pytest.mark.parametrize("thresholds_um", [[0.0], [0.0, 1e-9], [0.0, 1e3]])
+def test_plays_that_explain_no_loop_show_no_share(thresholds_um: list[float], start: float) -> None:
+    runs = recordings(0.0, 1.0, start)
+    seen = sweep_start(runs, 0.1, 50.0, np.array(thresholds_um), (0.0, 100.0))
+    assert seen[:4] == (1.0, "nothing", None, None) and "show no loops" in seen.line()
+    assert seen.record().to_json()["remembers_rms"] is None
+
+
+@pytest.mark.parametrize("noise_um", [0.0, 1e-3, 1.0])
+def test_a_straight_actuator_shows_no_share(noise_um: float) -> None:
+    random = np.random.default_rng(1)
+    runs = [replace(run, columns={**run.columns, "displacement_um": 0.1 * run.command_V
+                                  + noise_um * random.standard_normal(len(run))})
+            for run in recordings(0.0, 1.0, -1.0)]
+    assert found(tuple(runs))[:4] == (1.0, "nothing", None, None)
+
+
 def test_the_fit_uses_what_it_finds() -> None:
     runs = recordings(0.0, 1.0, -1.0)
     result = fit(runs)

@@ -31,6 +31,7 @@ PATH = 0.03  # half ranges between samples that are used; turning points are use
 MAX_SAMPLES = 16_000  # so many are used at most
 TAPS_S = *np.arange(1, 21) * 2e-4, *np.arange(5, 13) * 1e-3
 LAGS_S = 0.01, 0.02, 0.04, 0.1, 0.3, 1.0, 3.0
+LEAST_LOOP = 1e-6  # strokes: narrower ones are the rounding of recorded numbers
 ASIDE = 0.1  # half ranges from the middle: nearer beginnings show nothing
 
 
@@ -39,8 +40,8 @@ class SweepStart(NamedTuple):
 
     share: float
     shown_by: ShownBy
-    remembers: float  # rms that plays which remember leave, over that of the loops
-    forgets: float  # the same of plays which forget
+    remembers: float | None  # rms that plays which remember leave, over that of the loops; None: no loops are seen
+    forgets: float | None  # the same of plays which forget
     thresholds_um: np.ndarray
     range_um: tuple[float, float]  # control inputs at the ends of the drive
 
@@ -54,6 +55,9 @@ class SweepStart(NamedTuple):
 
     def line(self) -> str:
         """For people."""
+        if self.remembers is None:
+            return f"a decaying sweep takes the plays {100 * self.share:.3g} % of the way, as actuators that remember " \
+                   "do: these recordings show no loops to tell"
         compared = f"plays that remember leave {100 * self.remembers:.3g} % of the loops, plays that forget " \
                    f"{100 * self.forgets:.3g} %"
         return f"a decaying sweep takes the plays {100 * self.share:.3g} % of the way, as " + {
@@ -82,12 +86,15 @@ def sweep_start(runs: Sequence[Recording], gain_um_per_V: float, offset_V: float
     stroke = max(float(np.ptp(run.displacement_um)) for run in runs)
     parts = [_part(run, (gain_um_per_V * (run.command_V - offset_V) - middle) / half, run.displacement_um / stroke,
                    r[-1], MAX_SAMPLES // len(runs)) for run in runs]
+    unseen = SweepStart(1.0, "nothing", None, None, thresholds_um, range_um)
     if all(part.first == len(part.used) for part in parts):
-        return SweepStart(1.0, "nothing", 0.0, 0.0, thresholds_um, range_um)
+        return unseen
     begins = any(abs(part.start) > ASIDE for part in parts)
     shares = SHARES if begins else SHARES[-1:]
     kinds = [(0.0, share) for share in shares] + [(forgetting, 0.0) for forgetting in FORGETTINGS]
     left = _rms_left(parts, r, np.array(kinds))
+    if not np.min(left) < 1:  # what is taken for loops is smaller than what no plays explain
+        return unseen
     remember, forget = left[:len(shares)], float(np.min(left[len(shares):]))
     best = float(np.min(remember))
     share, shown_by = 1.0, "nothing"
@@ -141,7 +148,9 @@ def _rms_left(parts: Sequence[_Part], r: np.ndarray, kinds: np.ndarray) -> np.nd
     curve = explained[:, [0, -2, -1]]
     loop = explained @ weights
     loop -= curve @ np.linalg.lstsq(curve, loop, rcond=1e-9)[0]
-    width = max(float(np.sqrt(np.mean(loop**2))), 1e-12)
+    width = float(np.sqrt(np.mean(loop**2)))
+    if width < LEAST_LOOP:
+        return np.full(len(kinds), np.inf)
     return np.array([left([_columns(one[:, k], rate) for one, rate in zip(plays, rates)])
                      for k in range(len(kinds))]) / width
 
