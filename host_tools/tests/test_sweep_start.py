@@ -162,6 +162,18 @@ def test_beginnings_aside_of_the_middle_show_the_share(share: float, start: floa
     assert seen.shown_by == "beginnings" and seen.share == pytest.approx(share, abs=0.06)
 
 
+@pytest.mark.parametrize("forgets", [0.3, 1.0])
+@pytest.mark.parametrize("drift_um", [0.0, 0.01, 0.03])
+def test_beginnings_aside_of_the_middle_tell_plays_that_forget(forgets: float, drift_um: float) -> None:
+    """Where the rest of the recordings tells little, for what else they hold, the beginnings still tell."""
+    random = np.random.default_rng(7)
+    runs = []
+    for run in recordings(forgets, 0.0, -1.0):
+        drift = drift_um * np.convolve(random.standard_normal(len(run)), np.full(30, 30**-0.5), "same")
+        runs.append(replace(run, columns={**run.columns, "displacement_um": run.displacement_um + drift}))
+    assert found(tuple(runs))[:2] == (0.0, "beginnings")
+
+
 def test_recordings_of_unknown_memory_show_what_follows_a_warm_up() -> None:
     for forgets, share in ((1.0, 0.0), (0.0, 1.0)):
         runs = recordings(forgets, share, 0.0)

@@ -1,9 +1,9 @@
 """Where a decaying sweep leaves this actuator: the share of the model's memory, from the recordings of a fit.
 
 Two things show it. The beginning of a recording that is marked reset and starts aside of the middle of the range: there
-the share moves the plays (model/sweep.py). And inner loops anywhere: plays keep what they remember until it is wiped
-out, and so follow a sweep all the way, share 1. Actuators whose inner loops drift forget it as the input moves on, and
-rest at the input after the many swings of a sweep, share 0. Plays that forget describe these much better:
+the share moves the plays (model/sweep.py). Where there is none, inner loops: plays keep what they remember until it is
+wiped out, and so follow a sweep all the way, share 1. Actuators whose inner loops drift forget it as the input moves
+on, and rest at the input after the many swings of a sweep, share 0. Plays that forget describe these much better:
 
     dy_i = forgetting (x - y_i) |dx|, beside eq. 1.
 
@@ -74,6 +74,7 @@ class _Part(NamedTuple):
     rate: np.ndarray  # of x, half ranges per s
     used: np.ndarray  # indices of samples
     first: int  # how many of these depend on an unknown memory
+    begin: int  # how many depend on where a sweep aside of the middle left the plays
     sample_time_s: float
 
 
@@ -89,7 +90,7 @@ def sweep_start(runs: Sequence[Recording], gain_um_per_V: float, offset_V: float
     unseen = SweepStart(1.0, "nothing", None, None, thresholds_um, range_um)
     if all(part.first == len(part.used) for part in parts):
         return unseen
-    begins = any(abs(part.start) > ASIDE for part in parts)
+    begins = any(part.begin for part in parts)
     shares = SHARES if begins else SHARES[-1:]
     kinds = [(0.0, share) for share in shares] + [(forgetting, 0.0) for forgetting in FORGETTINGS]
     left = _rms_left(parts, r, np.array(kinds))
@@ -99,7 +100,7 @@ def sweep_start(runs: Sequence[Recording], gain_um_per_V: float, offset_V: float
     best = float(np.min(remember))
     share, shown_by = 1.0, "nothing"
     if forget < tuned.FORGETS * best and best**2 - forget**2 > tuned.FORGETS_LOOP:
-        share, shown_by = 0.0, "inner loops"
+        share, shown_by = 0.0, "beginnings" if begins else "inner loops"
     elif best < tuned.SWEEP_SHOWN * remember[-1]:
         share, shown_by = _lowest(shares, remember**2), "beginnings"
     elif best < tuned.SWEEP_SHOWN * remember[0]:
@@ -114,13 +115,18 @@ def _part(run: Recording, x: np.ndarray, z: np.ndarray, reach: float, most: int)
     use[1:-1] |= way[1:] != way[:-1]
     used = np.flatnonzero(use)[:most]
     swept = run.memory == "reset"
-    first = 0 if swept else int(np.searchsorted(used, chain.warm_up(x, reach)))
+    start = float(x[0]) if swept else 0.0
+    depend = int(np.searchsorted(used, chain.warm_up(x, reach)))
     rate = np.abs(np.gradient(x)) / run.sample_time_s
-    return _Part(x, z, float(x[0]) if swept else 0.0, rate, used, first, run.sample_time_s)
+    return _Part(x, z, start, rate, used, 0 if swept else depend, depend if abs(start) > ASIDE else 0,
+                 run.sample_time_s)
 
 
 def _rms_left(parts: Sequence[_Part], r: np.ndarray, kinds: np.ndarray) -> np.ndarray:
-    """What plays of each kind, (forgetting, share), leave of the displacement: rms over that of the loops."""
+    """What plays of each kind, (forgetting, share), leave of the displacement: rms over that of the loops.
+
+    Where there are beginnings aside of the middle, they alone count: there the kinds differ most.
+    """
     plays = [_walk(part, r, kinds) for part in parts]
     top = max(float(np.max(part.rate)) for part in parts) or 1.0
     rates = [part.rate[part.used, None] / top for part in parts]
@@ -134,6 +140,9 @@ def _rms_left(parts: Sequence[_Part], r: np.ndarray, kinds: np.ndarray) -> np.nd
     basis, strengths, _ = np.linalg.svd(_stacked(beside, parts), full_matrices=False)
     basis = basis[:, strengths > 1e-9 * strengths[0]]
 
+    counted = np.concatenate([np.arange(part.first, len(part.used)) < part.begin for part in parts])
+    counted |= not np.any(counted)
+
     def left(columns: list[np.ndarray]) -> float:
         sums = _stacked(columns, parts)
         for _ in range(2):  # the second time with a curve of what the plays sum up to
@@ -142,7 +151,7 @@ def _rms_left(parts: Sequence[_Part], r: np.ndarray, kinds: np.ndarray) -> np.nd
             found = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=1e-9)[0]
             sum_of = (sums @ found)[:, None]
             sums = np.hstack([sums, sum_of**2, sum_of**3])
-        return float(np.sqrt(np.mean((both[:, -1] - both[:, :-1] @ found) ** 2)))
+        return float(np.sqrt(np.mean((both[:, -1] - both[:, :-1] @ found)[counted] ** 2)))
 
     explained = _stacked(usual, parts)
     curve = explained[:, [0, -2, -1]]
