@@ -93,19 +93,19 @@ def sweep_start(runs: Sequence[Recording], gain_um_per_V: float, offset_V: float
     begins = any(part.begin for part in parts)
     shares = SHARES if begins else SHARES[-1:]
     kinds = [(0.0, share) for share in shares] + [(forgetting, 0.0) for forgetting in FORGETTINGS]
-    left = _rms_left(parts, r, np.array(kinds))
+    left, beginning = _rms_left(parts, r, np.array(kinds)).T
     if not np.min(left) < 1:  # what is taken for loops is smaller than what no plays explain
         return unseen
-    remember, forget = left[:len(shares)], float(np.min(left[len(shares):]))
+    remember, kept, forget = left[:len(shares)], *(float(np.min(part)) for part in np.split(beginning, [len(shares)]))
     best = float(np.min(remember))
     share, shown_by = 1.0, "nothing"
-    if forget < tuned.FORGETS * best and best**2 - forget**2 > tuned.FORGETS_LOOP:
+    if forget < tuned.FORGETS * kept and kept**2 - forget**2 > tuned.FORGETS_LOOP:
         share, shown_by = 0.0, "beginnings" if begins else "inner loops"
     elif best < tuned.SWEEP_SHOWN * remember[-1]:
         share, shown_by = _lowest(shares, remember**2), "beginnings"
     elif best < tuned.SWEEP_SHOWN * remember[0]:
         shown_by = "beginnings"
-    return SweepStart(share, shown_by, best, forget, thresholds_um, range_um)
+    return SweepStart(share, shown_by, kept, forget, thresholds_um, range_um)
 
 
 def _part(run: Recording, x: np.ndarray, z: np.ndarray, reach: float, most: int) -> _Part:
@@ -123,9 +123,10 @@ def _part(run: Recording, x: np.ndarray, z: np.ndarray, reach: float, most: int)
 
 
 def _rms_left(parts: Sequence[_Part], r: np.ndarray, kinds: np.ndarray) -> np.ndarray:
-    """What plays of each kind, (forgetting, share), leave of the displacement: rms over that of the loops.
+    """What plays of each kind, (forgetting, share), leave of the displacement: rms over that of the loops; (kinds, 2).
 
-    Where there are beginnings aside of the middle, they alone count: there the kinds differ most.
+    First of all samples, then of beginnings aside of the middle, where plays that forget differ most from those that
+    remember; without such beginnings, of all.
     """
     plays = [_walk(part, r, kinds) for part in parts]
     top = max(float(np.max(part.rate)) for part in parts) or 1.0
@@ -140,10 +141,10 @@ def _rms_left(parts: Sequence[_Part], r: np.ndarray, kinds: np.ndarray) -> np.nd
     basis, strengths, _ = np.linalg.svd(_stacked(beside, parts), full_matrices=False)
     basis = basis[:, strengths > 1e-9 * strengths[0]]
 
-    counted = np.concatenate([np.arange(part.first, len(part.used)) < part.begin for part in parts])
-    counted |= not np.any(counted)
+    begun = np.concatenate([np.arange(part.first, len(part.used)) < part.begin for part in parts])
+    begun |= not np.any(begun)
 
-    def left(columns: list[np.ndarray]) -> float:
+    def left(columns: list[np.ndarray]) -> list[float]:
         sums = _stacked(columns, parts)
         for _ in range(2):  # the second time with a curve of what the plays sum up to
             both = np.hstack([sums, z])
@@ -151,7 +152,8 @@ def _rms_left(parts: Sequence[_Part], r: np.ndarray, kinds: np.ndarray) -> np.nd
             found = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=1e-9)[0]
             sum_of = (sums @ found)[:, None]
             sums = np.hstack([sums, sum_of**2, sum_of**3])
-        return float(np.sqrt(np.mean((both[:, -1] - both[:, :-1] @ found)[counted] ** 2)))
+        squares = (both[:, -1] - both[:, :-1] @ found) ** 2
+        return [float(np.sqrt(np.mean(some))) for some in (squares, squares[begun])]
 
     explained = _stacked(usual, parts)
     curve = explained[:, [0, -2, -1]]
@@ -159,7 +161,7 @@ def _rms_left(parts: Sequence[_Part], r: np.ndarray, kinds: np.ndarray) -> np.nd
     loop -= curve @ np.linalg.lstsq(curve, loop, rcond=1e-9)[0]
     width = float(np.sqrt(np.mean(loop**2)))
     if width < LEAST_LOOP:
-        return np.full(len(kinds), np.inf)
+        return np.full((len(kinds), 2), np.inf)
     return np.array([left([_columns(one[:, k], rate) for one, rate in zip(plays, rates)])
                      for k in range(len(kinds))]) / width
 
