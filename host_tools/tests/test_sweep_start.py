@@ -162,6 +162,18 @@ def test_beginnings_aside_of_the_middle_show_the_share(share: float, start: floa
     assert seen.shown_by == "beginnings" and seen.share == pytest.approx(share, abs=0.06)
 
 
+@pytest.mark.parametrize("forgets", [0.3, 1.0])
+@pytest.mark.parametrize("drift_um", [0.0, 0.01, 0.025])
+def test_beginnings_aside_of_the_middle_tell_plays_that_forget(forgets: float, drift_um: float) -> None:
+    """Where the rest of the recordings tells little, for what else they hold, the beginnings still tell."""
+    random = np.random.default_rng(7)
+    runs = []
+    for run in recordings(forgets, 0.0, -1.0):
+        drift = drift_um * np.convolve(random.standard_normal(len(run)), np.full(30, 30**-0.5), "same")
+        runs.append(replace(run, columns={**run.columns, "displacement_um": run.displacement_um + drift}))
+    assert found(tuple(runs))[:2] == (0.0, "beginnings")
+
+
 def test_recordings_of_unknown_memory_show_what_follows_a_warm_up() -> None:
     for forgets, share in ((1.0, 0.0), (0.0, 1.0)):
         runs = recordings(forgets, share, 0.0)
@@ -169,6 +181,24 @@ def test_recordings_of_unknown_memory_show_what_follows_a_warm_up() -> None:
         assert found((unknown, runs[1])).share == share
     still = replace(unknown, columns={name: values[:6] for name, values in unknown.columns.items()})
     assert found((still,))[:2] == (1.0, "nothing")
+
+
+@pytest.mark.parametrize("start", [0.0, -1.0])
+@pytest.mark.parametrize("thresholds_um", [[0.0], [0.0, 1e-9], [0.0, 1e3]])
+def test_plays_that_explain_no_loop_show_no_share(thresholds_um: list[float], start: float) -> None:
+    runs = recordings(0.0, 1.0, start)
+    seen = sweep_start(runs, 0.1, 50.0, np.array(thresholds_um), (0.0, 100.0))
+    assert seen[:4] == (1.0, "nothing", None, None) and "show no loops" in seen.line()
+    assert seen.record().to_json()["remembers_rms"] is None
+
+
+@pytest.mark.parametrize("noise_um", [0.0, 1e-3, 1.0])
+def test_a_straight_actuator_shows_no_share(noise_um: float) -> None:
+    random = np.random.default_rng(1)
+    runs = [replace(run, columns={**run.columns, "displacement_um": 0.1 * run.command_V
+                                  + noise_um * random.standard_normal(len(run))})
+            for run in recordings(0.0, 1.0, -1.0)]
+    assert found(tuple(runs))[:4] == (1.0, "nothing", None, None)
 
 
 def test_the_fit_uses_what_it_finds() -> None:

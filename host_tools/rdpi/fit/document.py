@@ -42,12 +42,15 @@ class IdentifiedEffect(Document):
 
 @dataclass(kw_only=True)
 class Sweep(Document):
-    """Where a decaying sweep leaves the plays, and what shows it. Both errors are shares of the loops' rms width."""
+    """Where a decaying sweep leaves the plays, and what shows it.
+
+    Both errors are shares of the loops' rms width; null: the recordings show no loops.
+    """
 
     share: float = json_key("how far the sweep takes the plays, as in the model's memory", low=0, high=1)
     shown_by: ShownBy = json_key("what shows it; nothing: the usual share is assumed")
-    remembers_rms: float = json_key("error of plays that remember until it is wiped out", low=0)
-    forgets_rms: float = json_key("error of plays that forget as the drive moves on", low=0)
+    remembers_rms: float | None = json_key("error of plays that remember until it is wiped out", low=0)
+    forgets_rms: float | None = json_key("error of plays that forget as the drive moves on", low=0)
 
 
 @dataclass(kw_only=True)

@@ -1,9 +1,9 @@
 """Where a decaying sweep leaves this actuator: the share of the model's memory, from the recordings of a fit.
 
 Two things show it. The beginning of a recording that is marked reset and starts aside of the middle of the range: there
-the share moves the plays (model/sweep.py). And inner loops anywhere: plays keep what they remember until it is wiped
-out, and so follow a sweep all the way, share 1. Actuators whose inner loops drift forget it as the input moves on, and
-rest at the input after the many swings of a sweep, share 0. Plays that forget describe these much better:
+the share moves the plays (model/sweep.py). Where there is none, inner loops: plays keep what they remember until it is
+wiped out, and so follow a sweep all the way, share 1. Actuators whose inner loops drift forget it as the input moves
+on, and rest at the input after the many swings of a sweep, share 0. Plays that forget describe these much better:
 
     dy_i = forgetting (x - y_i) |dx|, beside eq. 1.
 
@@ -31,6 +31,7 @@ PATH = 0.03  # half ranges between samples that are used; turning points are use
 MAX_SAMPLES = 16_000  # so many are used at most
 TAPS_S = *np.arange(1, 21) * 2e-4, *np.arange(5, 13) * 1e-3
 LAGS_S = 0.01, 0.02, 0.04, 0.1, 0.3, 1.0, 3.0
+LEAST_LOOP = 1e-6  # strokes: narrower ones are the rounding of recorded numbers
 ASIDE = 0.1  # half ranges from the middle: nearer beginnings show nothing
 
 
@@ -39,8 +40,8 @@ class SweepStart(NamedTuple):
 
     share: float
     shown_by: ShownBy
-    remembers: float  # rms that plays which remember leave, over that of the loops
-    forgets: float  # the same of plays which forget
+    remembers: float | None  # rms that plays which remember leave, over that of the loops; None: no loops are seen
+    forgets: float | None  # the same of plays which forget
     thresholds_um: np.ndarray
     range_um: tuple[float, float]  # control inputs at the ends of the drive
 
@@ -54,6 +55,9 @@ class SweepStart(NamedTuple):
 
     def line(self) -> str:
         """For people."""
+        if self.remembers is None:
+            return f"a decaying sweep takes the plays {100 * self.share:.3g} % of the way, as actuators that remember " \
+                   "do: these recordings show no loops to tell"
         compared = f"plays that remember leave {100 * self.remembers:.3g} % of the loops, plays that forget " \
                    f"{100 * self.forgets:.3g} %"
         return f"a decaying sweep takes the plays {100 * self.share:.3g} % of the way, as " + {
@@ -70,6 +74,7 @@ class _Part(NamedTuple):
     rate: np.ndarray  # of x, half ranges per s
     used: np.ndarray  # indices of samples
     first: int  # how many of these depend on an unknown memory
+    begin: int  # how many depend on where a sweep aside of the middle left the plays
     sample_time_s: float
 
 
@@ -82,22 +87,25 @@ def sweep_start(runs: Sequence[Recording], gain_um_per_V: float, offset_V: float
     stroke = max(float(np.ptp(run.displacement_um)) for run in runs)
     parts = [_part(run, (gain_um_per_V * (run.command_V - offset_V) - middle) / half, run.displacement_um / stroke,
                    r[-1], MAX_SAMPLES // len(runs)) for run in runs]
+    unseen = SweepStart(1.0, "nothing", None, None, thresholds_um, range_um)
     if all(part.first == len(part.used) for part in parts):
-        return SweepStart(1.0, "nothing", 0.0, 0.0, thresholds_um, range_um)
-    begins = any(abs(part.start) > ASIDE for part in parts)
+        return unseen
+    begins = any(part.begin for part in parts)
     shares = SHARES if begins else SHARES[-1:]
     kinds = [(0.0, share) for share in shares] + [(forgetting, 0.0) for forgetting in FORGETTINGS]
-    left = _rms_left(parts, r, np.array(kinds))
-    remember, forget = left[:len(shares)], float(np.min(left[len(shares):]))
+    left, beginning = _rms_left(parts, r, np.array(kinds)).T
+    if not np.min(left) < 1:  # what is taken for loops is smaller than what no plays explain
+        return unseen
+    remember, kept, forget = left[:len(shares)], *(float(np.min(part)) for part in np.split(beginning, [len(shares)]))
     best = float(np.min(remember))
     share, shown_by = 1.0, "nothing"
-    if forget < tuned.FORGETS * best and best**2 - forget**2 > tuned.FORGETS_LOOP:
-        share, shown_by = 0.0, "inner loops"
+    if forget < tuned.FORGETS * kept and kept**2 - forget**2 > tuned.FORGETS_LOOP:
+        share, shown_by = 0.0, "beginnings" if begins else "inner loops"
     elif best < tuned.SWEEP_SHOWN * remember[-1]:
         share, shown_by = _lowest(shares, remember**2), "beginnings"
     elif best < tuned.SWEEP_SHOWN * remember[0]:
         shown_by = "beginnings"
-    return SweepStart(share, shown_by, best, forget, thresholds_um, range_um)
+    return SweepStart(share, shown_by, kept, forget, thresholds_um, range_um)
 
 
 def _part(run: Recording, x: np.ndarray, z: np.ndarray, reach: float, most: int) -> _Part:
@@ -107,13 +115,19 @@ def _part(run: Recording, x: np.ndarray, z: np.ndarray, reach: float, most: int)
     use[1:-1] |= way[1:] != way[:-1]
     used = np.flatnonzero(use)[:most]
     swept = run.memory == "reset"
-    first = 0 if swept else int(np.searchsorted(used, chain.warm_up(x, reach)))
+    start = float(x[0]) if swept else 0.0
+    depend = int(np.searchsorted(used, chain.warm_up(x, reach)))
     rate = np.abs(np.gradient(x)) / run.sample_time_s
-    return _Part(x, z, float(x[0]) if swept else 0.0, rate, used, first, run.sample_time_s)
+    return _Part(x, z, start, rate, used, 0 if swept else depend, depend if abs(start) > ASIDE else 0,
+                 run.sample_time_s)
 
 
 def _rms_left(parts: Sequence[_Part], r: np.ndarray, kinds: np.ndarray) -> np.ndarray:
-    """What plays of each kind, (forgetting, share), leave of the displacement: rms over that of the loops."""
+    """What plays of each kind, (forgetting, share), leave of the displacement: rms over that of the loops; (kinds, 2).
+
+    First of all samples, then of beginnings aside of the middle, where plays that forget differ most from those that
+    remember; without such beginnings, of all.
+    """
     plays = [_walk(part, r, kinds) for part in parts]
     top = max(float(np.max(part.rate)) for part in parts) or 1.0
     rates = [part.rate[part.used, None] / top for part in parts]
@@ -127,7 +141,10 @@ def _rms_left(parts: Sequence[_Part], r: np.ndarray, kinds: np.ndarray) -> np.nd
     basis, strengths, _ = np.linalg.svd(_stacked(beside, parts), full_matrices=False)
     basis = basis[:, strengths > 1e-9 * strengths[0]]
 
-    def left(columns: list[np.ndarray]) -> float:
+    begun = np.concatenate([np.arange(part.first, len(part.used)) < part.begin for part in parts])
+    begun |= not np.any(begun)
+
+    def left(columns: list[np.ndarray]) -> list[float]:
         sums = _stacked(columns, parts)
         for _ in range(2):  # the second time with a curve of what the plays sum up to
             both = np.hstack([sums, z])
@@ -135,13 +152,16 @@ def _rms_left(parts: Sequence[_Part], r: np.ndarray, kinds: np.ndarray) -> np.nd
             found = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=1e-9)[0]
             sum_of = (sums @ found)[:, None]
             sums = np.hstack([sums, sum_of**2, sum_of**3])
-        return float(np.sqrt(np.mean((both[:, -1] - both[:, :-1] @ found) ** 2)))
+        squares = (both[:, -1] - both[:, :-1] @ found) ** 2
+        return [float(np.sqrt(np.mean(some))) for some in (squares, squares[begun])]
 
     explained = _stacked(usual, parts)
     curve = explained[:, [0, -2, -1]]
     loop = explained @ weights
     loop -= curve @ np.linalg.lstsq(curve, loop, rcond=1e-9)[0]
-    width = max(float(np.sqrt(np.mean(loop**2))), 1e-12)
+    width = float(np.sqrt(np.mean(loop**2)))
+    if width < LEAST_LOOP:
+        return np.full((len(kinds), 2), np.inf)
     return np.array([left([_columns(one[:, k], rate) for one, rate in zip(plays, rates)])
                      for k in range(len(kinds))]) / width
 
