@@ -1,0 +1,160 @@
+/** @file
+ * The chain in single precision: what stands around the operator, compensated in front of it.
+ *
+ *     reference_um -> lead -> creep^-1 -> rdpi_f32_step -> drive_V
+ *
+ *     static rdpi_f32_chain_t axis;
+ *     rdpi_f32_chain_init(&axis, &rdpi_chain, 1.0f / 10000);   // once; rdpi_chain comes from `rdpi header`
+ *     drive_V = rdpi_f32_chain_step(&axis, ahead_um);          // in the timer interrupt
+ *
+ * - The lead makes up for delay, lags and resonances. It is a filter on the reference.
+ * - creep^-1 makes up for creep and relaxation. It is the exact inverse of a sum of first-order lags.
+ *
+ * `ahead_um` is the reference axis.preview_samples samples ahead of the present one. It is the present reference if
+ * preview_samples is 0.
+ *
+ * A model without such effects has a chain too. Its step is that of the operator after one comparison. A program that
+ * never needs the chain uses rdpi/f32.h alone, and pays nothing. Memory, contexts and cost classes are those of
+ * rdpi/f32.h. */
+#ifndef RDPI_F32_CHAIN_H
+#define RDPI_F32_CHAIN_H
+
+#include "rdpi/f32.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** One first-order lag of creep or relaxation, l' = (h - l) / time_constant_s. */
+typedef struct {
+    rdpi_real_t share;           /**< of the lag in the displacement; may be negative, see `direct` */
+    rdpi_real_t time_constant_s; /**< > 0 */
+} rdpi_f32_pole_t;
+
+/** The chain around one identified actuator, as `rdpi header` generates it. With h the displacement of the operator,
+ * h_0 its value when creep had settled and l_i the lags of h, the displacement behind creep and relaxation is
+ *
+ *     z = h_0 + direct (h - h_0) + sum share_i (l_i - h_0).
+ *
+ * The displacement of the actuator is z through delay, lags and resonances. */
+typedef struct {
+    uint32_t schema;                 /**< RDPI_PARAMS_SCHEMA */
+    uint32_t digest;                 /**< rdpi_f32_chain_digest of the rest, those of `axis` left out */
+    uint16_t poles;                  /**< 0 .. RDPI_MAX_POLES */
+    uint16_t preview;                /**< 1: the caller knows the future, and passes it; 0: it is extrapolated */
+    rdpi_real_t delay_s;             /**< D, >= 0 */
+    rdpi_real_t lead_s;              /**< alpha: the lags and 2 damping / w of the resonances, added up; >= 0 */
+    rdpi_real_t lead_s2;             /**< beta: 1 / w^2 of the resonances and the products of all, added up; >= 0 */
+    rdpi_real_t max_lead_um;         /**< the most that the lead adds to the reference; > 0 */
+    rdpi_real_t direct;              /**< share of a move that comes at once, 1 without poles. It and the negative
+                                          shares must add up to 0.001 or more: then the inverse is stable */
+    const rdpi_f32_params_t *axis;   /**< the operator */
+    const rdpi_f32_pole_t *pole;     /**< [poles] */
+} rdpi_f32_chain_params_t;
+
+/** Private part of rdpi_f32_chain_t: the lead. With d the latest difference of two references and d_before the one
+ * before it, it adds per_step d + per_before d_before, to the reference before the latest if there is preview, else to
+ * the latest. */
+typedef struct {
+    rdpi_real_t latest_um;  /**< the latest reference */
+    rdpi_real_t before_um;  /**< how much it differed from the one before */
+    rdpi_real_t per_before; /**< see above */
+    rdpi_real_t per_step;   /**< see above */
+    rdpi_real_t max_um;     /**< the most that the lead adds */
+} rdpi_f32_lead_t;
+
+/** Private part of rdpi_f32_chain_t: one pole. */
+typedef struct {
+    rdpi_real_t state_um; /**< where the lag stands, less h_0 */
+    rdpi_real_t rest_um;  /**< what is too small for state_um; slow poles only */
+    rdpi_real_t blend;    /**< 1 - exp(-time / time_constant), of the time between two moves of the pole */
+    rdpi_real_t weight;   /**< of the state in the displacement */
+    rdpi_real_t weight_ahead; /**< slow poles only: of what the state moves in a round, in the displacement of the next one */
+} rdpi_f32_lag_t;
+
+/** Private part of rdpi_f32_chain_t: creep^-1. */
+typedef struct {
+    rdpi_real_t h_um;       /**< what the operator was asked for in the latest step, less h_0 */
+    rdpi_real_t per_direct; /**< 1 / the share of a move that comes within its sample */
+    rdpi_real_t settled_um; /**< h_0 */
+    rdpi_real_t slow_um;    /**< h_0 and what the slow poles add in this round */
+    rdpi_real_t next_um;    /**< what they add in the next one, of those that have moved */
+    rdpi_real_t mean_um;    /**< mean of h in the round before, less h_0 */
+    rdpi_real_t sum_um;     /**< sum of h in this round, less h_0 */
+    rdpi_real_t round;      /**< samples in a round */
+    uint32_t fast;          /**< lag[0 .. fast - 1] move in every sample, the others in turns */
+    uint32_t poles;         /**< all of them */
+    uint32_t turn;          /**< the slow one that moves next; the last one begins the round */
+    uint32_t per_turn;      /**< samples between two turns; 0 without slow poles */
+    uint32_t wait;          /**< ... and until the next one */
+    rdpi_f32_lag_t lag[RDPI_MAX_POLES];     /**< one of each pole */
+    rdpi_real_t per_sample[RDPI_MAX_POLES]; /**< sample time / time_constant of each */
+} rdpi_f32_creep_t;
+
+/** One actuator and its chain at work. Read the results in `axis` and preview_samples; the others are private. */
+typedef struct {
+    rdpi_f32_t axis;          /**< the operator. Its results are those of the whole: drive_V, dac_code, flags, counts */
+    uint32_t preview_samples; /**< how far ahead rdpi_f32_chain_step needs the reference; init sets it for good */
+    /* private */
+    uint8_t usual; /**< the way of a step after one that was not special: see rdpi_f32_chain.c */
+    uint8_t way;   /**< the way of the next step */
+    bool first;    /**< the next reference is the first: the lead has no history */
+    const rdpi_f32_chain_params_t *params; /**< as given to init */
+    rdpi_f32_lead_t lead;   /**< its state */
+    rdpi_f32_creep_t creep; /**< its state */
+} rdpi_f32_chain_t;
+
+/** RDPI_LAYOUT of this header. */
+#define RDPI_F32_CHAIN_LAYOUT (RDPI_LAYOUT(rdpi_f32_chain_t, rdpi_f32_chain_params_t) + RDPI_MAX_POLES)
+
+/** What rdpi_f32_chain_digest calls. */
+uint32_t rdpi_f32_chain_digest_layout(uint64_t layout, const rdpi_f32_chain_params_t *params);
+
+/** As rdpi_f32_digest, of the chain's numbers and poles. */
+static inline uint32_t rdpi_f32_chain_digest(const rdpi_f32_chain_params_t *params)
+{
+    return rdpi_f32_chain_digest_layout(RDPI_F32_CHAIN_LAYOUT, params);
+}
+
+/** What rdpi_f32_chain_init calls. */
+rdpi_status_t rdpi_f32_chain_init_layout(uint64_t layout, rdpi_f32_chain_t *self,
+                                         const rdpi_f32_chain_params_t *params, rdpi_real_t sample_time_s);
+
+/** Checks the chain and its operator, and prepares `self` for one step every `sample_time_s`, in the state that
+ * rdpi_f32_chain_reset makes. As rdpi_f32_init in all else.
+ *
+ * @return RDPI_OK, or the first fault found: those of rdpi_f32_init, and RDPI_ERR_CHAIN. */
+static inline rdpi_status_t rdpi_f32_chain_init(rdpi_f32_chain_t *self, const rdpi_f32_chain_params_t *params,
+                                                rdpi_real_t sample_time_s)
+{
+    return rdpi_f32_chain_init_layout(RDPI_F32_CHAIN_LAYOUT, self, params, sample_time_s);
+}
+
+/** rdpi_f32_reset, then rdpi_f32_chain_settle. O(n). ISR safe. */
+void rdpi_f32_chain_reset(rdpi_f32_chain_t *self);
+
+/** Creep has settled at the present drive, and the lead forgets its history. Call it after functions of rdpi/f32.h
+ * have moved self->axis: rdpi_f32_set_memory, rdpi_f32_forward. O(n + m). ISR safe. */
+void rdpi_f32_chain_settle(rdpi_f32_chain_t *self);
+
+/** One sample: takes the reference preview_samples ahead, a displacement in um, and returns the drive in V to output
+ * now. It never fails, as rdpi_f32_step never does. What is added to that:
+ *
+ * - The lead adds max_lead_um at most, and then reports RDPI_FLAG_LEAD. It looks at three references, so nothing rings
+ *   on after a jump.
+ * - Where the drive was clipped, creep follows what was really output.
+ * - A reference that is not usable holds the last drive. Creep goes on.
+ *
+ * Amortised O(m + poles), at most O(n + m + poles). ISR safe. */
+rdpi_real_t rdpi_f32_chain_step(rdpi_f32_chain_t *self, rdpi_real_t ahead_um);
+
+/** As rdpi_f32_missed. Creep goes on for the time of the missed samples. */
+void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks);
+
+/** As rdpi_f32_sweep. With its last sample come rdpi_f32_forget_sweep and rdpi_f32_chain_settle. */
+bool rdpi_f32_chain_sweep(rdpi_f32_chain_t *self);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
