@@ -40,7 +40,10 @@ const char *rdpi_status_text(rdpi_status_t status)
     case RDPI_ERR_DIGEST:
         return "parameters differ from those generated, or are of another number type: generate or flash them again";
     case RDPI_ERR_SIZE:
-        return "library and application were compiled with different RDPI_MAX_PLAYS, RDPI_MAX_WINDOW or number type";
+        return "library and application were compiled with different RDPI_MAX_PLAYS, RDPI_MAX_WINDOW, RDPI_MAX_POLES or "
+               "number type";
+    case RDPI_ERR_CHAIN:
+        return "a number of the chain is outside what its field says";
     }
     return "unknown status";
 }

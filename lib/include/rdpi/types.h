@@ -33,8 +33,12 @@ extern "C" {
 #define RDPI_MAX_WINDOW 16 /**< most samples in the window of the rate estimator: N */
 #endif
 
-#if RDPI_MAX_PLAYS < 1 || RDPI_MAX_DEADZONES < 1 || RDPI_MAX_WINDOW < 1
-#error "define RDPI_MAX_PLAYS, RDPI_MAX_DEADZONES and RDPI_MAX_WINDOW as at least 1"
+#ifndef RDPI_MAX_POLES
+#define RDPI_MAX_POLES 12 /**< most poles of creep and relaxation */
+#endif
+
+#if RDPI_MAX_PLAYS < 1 || RDPI_MAX_DEADZONES < 1 || RDPI_MAX_WINDOW < 1 || RDPI_MAX_POLES < 1
+#error "define RDPI_MAX_PLAYS, RDPI_MAX_DEADZONES, RDPI_MAX_WINDOW and RDPI_MAX_POLES as at least 1"
 #endif
 
 /** The layout of a state and of parameters in memory, as one number made of all that decides it. init compares the
@@ -74,8 +78,9 @@ typedef enum {
                                      sample */
     RDPI_ERR_DIGEST = -17,      /**< the parameters are not those that were generated: the flash or the file is damaged,
                                      or they were generated for another RDPI_REAL */
-    RDPI_ERR_SIZE = -18         /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW),
-                                     another RDPI_REAL or another alignment than the library */
+    RDPI_ERR_SIZE = -18,        /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW,
+                                     RDPI_MAX_POLES), another RDPI_REAL or another alignment than the library */
+    RDPI_ERR_CHAIN = -19        /**< a number of the chain is outside what its field says */
 } rdpi_status_t;
 
 /** What happened in the latest step. The bits are OR-ed. */
@@ -84,8 +89,9 @@ enum {
     RDPI_FLAG_RANGE = 2u,  /**< the drive was clipped to its range */
     RDPI_FLAG_SLEW = 4u,   /**< the drive was clipped to what the slew limit allows in one sample */
     RDPI_FLAG_INPUT = 8u,  /**< the input was not usable: the last drive was held and no state changed */
-    RDPI_FLAG_MISSED = 16u /**< samples were missed or refused before this one. Its rate counts their time, for up to
-                                RDPI_MAX_MISSED samples */
+    RDPI_FLAG_MISSED = 16u, /**< samples were missed or refused before this one. Its rate counts their time, for up to
+                                 RDPI_MAX_MISSED samples */
+    RDPI_FLAG_LEAD = 32u   /**< the lead would have added more than max_lead; counted in clip_count */
 };
 
 /** A status as a short English sentence, never NULL. Callable from any context. */
