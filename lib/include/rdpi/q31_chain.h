@@ -69,23 +69,29 @@ typedef struct {
 
 /** Private part of rdpi_q31_chain_t: one pole. */
 typedef struct {
-    int64_t state;  /**< the lag of h, times 2^32 */
-    int32_t blend;  /**< 1 - exp(-time / time_constant), of the time between two turns of the pole; times 2^31, for slow
-                         poles times 2^(31 + shift) */
-    int32_t weight; /**< of the state in the displacement, times 2^30 */
-    uint8_t shift;  /**< of slow poles */
+    int64_t state;       /**< where the lag stands, times 2^32 */
+    int32_t blend;       /**< 1 - exp(-time / time_constant), of the time between two moves of the pole; times 2^31, of a
+                              slow pole times 2^(31 + shift) */
+    int32_t weight;      /**< of the state in the displacement, times 2^30 */
+    uint32_t per_sample; /**< sample time / time_constant, times 2^exponent; >= 2^30 */
+    uint8_t exponent;    /**< 0 .. 94 */
+    uint8_t shift;       /**< 0 .. 62; of a fast pole 0 */
 } rdpi_q31_lag_t;
 
 /** Private part of rdpi_q31_chain_t: creep^-1. */
 typedef struct {
-    rdpi_q31_lag_t lag[RDPI_MAX_POLES];
     int64_t settled;    /**< what h_0 adds to the displacement, times 2^30 */
-    int64_t slow;       /**< what the slow poles add, times 2^30 */
-    int64_t next;       /**< ... after this round, as far as it has come */
-    int32_t per_direct; /**< 2^28 / the share of a move that comes within its sample */
+    int64_t slow;       /**< what the slow poles add in this round, times 2^30 */
+    int64_t next;       /**< what they add in the next one, of those that have moved */
+    int64_t sum;        /**< sum of h in this round */
+    int32_t mean;       /**< mean of h in the round before */
     int32_t h;          /**< the latest displacement of the operator */
+    int32_t per_direct; /**< 2^28 / the share of a move that comes within its sample */
+    uint32_t per_round; /**< 2^31 / number of slow poles */
     uint16_t fast;      /**< lag[0 .. fast - 1] move in every sample, of the others one at a time */
     uint16_t turn;      /**< the slow one whose turn it is */
+    uint16_t poles;     /**< all of them */
+    rdpi_q31_lag_t lag[RDPI_MAX_POLES]; /**< the fast ones first */
 } rdpi_q31_creep_t;
 
 /** One actuator and its chain at work. Read the results in `axis` and preview_samples; the others are private. */
