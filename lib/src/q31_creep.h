@@ -12,6 +12,7 @@
 #define RDPI_Q31_CREEP_H
 
 #include "q31_blend.h"
+#include "rdpi/q31_chain.h"
 
 /* Poles of more samples than this are slow. */
 #define SLOW_SAMPLES 4096u

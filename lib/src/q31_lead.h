@@ -4,6 +4,7 @@
 
 #include "q31_blend.h"
 #include "q31_rate.h"
+#include "rdpi/q31_chain.h"
 
 /* a / b as a ratio, whatever the sign of a. Where a is 0, no other ratio is smaller. */
 static inline rdpi_q31_scaled_t rdpi_q31_lead_ratio(int64_t a, uint64_t b)
