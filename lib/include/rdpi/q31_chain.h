@@ -1,0 +1,156 @@
+/** @file
+ * The chain in 32-bit integers: what stands around the operator, compensated in front of it. It has the functions of
+ * rdpi/f32_chain.h, and gives the same bits on every machine. Nothing is divided in the step, except where samples were
+ * missed, and then by 17 at most.
+ *
+ *     reference -> lead -> creep^-1 -> rdpi_q31_step -> drive
+ *
+ *     static rdpi_q31_chain_t axis;
+ *     rdpi_q31_chain_init(&axis, &rdpi_chain_q31, 100000); // once, sample time in ns; from `rdpi header`
+ *     rdpi_q31_chain_step(&axis, ahead);                   // in the timer interrupt; output axis.axis.dac_code
+ *
+ * References, drives and rates are scaled as in rdpi/q31.h. Shares are times 2^30, times are in ns.
+ *
+ * Scaling and overflow, all functions: as in rdpi/q31.h. Creep is compensated within the reach: the displacement that
+ * is asked of the operator saturates at +-(2^30 - 1) if there are poles.
+ *
+ * Memory, contexts and cost classes are those of rdpi/q31.h. */
+#ifndef RDPI_Q31_CHAIN_H
+#define RDPI_Q31_CHAIN_H
+
+#include "rdpi/q31.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** The largest delay_ns and lead_ns: half a second. */
+#define RDPI_Q31_MAX_LEAD_NS ((uint32_t)1 << 29)
+
+/** The largest lead_ns2: a second squared. */
+#define RDPI_Q31_MAX_LEAD_NS2 ((uint64_t)1 << 60)
+
+/** The least that `direct` and the negative shares may add up to: a quarter. */
+#define RDPI_Q31_MIN_DIRECT ((int32_t)1 << 28)
+
+/** One first-order lag of creep or relaxation, l' = (h - l) / time_constant. */
+typedef struct {
+    int32_t share;             /**< of the lag in the displacement, times 2^30; may be negative */
+    uint64_t time_constant_ns; /**< > 0 */
+} rdpi_q31_pole_t;
+
+/** The chain around one identified actuator, as `rdpi header` generates it. rdpi_f32_chain_params_t says what it
+ * stands for. The arrays that it points to must outlive the instance. */
+typedef struct {
+    uint32_t schema;    /**< RDPI_PARAMS_SCHEMA */
+    uint32_t digest;    /**< rdpi_q31_chain_digest of the rest, those of `axis` left out */
+    uint64_t lead_ns2;  /**< beta, in ns^2; <= RDPI_Q31_MAX_LEAD_NS2 */
+    uint32_t delay_ns;  /**< D; <= RDPI_Q31_MAX_LEAD_NS */
+    uint32_t lead_ns;   /**< alpha; <= RDPI_Q31_MAX_LEAD_NS */
+    int32_t max_lead;   /**< the most that the lead adds to the reference, reference units; > 0 */
+    int32_t direct;     /**< share of a move that comes at once, times 2^30; RDPI_Q31_ONE without poles. With the
+                             magnitudes of all shares it adds up to 2^31 at most, and with the negative shares to
+                             RDPI_Q31_MIN_DIRECT at least */
+    uint16_t poles;     /**< 0 .. RDPI_MAX_POLES */
+    uint16_t preview;   /**< 1: the caller knows the future, and passes it; 0: it is extrapolated */
+    const rdpi_q31_params_t *axis; /**< the operator */
+    const rdpi_q31_pole_t *pole;   /**< [poles] */
+} rdpi_q31_chain_params_t;
+
+/** Private part of rdpi_q31_chain_t: the lead. It adds (per_sum (d + d_before) + per_change (d - d_before)) / 2^shift,
+ * with d the latest difference of references and d_before the one before it. */
+typedef struct {
+    int32_t per_sum;    /**< magnitude <= 2^30 */
+    int32_t per_change; /**< magnitude <= 2^30 */
+    int32_t latest;     /**< the latest reference */
+    int32_t before;     /**< how much it differed from the one before; saturates at +-INT32_MAX */
+    uint8_t shift;      /**< 1 .. 63 */
+} rdpi_q31_lead_t;
+
+/** Private part of rdpi_q31_chain_t: one pole. */
+typedef struct {
+    int64_t state;       /**< where the lag stands, times 2^32 */
+    int32_t blend;       /**< 1 - exp(-time / time_constant), of the time between two moves of the pole; times 2^31, of a
+                              slow pole times 2^(31 + shift) */
+    int32_t weight;      /**< of the state in the displacement, times 2^30 */
+    uint32_t per_sample; /**< sample time / time_constant, times 2^exponent; >= 2^30 */
+    uint8_t exponent;    /**< 0 .. 94 */
+    uint8_t shift;       /**< 0 .. 62; of a fast pole 0 */
+} rdpi_q31_lag_t;
+
+/** Private part of rdpi_q31_chain_t: creep^-1. */
+typedef struct {
+    int64_t settled;    /**< what h_0 adds to the displacement, times 2^30 */
+    int64_t slow;       /**< what the slow poles add in this round, times 2^30 */
+    int64_t next;       /**< what they add in the next one, of those that have moved */
+    int64_t sum;        /**< sum of h in this round */
+    int32_t mean;       /**< mean of h in the round before */
+    int32_t h;          /**< the latest displacement of the operator */
+    int32_t per_direct; /**< 2^28 / the share of a move that comes within its sample */
+    uint32_t per_round; /**< 2^31 / number of slow poles */
+    uint16_t fast;      /**< lag[0 .. fast - 1] move in every sample, of the others one at a time */
+    uint16_t turn;      /**< the slow one whose turn it is */
+    uint16_t poles;     /**< all of them */
+    rdpi_q31_lag_t lag[RDPI_MAX_POLES]; /**< the fast ones first */
+} rdpi_q31_creep_t;
+
+/** One actuator and its chain at work. Read the results in `axis` and preview_samples; the others are private. */
+typedef struct {
+    rdpi_q31_t axis;          /**< the operator. Its results are those of the whole: drive, dac_code, flags, counts */
+    uint32_t preview_samples; /**< how far ahead rdpi_q31_chain_step needs the reference; init sets it for good */
+    /* private */
+    const rdpi_q31_chain_params_t *params; /**< as given to init */
+    bool first; /**< the next reference is the first: the lead has no history */
+    bool leads; /**< there is a lead */
+    bool plain; /**< there is no lead, and there are no poles: nothing to do but the step of the operator */
+    rdpi_q31_lead_t lead;
+    rdpi_q31_creep_t creep;
+} rdpi_q31_chain_t;
+
+/** RDPI_LAYOUT of this header. */
+#define RDPI_Q31_CHAIN_LAYOUT (RDPI_LAYOUT(rdpi_q31_chain_t, rdpi_q31_chain_params_t) + RDPI_MAX_POLES)
+
+/** As rdpi_f32_chain_digest_layout. */
+uint32_t rdpi_q31_chain_digest_layout(uint64_t layout, const rdpi_q31_chain_params_t *params);
+
+/** As rdpi_f32_chain_digest: CRC-32 of the fields from lead_ns2 to preview, then of share and time_constant_ns of each
+ * pole. */
+static inline uint32_t rdpi_q31_chain_digest(const rdpi_q31_chain_params_t *params)
+{
+    return rdpi_q31_chain_digest_layout(RDPI_Q31_CHAIN_LAYOUT, params);
+}
+
+/** As rdpi_f32_chain_init_layout. */
+rdpi_status_t rdpi_q31_chain_init_layout(uint64_t layout, rdpi_q31_chain_t *self,
+                                         const rdpi_q31_chain_params_t *params, uint32_t sample_time_ns);
+
+/** As rdpi_f32_chain_init. `sample_time_ns` is that of rdpi_q31_init.
+ *
+ * Scaling and overflow: init refuses what rdpi_q31_init refuses, and with RDPI_ERR_CHAIN numbers outside what their
+ * fields say. It also refuses a lead that multiplies differences of references by 2^29 or more. */
+static inline rdpi_status_t rdpi_q31_chain_init(rdpi_q31_chain_t *self, const rdpi_q31_chain_params_t *params,
+                                                uint32_t sample_time_ns)
+{
+    return rdpi_q31_chain_init_layout(RDPI_Q31_CHAIN_LAYOUT, self, params, sample_time_ns);
+}
+
+/** As rdpi_f32_chain_reset. */
+void rdpi_q31_chain_reset(rdpi_q31_chain_t *self);
+
+/** As rdpi_f32_chain_settle. */
+void rdpi_q31_chain_settle(rdpi_q31_chain_t *self);
+
+/** As rdpi_f32_chain_step: takes the reference preview_samples ahead, and returns the drive to output now.
+ * RDPI_Q31_NO_REFERENCE stands for NaN. */
+int32_t rdpi_q31_chain_step(rdpi_q31_chain_t *self, int32_t ahead);
+
+/** As rdpi_f32_chain_missed. */
+void rdpi_q31_chain_missed(rdpi_q31_chain_t *self, uint32_t ticks);
+
+/** As rdpi_f32_chain_sweep. */
+bool rdpi_q31_chain_sweep(rdpi_q31_chain_t *self);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
