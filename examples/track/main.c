@@ -82,7 +82,7 @@ static bool send_info(void)
 /* Computes the next code. False when the reference is at its end. */
 static bool advance(uint32_t ticks)
 {
-    number_t reference = 0;
+    number_t reference = 0, ahead = 0;
     sample.flags = 0;
     if (sweeping) {
         sweeping = RDPI(sweep)(&axis);
@@ -90,11 +90,11 @@ static bool advance(uint32_t ticks)
             RDPI(forget_sweep)(&axis);
         }
         sample.flags = RDPI_TELEMETRY_SWEEP;
-    } else if (NEXT_REFERENCE(ticks, &reference)) {
+    } else if (NEXT_REFERENCE(ticks, 0u, &reference, &ahead)) {
         if (ticks > 1u) {
             RDPI(missed)(&axis, ticks - 1u);
         }
-        (void)RDPI(step)(&axis, reference);
+        (void)RDPI(step)(&axis, ahead);
     } else {
         return false;
     }

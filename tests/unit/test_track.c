@@ -48,14 +48,16 @@ static void idle(int calls)
     timer();
 }
 
-static bool reference_um(uint32_t since, float *reference, int calls)
+static bool reference_um(uint32_t since, uint32_t ahead, float *reference, float *ahead_um, int calls)
 {
     (void)calls;
     asked += (int)since;
     if (asked > TICKS) {
         return false;
     }
+    int later = asked - 1 + (int)ahead;
     *reference = references_um[asked - 1];
+    *ahead_um = references_um[later < TICKS ? later : TICKS - 1];
     return true;
 }
 
