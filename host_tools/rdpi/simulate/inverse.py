@@ -20,6 +20,9 @@ from .memory import within_drive
 
 ALL = "all"  # in place of names
 APART = 1.005  # least ratio of two poles' time constants: nearer ones would make shares that cancel each other
+# The most that the lead adds, as a share of the stroke. A sine over all of the stroke needs that much where the lead is
+# half a radian of it, beyond which it is no good.
+MOST_LEAD = 0.25
 SENSOR = effects.STAGES[-1]
 FREQUENCIES_HZ = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0
 LARGEST_ERROR = 1.0  # of the amplitude, up to which the table goes
@@ -204,13 +207,17 @@ def _chain(model: Model, used: Sequence[Treatment], preview: bool) -> Chain:
     for alpha, beta in (one.lead for one in used):
         lead_s, lead_s2 = lead_s + alpha, lead_s2 + beta + lead_s * alpha
     direct, poles = in_series([(one.direct, one.poles) for one in used])
-    drive = model.drive
-    fastest = model.rate.max_um_per_s
-    if drive.slew_V_per_s is not None:
+    return Chain(delay_s, lead_s, lead_s2, _most_um(model, delay_s + lead_s + math.sqrt(lead_s2)), preview, direct,
+                 poles)
+
+
+def _most_um(model: Model, late_s: float) -> float:
+    """The most that the lead may add for what comes so much later: of the stroke, and at the speed of the slew limit."""
+    most_um = MOST_LEAD * model.stroke_um
+    if model.drive.slew_V_per_s is not None and late_s > 0:
         steepest = abs(model.gain_um_per_V) * float(np.max(model.slopes) * np.max(np.cumsum(model.deadzone_weights)))
-        fastest = min(fastest, steepest * drive.slew_V_per_s)
-    most_um = (lead_s + math.sqrt(lead_s2) + delay_s) * fastest
-    return Chain(delay_s, lead_s, lead_s2, min(most_um, model.stroke_um) or model.stroke_um, preview, direct, poles)
+        most_um = min(most_um, steepest * model.drive.slew_V_per_s * late_s)
+    return most_um
 
 
 def in_series(banks: Sequence[tuple[float, Sequence[tuple[float, float]]]]
