@@ -23,15 +23,12 @@
 #error "define RDPI_MAX_POLES as at most 64"
 #endif
 
-/* (1 - exp(-u)) / u, times 2^30. */
+/* (1 - exp(-u)) / u, times 2^30. Never more than 2^30, because a blend is rounded down from u. */
 static inline int32_t rdpi_q31_creep_mean(rdpi_q31_scaled_t u)
 {
     rdpi_q31_scaled_t blend = rdpi_q31_blend(u);
     uint64_t mantissa = blend.mantissa > 0u ? blend.mantissa : (uint64_t)1 << 32;
-    uint64_t quotient = (mantissa << 30) / u.mantissa;
-    int shift = blend.exponent - u.exponent; /* 0 .. 64 */
-    quotient = shift < 63 ? quotient >> shift : 0u;
-    return rdpi_q31_clamp((int64_t)quotient, 0, RDPI_Q31_ONE);
+    return (int32_t)(((mantissa << 30) / u.mantissa) >> (blend.exponent - u.exponent)); /* by 32 at most: u < 2^32 */
 }
 
 /* Sets up one pole, whose turn comes every `turns` samples: 0 for a fast one, whose turn comes in each. */

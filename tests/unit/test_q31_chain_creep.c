@@ -137,6 +137,11 @@ void test_time_constants_of_any_size(void)
     for (int k = 0; k < 5000; k++) {
         drives(200 * U, 100 * U);
     }
+    pole[0].time_constant_ns = 1;
+    TEST_ASSERT_EQUAL_INT(RDPI_OK, init_for(UINT32_MAX));
+    for (int k = 0; k < 10; k++) {
+        drives(100 * U / 0.75, 100 * U);
+    }
 }
 
 static void clips_and_comes_back(uint32_t flag)
@@ -151,7 +156,7 @@ static void clips_and_comes_back(uint32_t flag)
         TEST_ASSERT_TRUE(k != 0 || (chain.axis.flags & flag) == flag);
     }
     for (int k = 0; k < 4000; k++) {
-        tracks(64, 50 * U);
+        tracks(64, k < 50 ? k * U : 50 * U);
     }
 }
 
