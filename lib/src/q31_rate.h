@@ -3,7 +3,7 @@
 #ifndef RDPI_Q31_RATE_H
 #define RDPI_Q31_RATE_H
 
-#include "q31_math.h"
+#include "q31_blend.h"
 
 /* Forgets the samples seen. */
 static inline void rdpi_q31_rate_reset(rdpi_q31_rate_t *rate)
@@ -13,31 +13,17 @@ static inline void rdpi_q31_rate_reset(rdpi_q31_rate_t *rate)
     rate->direct = false;
 }
 
-/* The blend of the low-pass, E = 1 - exp(-u), u = time / filter > 0, within 2^-27 of itself: a series where u is small,
- * then E(2 u) = E (2 - E). E is mantissa 2^-exponent. The mantissa of 2 E is that of E, so a doubling of u is one
- * subtraction. */
+/* Sets the blend of the low-pass. */
 static inline void rdpi_q31_rate_blend(rdpi_q31_rate_t *rate, uint32_t time_ns, uint32_t filter_ns)
 {
     unsigned zeros = rdpi_q31_clz(time_ns);
     uint64_t quotient = ((uint64_t)(time_ns << zeros) << 31) / filter_ns; /* u 2^(31 + zeros), >= 2^30 */
     unsigned surplus = 32u - rdpi_q31_clz64(quotient | UINT32_MAX);
-    uint32_t mantissa = (uint32_t)(quotient >> surplus);
-    unsigned last = 31u + zeros - surplus; /* exponent of u */
+    rdpi_q31_scaled_t u = {(uint32_t)(quotient >> surplus), 31 + (int)zeros - (int)surplus};
 
-    unsigned exponent = last < 44u ? 44u : last; /* begin at u < 2^-12 */
-    uint32_t inner = UINT32_MAX - ((mantissa / 3u) >> (exponent - 32u)); /* 1 - u / 3 */
-    uint64_t half_square = ((uint64_t)mantissa * mantissa) >> 33;        /* u^2 / 2 */
-    mantissa -= (uint32_t)(((half_square * inner) >> 32) >> (exponent - 32u));
-    for (; exponent > last && exponent > 32u; exponent--) {
-        mantissa -= (uint32_t)((((uint64_t)mantissa * mantissa) >> 1) >> exponent);
-    }
-    uint32_t kept = 0u - mantissa; /* if exponent is 32: exp(-u), whose error shrinks as it is squared */
-    for (; exponent > last; last++) {
-        kept = rdpi_q31_mulh(kept, kept);
-        mantissa = 0u - kept; /* 0: kept is less than 2^-32; no filter */
-    }
-    rate->blend = mantissa;
-    rate->blend_shift = (uint8_t)(exponent - 32u);
+    rdpi_q31_scaled_t blend = rdpi_q31_blend(u);
+    rate->blend = blend.mantissa;
+    rate->blend_shift = (uint8_t)(blend.exponent - 32);
 }
 
 /* Sets up `rate` for samples that are `sample_time_ns` apart, with no sample seen yet. rdpi_q31_init says what it

@@ -12,7 +12,7 @@ const char *rdpi_status_text(rdpi_status_t status)
     case RDPI_ERR_NOT_FINITE:
         return "a number is NaN, infinite or beyond 1e7";
     case RDPI_ERR_COUNT:
-        return "number of plays or dead zones is 0 or above the compile-time maximum";
+        return "number of plays or dead zones is 0 or above the compile-time maximum, or number of poles is above it";
     case RDPI_ERR_GAIN:
         return "gain_um_per_V is 0";
     case RDPI_ERR_THRESHOLDS:
@@ -40,10 +40,9 @@ const char *rdpi_status_text(rdpi_status_t status)
     case RDPI_ERR_DIGEST:
         return "parameters differ from those generated, or are of another number type: generate or flash them again";
     case RDPI_ERR_SIZE:
-        return "library and application were compiled with different RDPI_MAX_PLAYS, RDPI_MAX_WINDOW, RDPI_MAX_POLES or "
-               "number type";
+        return "library and application were compiled with different maxima (RDPI_MAX_...) or number type";
     case RDPI_ERR_CHAIN:
-        return "a number of the chain is outside what its field says";
+        return "chain: a number is outside its range, the delay is too long, or creep cannot be inverted";
     }
     return "unknown status";
 }

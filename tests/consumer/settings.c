@@ -7,7 +7,7 @@
 
 #define FILL 0xA5
 
-static rdpi_status_t init_f32(void *self)
+static rdpi_status_t init_any_f32(rdpi_f32_t *axis, rdpi_f32_chain_t *chain)
 {
     static const rdpi_f32_play_t play = {.r_um = 0, .slope = 1};
     static const rdpi_f32_deadzone_t straight = {.d_um = 0, .weight = 1};
@@ -19,7 +19,21 @@ static rdpi_status_t init_f32(void *self)
         .sweep_V_per_s = 100, .play = &play, .saturation = &straight, .inverse_saturation = &back,
         .memory_um = &memory_um};
     params.digest = rdpi_f32_digest(&params);
-    return rdpi_f32_init(self, &params, (rdpi_real_t)1e-4);
+    rdpi_f32_chain_params_t around = {
+        .schema = RDPI_PARAMS_SCHEMA, .preview = 1, .lead_s = 1, .max_lead_um = 1, .direct = 1, .axis = &params};
+    around.digest = rdpi_f32_chain_digest(&around);
+    return axis != NULL ? rdpi_f32_init(axis, &params, (rdpi_real_t)1e-4)
+                        : rdpi_f32_chain_init(chain, &around, (rdpi_real_t)1e-4);
+}
+
+static rdpi_status_t init_f32(void *self)
+{
+    return init_any_f32(self, NULL);
+}
+
+static rdpi_status_t init_f32_chain(void *self)
+{
+    return init_any_f32(NULL, self);
 }
 
 static rdpi_status_t init_q31(void *self)
@@ -54,5 +68,6 @@ int main(int argc, char **argv)
 {
     (void)argv;
     int same = argc > 1;
-    return (holds(init_f32, sizeof(rdpi_f32_t), same) ? 0 : 1) + (holds(init_q31, sizeof(rdpi_q31_t), same) ? 0 : 2);
+    return (holds(init_f32, sizeof(rdpi_f32_t), same) ? 0 : 1) + (holds(init_q31, sizeof(rdpi_q31_t), same) ? 0 : 2) +
+           (holds(init_f32_chain, sizeof(rdpi_f32_chain_t), same) ? 0 : 4);
 }

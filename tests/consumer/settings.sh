@@ -27,11 +27,12 @@ for s in "${!settings[@]}"; do
     compile "$s" ${settings[s]}
 done
 compile real -DRDPI_REAL=double
+compile poles -DRDPI_MAX_POLES=3
 
 pairs=0
 check() { # check LIBRARY APPLICATION STATUS [same]
     local status=0
-    cc -fsanitize=address "$work/$1"/{rdpi_f32,rdpi_q31,status}.o "$work/$2/settings.o" -o "$work/program"
+    cc -fsanitize=address "$work/$1"/{rdpi_f32,rdpi_f32_chain,rdpi_q31,status}.o "$work/$2/settings.o" -o "$work/program"
     "$work/program" ${4:+same} || status=$?
     if [ $status != "$3" ]; then
         echo "settings: library $1, application $2: exit status $status, not $3" >&2
@@ -50,4 +51,8 @@ check real real 0 same
 # rdpi_q31 has no reals, so its application is right to expect the same library.
 check 0 real 2
 check real 0 2
+# Only the chain has poles.
+check poles poles 0 same
+check 0 poles 3
+check poles 0 3
 echo "settings: $pairs pairs of library and application"

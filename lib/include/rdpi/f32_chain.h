@@ -27,7 +27,7 @@ extern "C" {
 
 /** One first-order lag of creep or relaxation, l' = (h - l) / time_constant_s. */
 typedef struct {
-    rdpi_real_t share;           /**< of the lag in the displacement; may be negative */
+    rdpi_real_t share;           /**< of the lag in the displacement; may be negative, see `direct` */
     rdpi_real_t time_constant_s; /**< > 0 */
 } rdpi_f32_pole_t;
 
@@ -46,36 +46,46 @@ typedef struct {
     rdpi_real_t lead_s;              /**< alpha: the lags and 2 damping / w of the resonances, added up; >= 0 */
     rdpi_real_t lead_s2;             /**< beta: 1 / w^2 of the resonances and the products of all, added up; >= 0 */
     rdpi_real_t max_lead_um;         /**< the most that the lead adds to the reference; > 0 */
-    rdpi_real_t direct;              /**< share of a move that comes at once, > 0; 1 without poles */
+    rdpi_real_t direct;              /**< share of a move that comes at once, 1 without poles. It and the negative
+                                          shares must add up to 0.001 or more: then the inverse is stable */
     const rdpi_f32_params_t *axis;   /**< the operator */
     const rdpi_f32_pole_t *pole;     /**< [poles] */
 } rdpi_f32_chain_params_t;
 
-/** Private part of rdpi_f32_chain_t: the lead, r + alpha r' + beta r'' at the time t + D. */
+/** Private part of rdpi_f32_chain_t: the lead. With d the latest difference of two references and d_before the one
+ * before it, the reference becomes latest - behind d, and the lead adds per_step d + per_before d_before. */
 typedef struct {
-    rdpi_real_t per_sum;    /**< the lead adds per_sum (d + d_before) + per_change (d - d_before), d the latest */
-    rdpi_real_t per_change; /**< difference of references and d_before the one before it */
     rdpi_real_t latest_um;  /**< the latest reference */
     rdpi_real_t before_um;  /**< how much it differed from the one before */
+    rdpi_real_t per_before; /**< see above */
+    rdpi_real_t per_step;   /**< see above */
+    rdpi_real_t behind;     /**< 1 with preview, 0 without */
+    rdpi_real_t max_um;     /**< the most that the lead adds */
 } rdpi_f32_lead_t;
 
 /** Private part of rdpi_f32_chain_t: one pole. */
 typedef struct {
-    rdpi_real_t blend;     /**< 1 - exp(-time / time_constant), of the time between two turns of the pole */
-    rdpi_real_t weight;    /**< of the state in the displacement */
-    rdpi_real_t state_um;  /**< the lag of h, less h_0 */
-    rdpi_real_t rest_um;   /**< what is too small for state_um; slow poles only */
+    rdpi_real_t state_um;   /**< where the lag stands, less h_0 */
+    rdpi_real_t rest_um;    /**< what is too small for state_um; slow poles only */
+    rdpi_real_t blend;      /**< 1 - exp(-time / time_constant), of the time between two moves of the pole */
+    rdpi_real_t weight;     /**< of the state in the displacement */
+    rdpi_real_t per_sample; /**< sample time / time_constant */
 } rdpi_f32_lag_t;
 
 /** Private part of rdpi_f32_chain_t: creep^-1. */
 typedef struct {
-    rdpi_f32_lag_t lag[RDPI_MAX_POLES];
+    rdpi_real_t offset_um;  /**< h_0 and what all lags add */
     rdpi_real_t per_direct; /**< 1 / the share of a move that comes within its sample */
     rdpi_real_t settled_um; /**< h_0 */
-    rdpi_real_t slow_um;    /**< what the slow poles add */
-    rdpi_real_t next_um;    /**< ... after this round, as far as it has come */
+    rdpi_real_t slow_um;    /**< h_0 and what the slow poles add in this round */
+    rdpi_real_t next_um;    /**< what they add in the next one, of those that have moved */
+    rdpi_real_t mean_um;    /**< mean of h in the round before, less h_0 */
+    rdpi_real_t sum_um;     /**< sum of h in this round, less h_0 */
+    rdpi_real_t per_round;  /**< 1 / number of slow poles */
     uint16_t fast;          /**< lag[0 .. fast - 1] move in every sample, of the others one at a time */
     uint16_t turn;          /**< the slow one whose turn it is */
+    uint16_t poles;         /**< all of them */
+    rdpi_f32_lag_t lag[RDPI_MAX_POLES]; /**< the fast ones first */
 } rdpi_f32_creep_t;
 
 /** One actuator and its chain at work. Read the results in `axis` and preview_samples; the others are private. */
@@ -83,9 +93,10 @@ typedef struct {
     rdpi_f32_t axis;          /**< the operator. Its results are those of the whole: drive_V, dac_code, flags, counts */
     uint32_t preview_samples; /**< how far ahead rdpi_f32_chain_step needs the reference; init sets it for good */
     /* private */
+    uint8_t usual; /**< the way of a step after one that was not special: see rdpi_f32_chain.c */
+    uint8_t way;   /**< the way of the next step */
+    bool first;    /**< the next reference is the first: the lead has no history */
     const rdpi_f32_chain_params_t *params; /**< as given to init */
-    bool first; /**< the next reference is the first: the lead has no history */
-    bool leads; /**< there is a lead */
     rdpi_f32_lead_t lead;
     rdpi_f32_creep_t creep;
 } rdpi_f32_chain_t;

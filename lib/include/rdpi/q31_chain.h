@@ -96,6 +96,7 @@ typedef struct {
     const rdpi_q31_chain_params_t *params; /**< as given to init */
     bool first; /**< the next reference is the first: the lead has no history */
     bool leads; /**< there is a lead */
+    bool plain; /**< there is no lead, and there are no poles: nothing to do but the step of the operator */
     rdpi_q31_lead_t lead;
     rdpi_q31_creep_t creep;
 } rdpi_q31_chain_t;

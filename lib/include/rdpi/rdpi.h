@@ -1,11 +1,11 @@
-/* rdpi: open-loop linearisation of a hysteretic actuator. Include this file, or one of the two that it includes:
+/* rdpi: open-loop linearisation of a hysteretic actuator. Include this file, or one of those that it includes:
  *
- *   rdpi/f32.h   the library in single precision
- *   rdpi/q31.h   the library in 32-bit integers, for cores without floating point */
+ *   rdpi/f32.h   the library in single precision; rdpi/f32_chain.h the chain around it
+ *   rdpi/q31.h   the library in 32-bit integers, for cores without floating point; rdpi/q31_chain.h the chain around it */
 #ifndef RDPI_RDPI_H
 #define RDPI_RDPI_H
 
-#include "rdpi/f32.h"
-#include "rdpi/q31.h"
+#include "rdpi/f32_chain.h"
+#include "rdpi/q31_chain.h"
 
 #endif

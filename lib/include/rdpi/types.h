@@ -21,8 +21,8 @@ extern "C" {
 #define RDPI_MAX_DAC_BITS 20
 
 /* Compile-time maxima. Define them the same for the library and for the code that uses it. RDPI_MAX_PLAYS and
- * RDPI_MAX_WINDOW set the size of the state in RAM; init returns RDPI_ERR_SIZE if they differ. RDPI_MAX_DEADZONES only
- * limits what init accepts. */
+ * RDPI_MAX_WINDOW set the size of the state in RAM, RDPI_MAX_POLES that of the state of a chain; init returns
+ * RDPI_ERR_SIZE if they differ. RDPI_MAX_DEADZONES only limits what init accepts. */
 #ifndef RDPI_MAX_PLAYS
 #define RDPI_MAX_PLAYS 16 /**< most play operators: n + 1, the identity (r_0 = 0) included */
 #endif
@@ -32,9 +32,8 @@ extern "C" {
 #ifndef RDPI_MAX_WINDOW
 #define RDPI_MAX_WINDOW 16 /**< most samples in the window of the rate estimator: N */
 #endif
-
 #ifndef RDPI_MAX_POLES
-#define RDPI_MAX_POLES 12 /**< most poles of creep and relaxation */
+#define RDPI_MAX_POLES 12 /**< most poles of creep and relaxation in a chain */
 #endif
 
 #if RDPI_MAX_PLAYS < 1 || RDPI_MAX_DEADZONES < 1 || RDPI_MAX_WINDOW < 1 || RDPI_MAX_POLES < 1
@@ -57,7 +56,8 @@ typedef enum {
     RDPI_ERR_NULL = -1,         /**< a required pointer is NULL */
     RDPI_ERR_SCHEMA = -2,       /**< the parameters were generated for another version of the library */
     RDPI_ERR_NOT_FINITE = -3,   /**< a number is NaN, infinite or beyond 1e7 */
-    RDPI_ERR_COUNT = -4,        /**< the number of plays or dead zones is 0 or above the compile-time maximum */
+    RDPI_ERR_COUNT = -4,        /**< the number of plays or dead zones is 0 or above the compile-time maximum, or the
+                                     number of poles is above it */
     RDPI_ERR_GAIN = -5,         /**< gain_um_per_V is 0 */
     RDPI_ERR_THRESHOLDS = -6,   /**< the thresholds of the plays are not 0 = r_0 < r_1 < ... < r_n */
     RDPI_ERR_SLOPES = -7,       /**< a slope W_i is not positive at rate 0 (q31: or outside its format) */
@@ -78,9 +78,10 @@ typedef enum {
                                      sample */
     RDPI_ERR_DIGEST = -17,      /**< the parameters are not those that were generated: the flash or the file is damaged,
                                      or they were generated for another RDPI_REAL */
-    RDPI_ERR_SIZE = -18,        /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW,
-                                     RDPI_MAX_POLES), another RDPI_REAL or another alignment than the library */
-    RDPI_ERR_CHAIN = -19        /**< a number of the chain is outside what its field says */
+    RDPI_ERR_SIZE = -18,        /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW; of a
+                                     chain, RDPI_MAX_POLES), another RDPI_REAL or another alignment than the library */
+    RDPI_ERR_CHAIN = -19        /**< a number of the chain is outside what its field says, or its delay is longer than
+                                     2^24 samples */
 } rdpi_status_t;
 
 /** What happened in the latest step. The bits are OR-ed. */
@@ -91,7 +92,8 @@ enum {
     RDPI_FLAG_INPUT = 8u,  /**< the input was not usable: the last drive was held and no state changed */
     RDPI_FLAG_MISSED = 16u, /**< samples were missed or refused before this one. Its rate counts their time, for up to
                                  RDPI_MAX_MISSED samples */
-    RDPI_FLAG_LEAD = 32u   /**< the lead would have added more than max_lead; counted in clip_count */
+    RDPI_FLAG_LEAD = 32u /**< of a chain: the lead would have added more than max_lead, and was clipped to it; counted in
+                              clip_count */
 };
 
 /** A status as a short English sentence, never NULL. Callable from any context. */

@@ -1,0 +1,277 @@
+#include "rdpi/f32_chain.h"
+
+#include <tgmath.h> /* fabs of whichever type rdpi_real_t is; compilers inline it */
+
+#include "crc.h"
+#include "f32_creep.h"
+#include "f32_lead.h"
+
+/* The ways of a step. One of the first four is the usual way of a chain. */
+enum {
+    PLAIN,      /* the operator alone */
+    LEAD,       /* the lead before it */
+    CREEP,      /* creep^-1 before it */
+    LEAD_CREEP, /* both */
+    GENERAL     /* the lead has no history, or samples were missed; creep^-1 or not */
+};
+
+/* The largest magnitude of a number, as in f32_check.h. */
+#define MAX_NUMBER ((rdpi_real_t)1e7)
+
+/* The part that the digest covers: counts and numbers. */
+#define DIGEST_BEGIN offsetof(rdpi_f32_chain_params_t, poles)
+#define DIGEST_END (offsetof(rdpi_f32_chain_params_t, direct) + sizeof(rdpi_real_t))
+
+/* ---- init ---- */
+
+static uint32_t checksum(const rdpi_f32_chain_params_t *params)
+{
+    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, DIGEST_END - DIGEST_BEGIN);
+    return rdpi_crc32(crc, params->pole, params->poles * sizeof *params->pole);
+}
+
+uint32_t rdpi_f32_chain_digest_layout(uint64_t layout, const rdpi_f32_chain_params_t *params)
+{
+    return layout == RDPI_F32_CHAIN_LAYOUT ? checksum(params) : 0u;
+}
+
+static bool is_number(rdpi_real_t value)
+{
+    return fabs(value) <= MAX_NUMBER;
+}
+
+static bool are_numbers(const rdpi_f32_chain_params_t *params)
+{
+    bool good = is_number(params->delay_s) && is_number(params->lead_s) && is_number(params->lead_s2) &&
+                is_number(params->max_lead_um) && is_number(params->direct);
+    for (size_t i = 0; i < params->poles; i++) {
+        good = good && is_number(params->pole[i].share) && is_number(params->pole[i].time_constant_s);
+    }
+    return good;
+}
+
+/* Whether numbers are in their ranges, as far as that does not depend on the sample time. */
+static bool in_ranges(const rdpi_f32_chain_params_t *params)
+{
+    bool good = params->preview <= 1u && params->delay_s >= 0 && params->lead_s >= 0 && params->lead_s2 >= 0 &&
+                params->max_lead_um > 0;
+    for (size_t i = 0; i < params->poles; i++) {
+        good = good && params->pole[i].time_constant_s > 0;
+    }
+    return good;
+}
+
+/* All that needs valid pointers and counts. */
+static rdpi_status_t check(const rdpi_f32_chain_params_t *params)
+{
+    if (params->digest != checksum(params)) {
+        return RDPI_ERR_DIGEST;
+    }
+    if (!are_numbers(params)) {
+        return RDPI_ERR_NOT_FINITE;
+    }
+    return in_ranges(params) ? RDPI_OK : RDPI_ERR_CHAIN;
+}
+
+/* Sets up lead and creep of `self`. */
+static rdpi_status_t set_up(rdpi_f32_chain_t *self, const rdpi_f32_chain_params_t *params, rdpi_real_t sample_time_s)
+{
+    bool leads = rdpi_f32_lead_wanted(params);
+    self->params = params;
+    self->preview_samples = 0;
+    self->usual = (uint8_t)((leads ? LEAD : PLAIN) + (params->poles > 0u ? CREEP : PLAIN));
+    if (leads && !rdpi_f32_lead_init(&self->lead, params, sample_time_s, &self->preview_samples)) {
+        return RDPI_ERR_CHAIN;
+    }
+    return rdpi_f32_creep_init(&self->creep, params, sample_time_s) ? RDPI_OK : RDPI_ERR_CHAIN;
+}
+
+rdpi_status_t rdpi_f32_chain_init_layout(uint64_t layout, rdpi_f32_chain_t *self,
+                                         const rdpi_f32_chain_params_t *params, rdpi_real_t sample_time_s)
+{
+    if (layout != RDPI_F32_CHAIN_LAYOUT) {
+        return RDPI_ERR_SIZE;
+    }
+    if (self == NULL || params == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    if (params->schema != RDPI_PARAMS_SCHEMA) {
+        return RDPI_ERR_SCHEMA;
+    }
+    if (params->poles > RDPI_MAX_POLES) {
+        return RDPI_ERR_COUNT;
+    }
+    if (params->poles > 0u && params->pole == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    rdpi_status_t status = check(params);
+    if (status == RDPI_OK) {
+        status = rdpi_f32_init(&self->axis, params->axis, sample_time_s);
+    }
+    if (status == RDPI_OK) {
+        status = set_up(self, params, sample_time_s);
+    }
+    if (status == RDPI_OK) {
+        rdpi_f32_chain_settle(self);
+    }
+    return status;
+}
+
+/* ---- memory ---- */
+
+/* The usual way of the lead does not serve the next reference. */
+static void end_usual(rdpi_f32_chain_t *self)
+{
+    if (self->usual == LEAD || self->usual == LEAD_CREEP) {
+        self->way = GENERAL;
+    }
+}
+
+static void forget_references(rdpi_f32_chain_t *self)
+{
+    self->first = true;
+    end_usual(self);
+}
+
+void rdpi_f32_chain_settle(rdpi_f32_chain_t *self)
+{
+    self->way = self->usual;
+    forget_references(self);
+    rdpi_f32_creep_settle(&self->creep, rdpi_f32_predict(&self->axis, self->axis.drive_V, 0));
+}
+
+void rdpi_f32_chain_reset(rdpi_f32_chain_t *self)
+{
+    rdpi_f32_reset(&self->axis);
+    rdpi_f32_chain_settle(self);
+}
+
+/* ---- the step ---- */
+
+static bool is_usable(rdpi_real_t reference_um)
+{
+    return fabs(reference_um) <= RDPI_MAX_REFERENCE_UM;
+}
+
+/* Where the actuator is, relative to h_0. */
+static RDPI_F32_SELDOM rdpi_real_t output_um(const rdpi_f32_chain_t *self)
+{
+    const rdpi_f32_t *axis = &self->axis;
+    return rdpi_f32_predict(axis, axis->drive_V, axis->rate_um_per_s) - self->creep.settled_um;
+}
+
+/* Creep^-1 and the operator, for what the lead has made of a reference. */
+static RDPI_F32_SHARED rdpi_real_t step_creep(rdpi_f32_chain_t *self, rdpi_real_t z_um)
+{
+    rdpi_real_t h_um = rdpi_f32_creep_solve(&self->creep, z_um);
+    rdpi_real_t drive_V = rdpi_f32_step(&self->axis, h_um + self->creep.settled_um);
+    if ((self->axis.flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW | RDPI_FLAG_INPUT)) != 0u) {
+        h_um = output_um(self);
+    }
+    rdpi_f32_creep_move(&self->creep, h_um);
+    return drive_V;
+}
+
+static rdpi_real_t step_behind_lead(rdpi_f32_chain_t *self, rdpi_real_t z_um)
+{
+    return self->usual == LEAD_CREEP ? step_creep(self, z_um) : rdpi_f32_step(&self->axis, z_um);
+}
+
+/* The lead has reached its limit in this step. */
+static void flag_lead(rdpi_f32_t *axis)
+{
+    bool counted = (axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) != 0u;
+    axis->flags |= RDPI_FLAG_LEAD;
+    if (!counted && axis->clip_count < UINT32_MAX) {
+        axis->clip_count++;
+    }
+}
+
+/* Any reference of a chain with a lead. After a reference that cannot be used or missed samples, the references lie on
+ * a straight line. */
+static RDPI_F32_SELDOM rdpi_real_t step_general(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
+{
+    rdpi_f32_lead_t *lead = &self->lead;
+    unsigned missed = self->axis.missed;
+    if (!is_usable(ahead_um)) {
+        self->way = GENERAL;
+        return step_behind_lead(self, ahead_um);
+    }
+    self->way = self->usual;
+    if (self->first || missed > RDPI_MAX_MISSED) {
+        self->first = false;
+        lead->latest_um = ahead_um;
+        lead->before_um = 0;
+    }
+    rdpi_real_t step_um = (ahead_um - lead->latest_um) / (rdpi_real_t)(missed + 1u);
+    if (missed > 0u) {
+        lead->before_um = step_um;
+    }
+    rdpi_real_t wish_um = rdpi_f32_lead_at(lead, step_um);
+    rdpi_real_t add_um = rdpi_f32_clamp(wish_um, -lead->max_um, lead->max_um);
+    rdpi_real_t drive_V = step_behind_lead(self, rdpi_f32_lead_take(lead, ahead_um, step_um, add_um));
+    if (add_um != wish_um) {
+        flag_lead(&self->axis);
+    }
+    return drive_V;
+}
+
+/* The lead on its usual way. Returns false, and has changed nothing, if step_general has to serve the reference. */
+static RDPI_F32_SHARED bool lead_usually(rdpi_f32_lead_t *lead, rdpi_real_t ahead_um, rdpi_real_t *z_um)
+{
+    rdpi_real_t step_um = ahead_um - lead->latest_um;
+    rdpi_real_t add_um = rdpi_f32_lead_at(lead, step_um);
+    if (!(fabs(add_um) <= lead->max_um) || !is_usable(ahead_um)) {
+        return false;
+    }
+    *z_um = rdpi_f32_lead_take(lead, ahead_um, step_um, add_um);
+    return true;
+}
+
+/* With creep, or after a sample that was not usual. */
+static RDPI_F32_SELDOM rdpi_real_t step_further(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
+{
+    rdpi_real_t z_um = ahead_um;
+    if (self->way == GENERAL || (self->way == LEAD_CREEP && !lead_usually(&self->lead, ahead_um, &z_um))) {
+        return step_general(self, ahead_um);
+    }
+    return step_creep(self, z_um);
+}
+
+/* With a lead, and without creep. */
+static RDPI_F32_SELDOM rdpi_real_t step_lead(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
+{
+    rdpi_real_t z_um;
+    if (!lead_usually(&self->lead, ahead_um, &z_um)) {
+        return step_general(self, ahead_um);
+    }
+    return rdpi_f32_step(&self->axis, z_um);
+}
+
+rdpi_real_t rdpi_f32_chain_step(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
+{
+    if (self->way == PLAIN) {
+        return rdpi_f32_step(&self->axis, ahead_um);
+    }
+    return self->way == LEAD ? step_lead(self, ahead_um) : step_further(self, ahead_um);
+}
+
+void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks)
+{
+    rdpi_f32_missed(&self->axis, ticks);
+    end_usual(self);
+    if (self->usual >= CREEP) {
+        rdpi_f32_creep_wait(&self->creep, (rdpi_real_t)ticks, output_um(self));
+    }
+}
+
+bool rdpi_f32_chain_sweep(rdpi_f32_chain_t *self)
+{
+    bool goes_on = rdpi_f32_sweep(&self->axis);
+    forget_references(self);
+    if (!goes_on) {
+        rdpi_f32_forget_sweep(&self->axis);
+        rdpi_f32_chain_settle(self);
+    }
+    return goes_on;
+}

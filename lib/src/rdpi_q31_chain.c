@@ -1,0 +1,162 @@
+#include "rdpi/q31_chain.h"
+
+#include "crc.h"
+#include "q31_creep.h"
+#include "q31_lead.h"
+
+/* The part of the struct that the digest covers, and after which `preview` ends it. */
+#define DIGEST_BEGIN offsetof(rdpi_q31_chain_params_t, lead_ns2)
+#define DIGEST_END (offsetof(rdpi_q31_chain_params_t, preview) + sizeof(uint16_t))
+
+/* rdpi_q31_chain_digest, whatever the layout of the caller. Field by field for the poles: some targets pad them. */
+static uint32_t checksum(const rdpi_q31_chain_params_t *params)
+{
+    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, DIGEST_END - DIGEST_BEGIN);
+    for (size_t i = 0; i < params->poles; i++) {
+        const rdpi_q31_pole_t *pole = &params->pole[i];
+        crc = rdpi_crc32(crc, &pole->share, sizeof pole->share);
+        crc = rdpi_crc32(crc, &pole->time_constant_ns, sizeof pole->time_constant_ns);
+    }
+    return crc;
+}
+
+uint32_t rdpi_q31_chain_digest_layout(uint64_t layout, const rdpi_q31_chain_params_t *params)
+{
+    return layout == RDPI_Q31_CHAIN_LAYOUT ? checksum(params) : 0u;
+}
+
+/* What must hold before any other check may read. */
+static rdpi_status_t check_pointers(uint64_t layout, const rdpi_q31_chain_t *self,
+                                    const rdpi_q31_chain_params_t *params)
+{
+    if (layout != RDPI_Q31_CHAIN_LAYOUT) {
+        return RDPI_ERR_SIZE;
+    }
+    if (self == NULL || params == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    if (params->schema != RDPI_PARAMS_SCHEMA) {
+        return RDPI_ERR_SCHEMA;
+    }
+    if (params->poles > RDPI_MAX_POLES) {
+        return RDPI_ERR_CHAIN;
+    }
+    return params->poles > 0u && params->pole == NULL ? RDPI_ERR_NULL : RDPI_OK;
+}
+
+/* Whether what comes at once and the shares of the poles fit. */
+static bool shares_fit(const rdpi_q31_chain_params_t *params)
+{
+    int64_t magnitudes = params->direct, least = params->direct;
+    for (size_t i = 0; i < params->poles; i++) {
+        int32_t share = params->pole[i].share;
+        magnitudes += share < 0 ? -(int64_t)share : share;
+        least += share < 0 ? share : 0;
+        if (params->pole[i].time_constant_ns < 1u) {
+            return false;
+        }
+    }
+    return magnitudes <= (int64_t)1 << 31 && least >= RDPI_Q31_MIN_DIRECT;
+}
+
+static rdpi_status_t check_params(const rdpi_q31_chain_params_t *params)
+{
+    if (params->digest != checksum(params)) {
+        return RDPI_ERR_DIGEST;
+    }
+    bool fits = params->delay_ns <= RDPI_Q31_MAX_LEAD_NS && params->lead_ns <= RDPI_Q31_MAX_LEAD_NS &&
+                params->lead_ns2 <= RDPI_Q31_MAX_LEAD_NS2 && params->max_lead > 0 && params->preview <= 1u;
+    return fits && shares_fit(params) ? RDPI_OK : RDPI_ERR_CHAIN;
+}
+
+rdpi_status_t rdpi_q31_chain_init_layout(uint64_t layout, rdpi_q31_chain_t *self,
+                                         const rdpi_q31_chain_params_t *params, uint32_t sample_time_ns)
+{
+    rdpi_status_t status = check_pointers(layout, self, params);
+    if (status == RDPI_OK) {
+        status = check_params(params);
+    }
+    if (status == RDPI_OK) {
+        status = rdpi_q31_init(&self->axis, params->axis, sample_time_ns);
+    }
+    if (status == RDPI_OK && !rdpi_q31_lead_init(self, params, sample_time_ns)) {
+        status = RDPI_ERR_CHAIN;
+    }
+    if (status == RDPI_OK) {
+        self->params = params;
+        self->plain = !self->leads && params->poles == 0u;
+        rdpi_q31_creep_init(&self->creep, params, sample_time_ns);
+        rdpi_q31_chain_settle(self);
+    }
+    return status;
+}
+
+void rdpi_q31_chain_settle(rdpi_q31_chain_t *self)
+{
+    self->first = true;
+    rdpi_q31_creep_settle(&self->creep, self->params, rdpi_q31_predict(&self->axis, self->axis.drive, 0));
+}
+
+void rdpi_q31_chain_reset(rdpi_q31_chain_t *self)
+{
+    rdpi_q31_reset(&self->axis);
+    rdpi_q31_chain_settle(self);
+}
+
+/* The lead was limited. A sample counts once, whatever clipped it. */
+static void report_lead(rdpi_q31_t *axis)
+{
+    if ((axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) == 0u && axis->clip_count < UINT32_MAX) {
+        axis->clip_count++;
+    }
+    axis->flags |= RDPI_FLAG_LEAD;
+}
+
+/* The step of a chain that does something. */
+static int32_t step(rdpi_q31_chain_t *self, int32_t ahead)
+{
+    rdpi_q31_t *axis = &self->axis;
+    rdpi_q31_creep_t *creep = &self->creep;
+    bool usable = ahead != RDPI_Q31_NO_REFERENCE, limited = false;
+    int32_t reference = ahead;
+    if (usable && self->leads) {
+        reference = rdpi_q31_lead_step(self, ahead, axis->missed, &limited);
+    }
+    if (usable && self->params->poles > 0u) {
+        reference = rdpi_q31_creep_solve(creep, reference);
+        creep->h = reference;
+    }
+    int32_t drive = rdpi_q31_step(axis, reference);
+    if (limited) {
+        report_lead(axis);
+    }
+    if ((axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) != 0u) { /* creep follows what was really output */
+        creep->h = rdpi_q31_clamp(rdpi_q31_predict(axis, drive, axis->rate), -MAX_H, MAX_H);
+    }
+    rdpi_q31_creep_move(creep, self->params->poles);
+    return drive;
+}
+
+int32_t rdpi_q31_chain_step(rdpi_q31_chain_t *self, int32_t ahead)
+{
+    return self->plain ? rdpi_q31_step(&self->axis, ahead) : step(self, ahead);
+}
+
+void rdpi_q31_chain_missed(rdpi_q31_chain_t *self, uint32_t ticks)
+{
+    rdpi_q31_missed(&self->axis, ticks);
+    for (uint32_t left = ticks < RDPI_MAX_MISSED ? ticks : RDPI_MAX_MISSED; left > 0u; left--) {
+        rdpi_q31_creep_move(&self->creep, self->params->poles);
+    }
+}
+
+bool rdpi_q31_chain_sweep(rdpi_q31_chain_t *self)
+{
+    bool goes_on = rdpi_q31_sweep(&self->axis);
+    self->first = true;
+    if (!goes_on) {
+        rdpi_q31_forget_sweep(&self->axis);
+        rdpi_q31_chain_settle(self);
+    }
+    return goes_on;
+}

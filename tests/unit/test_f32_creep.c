@@ -1,0 +1,243 @@
+/* rdpi_f32_chain: creep and relaxation, undone. */
+#include "unity.h"
+
+#include "rdpi/f32_chain.h"
+
+TEST_SOURCE_FILE("lib/src/rdpi_f32.c")
+TEST_SOURCE_FILE("lib/src/rdpi_f32_chain.c")
+
+#include "chain_f32.inc"
+void setUp(void); /* there, named here for the generator of the runner */
+void tearDown(void);
+
+#define STROKE_UM 128
+
+/* Steps, and what the actuator makes of the drives. Returns the worst difference to the references, of the stroke. */
+static double worst_of(int samples, double (*reference)(int))
+{
+    double worst = 0;
+    for (int k = 0; k < samples; k++) {
+        double reference_um = (double)(rdpi_real_t)reference(k);
+        double error_um = crept(step(reference_um)) - reference_um;
+        worst = fmax(worst, fabs(error_um));
+        TEST_ASSERT_EQUAL_UINT32(0, chain.axis.flags);
+    }
+    return worst / STROKE_UM;
+}
+
+static double jumps_and_sines(int k)
+{
+    return (k / 500 % 2 == 0 ? 12 : -12) + 6 * sin(0.01 * k) + 6 * sin(0.7 * k);
+}
+
+static void start_at(double settled_um)
+{
+    start();
+    creep_starts(settled_um);
+}
+
+/* ---- fast poles ---- */
+
+void test_fast_poles_are_undone_to_rounding(void)
+{
+    params.direct = (rdpi_real_t)0.75;
+    add_pole(0.125, 0.0625);
+    add_pole(-0.25, 0.001);
+    add_pole(0.0625, 1e-5);
+    add_pole(0.25, 0.9);
+    start_at(0);
+    TEST_ASSERT_EQUAL_UINT32(0, chain.preview_samples);
+    TEST_ASSERT_EQUAL_UINT(4, chain.creep.fast);
+    /* Rounding of a state in 1000 samples of the slowest: see f32_creep.h. */
+    WITHIN(6.2e-5 * 0.25 + 1e-6, 0, worst_of(5000, jumps_and_sines));
+}
+
+void test_creep_is_relative_to_where_it_has_settled(void)
+{
+    params.direct = (rdpi_real_t)0.75;
+    add_pole(0.125, 0.0625);
+    given.memory_um[0] = 16;
+    given.params.offset_um = 4;
+    start();
+    creep_starts(20);
+    for (int k = 0; k < 100; k++) {
+        EQUAL(20, crept(step(20) + 4));
+    }
+    EQUAL(24, crept(step(24) + 4));
+    EQUAL(24, crept(step(24) + 4));
+}
+
+/* ---- slow poles ---- */
+
+/* A slow pole moves once in a round, so that its share of a jump is late. See the bound in f32_creep.h. */
+void test_slow_poles_are_undone_to_the_share_that_they_move_in_two_rounds(void)
+{
+    add_pole(0.02, 1.5);
+    add_pole(0.25, 0.5);
+    add_pole(-0.01, 100);
+    add_pole(0.02, 5);
+    add_pole(0.02, 1000);
+    start_at(0);
+    TEST_ASSERT_EQUAL_UINT(1, chain.creep.fast);
+    double share = 0.02 / 1.5 + 0.01 / 100 + 0.02 / 5 + 0.02 / 1000;
+    WITHIN(6.2e-5 * 0.25 + 1e-6 + 2 * 4 * (double)T_S * share * 0.3, 0, worst_of(20000, jumps_and_sines));
+}
+
+static double hold(int k)
+{
+    (void)k;
+    return 32;
+}
+
+/* Single precision would stop at 2^-24 of the state, after a few samples. */
+void test_the_slowest_pole_goes_on_for_ever(void)
+{
+    add_pole(0.5, 4000); /* 4 096 000 samples */
+    start_at(0);
+    WITHIN(1e-6, 0, worst_of(1000000, hold));
+    double state_um = (double)chain.creep.lag[0].state_um;
+    WITHIN(1e-5 * STROKE_UM, creep.lag_um[0], state_um);
+    TEST_ASSERT_GREATER_THAN(5, state_um);
+}
+
+/* What alternates with the round of the slow poles has a mean of 0. */
+static double alternates(int k)
+{
+    return k % 3 == 0 ? 20 : -10;
+}
+
+void test_slow_poles_follow_the_mean_of_a_reference_of_their_own_period(void)
+{
+    add_pole(0.05, 2);
+    add_pole(0.05, 3);
+    add_pole(0.05, 4);
+    start_at(0);
+    TEST_ASSERT_EQUAL_UINT(0, chain.creep.fast);
+    WITHIN(1e-5, 0, worst_of(20000, alternates));
+}
+
+/* ---- what was output, not what was asked for ---- */
+
+/* Fast ones come first. A slow one may be two rounds of `slow` poles late. */
+static void equal_states(int slow, double largest_step_um)
+{
+    size_t i = 0;
+    for (int is_slow = 0; is_slow < 2; is_slow++) {
+        for (size_t k = 0; k < params.poles; k++) {
+            if ((pole[k].time_constant_s > 1) == (is_slow != 0)) {
+                double late_um = is_slow * 2 * slow * (double)T_S / (double)pole[k].time_constant_s * largest_step_um;
+                WITHIN(1e-4 + late_um, creep.state_um[k], chain.creep.lag[i].state_um);
+                i++;
+            }
+        }
+    }
+}
+
+static void one_fast_one_slow(void)
+{
+    params.direct = (rdpi_real_t)0.75;
+    add_pole(0.125, 16);
+    add_pole(0.125, 0.0625);
+}
+
+void test_states_follow_a_clipped_drive(void)
+{
+    one_fast_one_slow();
+    given.params.max_V = 4;
+    start_at(0);
+    for (int k = 0; k < 1024; k++) {
+        double drive_V = step(20);
+        EQUAL(4, drive_V);
+        (void)crept(drive_V);
+        TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_RANGE, chain.axis.flags);
+    }
+    equal_states(1, 4);
+    WITHIN(1e-4, 2, crept(step(2)));
+}
+
+void test_states_follow_a_drive_held_back_by_the_slew_limit(void)
+{
+    one_fast_one_slow();
+    given.params.slew_V_per_s = 16;
+    given.params.sweep_V_per_s = 16;
+    start_at(0);
+    for (int k = 0; k < 1024; k++) {
+        double drive_V = step(40);
+        (void)crept(drive_V);
+        TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_SLEW, chain.axis.flags);
+    }
+    EQUAL(16, chain.axis.drive_V);
+    equal_states(1, 16);
+}
+
+void test_creep_goes_on_while_references_are_refused(void)
+{
+    one_fast_one_slow();
+    start_at(0);
+    for (int k = 0; k < 1024; k++) {
+        double drive_V = step(k < 10 ? 8 : NAN);
+        (void)crept(drive_V);
+        TEST_ASSERT_EQUAL_UINT32(k < 10 ? 0 : RDPI_FLAG_INPUT, chain.axis.flags);
+    }
+    equal_states(1, 8);
+    WITHIN(1e-4, 8, crept(step(8)));
+}
+
+void test_a_reference_that_creep_brings_beyond_the_largest_is_refused(void)
+{
+    params.direct = (rdpi_real_t)0.5;
+    add_pole(0.5, 1);
+    start();
+    EQUAL(0, step(900000));
+    TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_INPUT, chain.axis.flags);
+    EQUAL(0, chain.creep.lag[0].state_um);
+}
+
+/* ---- missed samples ---- */
+
+void test_creep_goes_on_for_the_time_of_missed_samples(void)
+{
+    const uint32_t missed[] = {0, 1, 7, 16, 17, 300, 5000, 1000000};
+    for (size_t k = 0; k < sizeof missed / sizeof missed[0]; k++) {
+        setUp();
+        one_fast_one_slow();
+        add_pole(0.02, 20);
+        start_at(0);
+        for (int n = 0; n < 50; n++) {
+            (void)crept(step(8));
+        }
+        double drive_V = (double)chain.axis.drive_V;
+        for (uint32_t n = 0; n < missed[k]; n++) {
+            (void)crept(drive_V);
+        }
+        rdpi_f32_chain_missed(&chain, missed[k]);
+        TEST_ASSERT_EQUAL_UINT32(missed[k], chain.axis.missed_count);
+        equal_states(2, 8);
+        for (int n = 0; n < 50; n++) {
+            WITHIN(1e-5 + 2 * 2 * (double)T_S * (0.125 / 16 + 0.02 / 20) * 8, 8, crept(step(8))); /* two rounds late */
+        }
+    }
+}
+
+/* In the middle of a round: the poles that have moved in it and those that have not. */
+void test_missed_samples_may_come_anywhere_in_a_round(void)
+{
+    for (int before = 50; before < 55; before++) {
+        setUp();
+        for (int i = 0; i < 5; i++) {
+            add_pole(0.1, 2 + i);
+        }
+        start_at(0);
+        for (int n = 0; n < before; n++) {
+            (void)crept(step(8));
+        }
+        double drive_V = (double)chain.axis.drive_V;
+        for (int n = 0; n < 2000; n++) {
+            (void)crept(drive_V);
+        }
+        rdpi_f32_chain_missed(&chain, 2000);
+        for (int n = 0; n < 50; n++) {
+            WITHIN(0.02, 8, crept(step(8)));
+        }
+    }
+}
