@@ -46,10 +46,11 @@ def compensate(model: Model, run: Recording, column: str = "reference_um", engin
     emulated = engine in emulator.MACHINES
     if fixed_point and not emulated:
         raise BadInput(f"--fixed-point: is only valid with the engines qemu-..., not with --engine {engine}")
+    by = inverse_of(model) if by is None else by
     how: str | chain.Engine = engine
     if emulated:
-        how = partial(emulator.step, run=run, board=engine, fixed_point=fixed_point, sweep=sweep, report=report)
-    by = inverse_of(model) if by is None else by
+        how = partial(emulator.step, run=run, board=engine, fixed_point=fixed_point, sweep=sweep, chain=by.chain,
+                      report=report)
     steps, offset_um = chain.follow(model, run, column, how, remove_offset, sweep, by)
     reference_um = run.columns[column]
     asked_um = reference_um[np.isfinite(reference_um)] - offset_um

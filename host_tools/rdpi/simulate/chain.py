@@ -175,9 +175,9 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     reference; unknown, estimated if the run also has command and displacement, else the model's own. With `sweep` they
     are, whatever the metadata say, as the start-up sweep leaves them, from the model's own. Engines "f32" and "q31" are
     the firmware library, "f64" the first in double, "numpy" the independent reference, which has no sweep; a function
-    makes the steps of model and reference, and the sweep before them is its own affair. Returns the steps and the
-    offset in um that was removed from the reference: with `remove_offset` the mean error of the model's prediction of
-    this run.
+    makes the steps of operator and reference, and the sweep before them and the chain are its own affair. Returns the
+    steps and the offset in um that was removed from the reference: with `remove_offset` the mean error of the model's
+    prediction of this run.
     """
     arguments.of_kind(model, Model, "model")
     if not callable(engine):
@@ -186,9 +186,6 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     others = {name: values for name, values in run.columns.items() if name != column}  # the reference is judged below
     check_sizes(others, lambda row: f"{run.path}, sample {row}")
     by = inverse_of(model) if by is None else by
-    if callable(engine) and by.chain.acts:
-        raise BadInput("an emulated board has no chain in front of its operator yet: say --effects none, or use f32, "
-                       "q31, f64 or numpy")
     reference = run.columns[column] - by.added_um(run)
     usable = reference[np.abs(reference) <= MAX_REFERENCE_UM]
     if not len(usable):
