@@ -18,18 +18,18 @@
 #if !RDPI_PARAMS_Q31
 #error "this actuator has no parameters in fixed point; rdpi_params.h says why"
 #endif
-#define RDPI(verb) rdpi_q31_##verb
-#define PARAMS rdpi_params_q31
+#define RDPI(verb) rdpi_q31_chain_##verb
+#define CHAIN rdpi_chain_q31
 #define SAMPLE_TIME ((1000000000u + TRACK_RATE_HZ / 2u) / TRACK_RATE_HZ) /* ns */
 #define NEXT_REFERENCE rdpi_reference_q31
-#define RATE axis.rate
+#define RATE chain.axis.rate
 typedef int32_t number_t;
 #else
-#define RDPI(verb) rdpi_f32_##verb
-#define PARAMS rdpi_params
+#define RDPI(verb) rdpi_f32_chain_##verb
+#define CHAIN rdpi_chain
 #define SAMPLE_TIME (1.0f / TRACK_RATE_HZ)
 #define NEXT_REFERENCE rdpi_reference_um
-#define RATE axis.rate_um_per_s
+#define RATE chain.axis.rate_um_per_s
 typedef float number_t;
 #endif
 
@@ -59,7 +59,7 @@ static const rdpi_telemetry_run_t run = {
     .dac_bits = RDPI_PARAMS_DAC_BITS,
 };
 
-static RDPI(t) axis;
+static RDPI(t) chain; /* what stands around the actuator, and in it the actuator itself */
 static bool sweeping = TRACK_SWEEP;
 
 /* Same size, same place: the bits of a number. */
@@ -72,42 +72,39 @@ static uint32_t bits_of(number_t number)
 
 static bool send_info(void)
 {
-    counts.guard_count = axis.guard_count;
-    counts.clip_count = axis.clip_count;
-    counts.input_count = axis.input_count;
-    counts.missed_count = axis.missed_count;
+    counts.guard_count = chain.axis.guard_count;
+    counts.clip_count = chain.axis.clip_count;
+    counts.input_count = chain.axis.input_count;
+    counts.missed_count = chain.axis.missed_count;
     return rdpi_telemetry_info(&line, &run, &counts);
 }
 
 /* Computes the next code. False when the reference is at its end. */
 static bool advance(uint32_t ticks)
 {
-    number_t reference = 0;
+    number_t reference = 0, ahead = 0;
     sample.flags = 0;
     if (sweeping) {
-        sweeping = RDPI(sweep)(&axis);
-        if (!sweeping) {
-            RDPI(forget_sweep)(&axis);
-        }
+        sweeping = RDPI(sweep)(&chain);
         sample.flags = RDPI_TELEMETRY_SWEEP;
-    } else if (NEXT_REFERENCE(ticks, &reference)) {
+    } else if (NEXT_REFERENCE(ticks, chain.preview_samples, &reference, &ahead)) {
         if (ticks > 1u) {
-            RDPI(missed)(&axis, ticks - 1u);
+            RDPI(missed)(&chain, ticks - 1u);
         }
-        (void)RDPI(step)(&axis, reference);
+        (void)RDPI(step)(&chain, ahead);
     } else {
         return false;
     }
     sample.reference = bits_of(reference);
     sample.rate = bits_of(RATE);
-    sample.dac_code = axis.dac_code;
-    sample.flags |= (uint16_t)axis.flags;
+    sample.dac_code = chain.axis.dac_code;
+    sample.flags |= (uint16_t)chain.axis.flags;
     return true;
 }
 
 int main(void)
 {
-    rdpi_status_t status = RDPI(init)(&axis, &PARAMS, SAMPLE_TIME);
+    rdpi_status_t status = RDPI(init)(&chain, &CHAIN, SAMPLE_TIME);
     if (status != RDPI_OK) { /* the DAC stays at the safe code of the board's start-up */
         counts.state = RDPI_TELEMETRY_REFUSED;
         counts.status = (int8_t)status;
@@ -115,15 +112,15 @@ int main(void)
         SAY("track: %s\n", rdpi_status_text(status));
         return 1;
     }
-    if (!start_ticks(TRACK_RATE_HZ, axis.dac_code)) { /* the drive at which the model's memory begins */
+    if (!start_ticks(TRACK_RATE_HZ, chain.axis.dac_code)) { /* the drive at which the model's memory begins */
         SAY("track: this board has no timer of that rate\n");
         return 1;
     }
     while (!finished) {
         rdpi_port_idle();
     }
-    SAY("track: rate clamped %lu times, drive clipped %lu, reference refused %lu, ticks lost %lu\n",
-        (unsigned long)axis.guard_count, (unsigned long)axis.clip_count, (unsigned long)axis.input_count,
-        (unsigned long)rdpi_port_overruns());
+    SAY("track: rate clamped %lu times, drive or lead clipped %lu, reference refused %lu, ticks lost %lu\n",
+        (unsigned long)chain.axis.guard_count, (unsigned long)chain.axis.clip_count,
+        (unsigned long)chain.axis.input_count, (unsigned long)rdpi_port_overruns());
     return 0;
 }

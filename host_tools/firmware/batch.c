@@ -66,6 +66,30 @@ void rdpi_batch_forward(rdpi_f32_t *self, const rdpi_real_t *drive_V, const rdpi
     }
 }
 
+void rdpi_batch_chain_step(rdpi_f32_chain_t *self, const rdpi_real_t *ahead_um, size_t samples, rdpi_real_t *drive_V,
+                           rdpi_real_t *rate_um_per_s, uint32_t *flags, uint32_t *dac_code)
+{
+    for (size_t k = 0; k < samples; k++) {
+        drive_V[k] = rdpi_f32_chain_step(self, ahead_um[k]);
+        rate_um_per_s[k] = self->axis.rate_um_per_s;
+        flags[k] = self->axis.flags;
+        dac_code[k] = self->axis.dac_code;
+    }
+}
+
+size_t rdpi_batch_chain_sweep(rdpi_f32_chain_t *self, size_t samples, rdpi_real_t *drive_V, uint32_t *dac_code)
+{
+    for (size_t k = 0; k < samples; k++) {
+        bool more = rdpi_f32_chain_sweep(self);
+        drive_V[k] = self->axis.drive_V;
+        dac_code[k] = self->axis.dac_code;
+        if (!more) {
+            return k + 1u;
+        }
+    }
+    return 0;
+}
+
 void rdpi_batch_q31_step(rdpi_q31_t *self, const int32_t *reference, size_t samples, int32_t *drive, int32_t *rate,
                          uint32_t *flags, uint32_t *dac_code)
 {
@@ -105,4 +129,28 @@ void rdpi_batch_q31_forward(rdpi_q31_t *self, const int32_t *drive, const int32_
     for (size_t k = 0; k < samples; k++) {
         displacement[k] = rdpi_q31_forward(self, drive[k], rate[k]);
     }
+}
+
+void rdpi_batch_q31_chain_step(rdpi_q31_chain_t *self, const int32_t *ahead, size_t samples, int32_t *drive,
+                               int32_t *rate, uint32_t *flags, uint32_t *dac_code)
+{
+    for (size_t k = 0; k < samples; k++) {
+        drive[k] = rdpi_q31_chain_step(self, ahead[k]);
+        rate[k] = self->axis.rate;
+        flags[k] = self->axis.flags;
+        dac_code[k] = self->axis.dac_code;
+    }
+}
+
+size_t rdpi_batch_q31_chain_sweep(rdpi_q31_chain_t *self, size_t samples, int32_t *drive, uint32_t *dac_code)
+{
+    for (size_t k = 0; k < samples; k++) {
+        bool more = rdpi_q31_chain_sweep(self);
+        drive[k] = self->axis.drive;
+        dac_code[k] = self->axis.dac_code;
+        if (!more) {
+            return k + 1u;
+        }
+    }
+    return 0;
 }

@@ -30,6 +30,11 @@ void rdpi_batch_predict(const rdpi_f32_t *self, const rdpi_real_t *drive_V, cons
 void rdpi_batch_forward(rdpi_f32_t *self, const rdpi_real_t *drive_V, const rdpi_real_t *rate_um_per_s, size_t samples,
                         rdpi_real_t *displacement_um);
 
+/* rdpi_f32_chain_step over an array, and rdpi_f32_chain_sweep until it ends, as rdpi_batch_step and rdpi_batch_sweep. */
+void rdpi_batch_chain_step(rdpi_f32_chain_t *self, const rdpi_real_t *ahead_um, size_t samples, rdpi_real_t *drive_V,
+                           rdpi_real_t *rate_um_per_s, uint32_t *flags, uint32_t *dac_code);
+size_t rdpi_batch_chain_sweep(rdpi_f32_chain_t *self, size_t samples, rdpi_real_t *drive_V, uint32_t *dac_code);
+
 /* The same of rdpi_q31_... */
 void rdpi_batch_q31_step(rdpi_q31_t *self, const int32_t *reference, size_t samples, int32_t *drive, int32_t *rate,
                          uint32_t *flags, uint32_t *dac_code);
@@ -38,6 +43,9 @@ void rdpi_batch_q31_predict(const rdpi_q31_t *self, const int32_t *drive, const 
                             int32_t *displacement);
 void rdpi_batch_q31_forward(rdpi_q31_t *self, const int32_t *drive, const int32_t *rate, size_t samples,
                             int32_t *displacement);
+void rdpi_batch_q31_chain_step(rdpi_q31_chain_t *self, const int32_t *ahead, size_t samples, int32_t *drive,
+                               int32_t *rate, uint32_t *flags, uint32_t *dac_code);
+size_t rdpi_batch_q31_chain_sweep(rdpi_q31_chain_t *self, size_t samples, int32_t *drive, uint32_t *dac_code);
 
 /* What cffi reads (never compiled; cffi checks it against the real declarations when it builds). */
 #ifdef RDPI_CFFI
@@ -48,6 +56,7 @@ typedef int... rdpi_status_t;
 #define RDPI_MAX_PLAYS ...
 #define RDPI_MAX_DEADZONES ...
 #define RDPI_MAX_WINDOW ...
+#define RDPI_MAX_POLES ...
 #define RDPI_MAX_REFERENCE_UM ...
 #define RDPI_OK ...
 #define RDPI_ERR_DIGEST ...
@@ -98,6 +107,30 @@ void rdpi_batch_forward(rdpi_f32_t *self, const rdpi_real_t *drive_V, const rdpi
                         rdpi_real_t *displacement_um);
 
 typedef struct {
+    rdpi_real_t share, time_constant_s;
+} rdpi_f32_pole_t;
+typedef struct {
+    uint32_t schema, digest;
+    uint16_t poles, preview;
+    rdpi_real_t delay_s, lead_s, lead_s2, max_lead_um, direct;
+    const rdpi_f32_params_t *axis;
+    const rdpi_f32_pole_t *pole;
+} rdpi_f32_chain_params_t;
+typedef struct {
+    rdpi_f32_t axis;
+    uint32_t preview_samples;
+    ...;
+} rdpi_f32_chain_t;
+uint32_t rdpi_f32_chain_digest(const rdpi_f32_chain_params_t *params);
+rdpi_status_t rdpi_f32_chain_init(rdpi_f32_chain_t *self, const rdpi_f32_chain_params_t *params,
+                                  rdpi_real_t sample_time_s);
+void rdpi_f32_chain_settle(rdpi_f32_chain_t *self);
+void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks);
+void rdpi_batch_chain_step(rdpi_f32_chain_t *self, const rdpi_real_t *ahead_um, size_t samples, rdpi_real_t *drive_V,
+                           rdpi_real_t *rate_um_per_s, uint32_t *flags, uint32_t *dac_code);
+size_t rdpi_batch_chain_sweep(rdpi_f32_chain_t *self, size_t samples, rdpi_real_t *drive_V, uint32_t *dac_code);
+
+typedef struct {
     int32_t r, slope, slope_rate;
 } rdpi_q31_play_t;
 typedef struct {
@@ -134,6 +167,33 @@ void rdpi_batch_q31_predict(const rdpi_q31_t *self, const int32_t *drive, const 
                             int32_t *displacement);
 void rdpi_batch_q31_forward(rdpi_q31_t *self, const int32_t *drive, const int32_t *rate, size_t samples,
                             int32_t *displacement);
+
+typedef struct {
+    int32_t share;
+    uint64_t time_constant_ns;
+} rdpi_q31_pole_t;
+typedef struct {
+    uint32_t schema, digest;
+    uint64_t lead_ns2;
+    uint32_t delay_ns, lead_ns;
+    int32_t max_lead, direct;
+    uint16_t poles, preview;
+    const rdpi_q31_params_t *axis;
+    const rdpi_q31_pole_t *pole;
+} rdpi_q31_chain_params_t;
+typedef struct {
+    rdpi_q31_t axis;
+    uint32_t preview_samples;
+    ...;
+} rdpi_q31_chain_t;
+uint32_t rdpi_q31_chain_digest(const rdpi_q31_chain_params_t *params);
+rdpi_status_t rdpi_q31_chain_init(rdpi_q31_chain_t *self, const rdpi_q31_chain_params_t *params,
+                                  uint32_t sample_time_ns);
+void rdpi_q31_chain_settle(rdpi_q31_chain_t *self);
+void rdpi_q31_chain_missed(rdpi_q31_chain_t *self, uint32_t ticks);
+void rdpi_batch_q31_chain_step(rdpi_q31_chain_t *self, const int32_t *ahead, size_t samples, int32_t *drive,
+                               int32_t *rate, uint32_t *flags, uint32_t *dac_code);
+size_t rdpi_batch_q31_chain_sweep(rdpi_q31_chain_t *self, size_t samples, int32_t *drive, uint32_t *dac_code);
 /* cffi-end */
 #endif
 #endif

@@ -23,8 +23,15 @@ ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "examples/track/params/model.json"
 RATE_HZ = 8000
 FLAGS = 1, 2, 8, 16  # guard, range, input, missed
+LEAD = 32
+EFFECTS = [{"name": name, "parameters": parameters} for name, parameters in (
+    ("delay", {"delay_s": 5.6e-4}), ("lag", {"time_constant_s": 4e-4}),
+    ("relaxation", {"share": 0.05, "time_constant_s": 3e-3}), ("creep", {"percent_per_decade": 2.0}),
+    ("resonance", {"f0_hz": 600.0, "damping": 0.05}))]
 
 slow = pytest.mark.slow
+ALL_BOARDS = [("qemu-m4f", False), *(pytest.param(board, fixed_point, marks=slow) for board in emulator.MACHINES
+                                     for fixed_point in (False, True) if (board, fixed_point) != ("qemu-m4f", False))]
 
 
 @pytest.fixture(scope="module")
@@ -53,11 +60,7 @@ def compensated(rdpi: Callable, engine: str, *options: str) -> Recording:
     return read_recording("drive.csv", ("command_V", "rate_um_per_s", "flags", "dac_code"))
 
 
-@pytest.mark.parametrize("board, fixed_point", [
-    ("qemu-m4f", False),
-    *(pytest.param(board, fixed_point, marks=slow) for board in emulator.MACHINES for fixed_point in (False, True)
-      if (board, fixed_point) != ("qemu-m4f", False)),
-])
+@pytest.mark.parametrize("board, fixed_point", ALL_BOARDS)
 def test_a_board_outputs_what_the_host_computes(folder: Path, rdpi: Callable, board: str, fixed_point: bool) -> None:
     host = compensated(rdpi, "q31" if fixed_point else "f32")
     target = compensated(rdpi, board, *["--fixed-point"] * fixed_point)
@@ -70,6 +73,27 @@ def test_a_board_outputs_what_the_host_computes(folder: Path, rdpi: Callable, bo
     np.testing.assert_allclose(target.columns["rate_um_per_s"], host.columns["rate_um_per_s"], rtol=1e-4, atol=1e-3)
     flags = host.columns["flags"].astype(int)
     assert all((flags & flag).any() for flag in FLAGS), "the reference is meant to meet them all"
+
+
+@pytest.mark.parametrize("preview", [[], pytest.param(["--no-preview"], marks=slow)])
+@pytest.mark.parametrize("board, fixed_point", ALL_BOARDS)
+def test_a_board_compensates_what_the_host_compensates(folder: Path, model: Model, rdpi: Callable, board: str,
+                                                       fixed_point: bool, preview: list[str]) -> None:
+    """Delay, lag, relaxation, creep and resonance at once, after the start-up sweep; a jump that the lead is limited at."""
+    write_model("model.json", replace(model, effects=EFFECTS))
+    run = read_recording("reference.csv", ("reference_um",))
+    run.columns["reference_um"][400:500] += 2.0
+    write_recording("reference.csv", run.columns, {})
+    host = compensated(rdpi, "q31" if fixed_point else "f32", "--sweep", *preview)
+    target = compensated(rdpi, board, "--sweep", *preview, *["--fixed-point"] * fixed_point)
+    codes, expected = target.columns["dac_code"], host.columns["dac_code"]
+    assert np.abs(codes - expected).max() <= (0 if fixed_point else 1)
+    if fixed_point:
+        assert target.columns["flags"].tolist() == host.columns["flags"].tolist()
+    flags = host.columns["flags"].astype(int)
+    assert all((flags & flag).any() for flag in (*FLAGS, LEAD)), "the reference is meant to meet them all"
+    without = compensated(rdpi, "f32", "--sweep", "--effects", "none")
+    assert np.abs(without.columns["dac_code"] - expected).max() > 1000, "it is meant to make a difference"
 
 
 @pytest.mark.parametrize("board, fixed_point", [

@@ -41,16 +41,16 @@ def compiled(tmp_path: Path) -> Callable[..., list[int | float]]:
     return run
 
 
-def reader(kind: str, name: str, form: str) -> str:
-    """A program that prints what port/profile gives, tick by tick."""
+def reader(kind: str, name: str, form: str, ahead: int = 0) -> str:
+    """A program that prints what port/profile gives, tick by tick: the present reference, or the one so far ahead."""
     return f"""
         #include "{ROOT}/port/profile/profile.c"
         #include <stdio.h>
         int main(void)
         {{
-            {kind} reference = 0;
-            while ({name}(1, &reference)) {{
-                printf("{form}\\n", {"(double)" * (kind == "float")}reference);
+            {kind} reference = 0, later = 0;
+            while ({name}(1, {ahead}u, &reference, &later)) {{
+                printf("{form}\\n", {"(double)" * (kind == "float")}{"later" if ahead else "reference"});
             }}
             return 0;
         }}"""
@@ -96,8 +96,19 @@ def test_what_is_no_reference_is_none(tmp_path: Path, rdpi: Callable, compiled: 
 def test_lost_ticks_skip_references(tmp_path: Path, rdpi: Callable, compiled: Callable) -> None:
     write(tmp_path / "reference.csv", np.arange(20.0))
     assert rdpi("profile", tmp_path / "reference.csv", "-o", tmp_path / "rdpi_profile.h").exit_code == 0
-    source = reader("float", "rdpi_reference_um", "%g").replace("(1, &", "(3, &")
+    source = reader("float", "rdpi_reference_um", "%g").replace("(1, ", "(3, ")
     assert compiled(source) == [2, 5, 8, 11, 14, 17]
+
+
+@pytest.mark.parametrize("ahead", [1, 3, 19, 20, 2**32 - 1])
+def test_ahead_is_the_reference_of_a_later_sample_and_beyond_the_end_the_last(tmp_path: Path, rdpi: Callable,
+                                                                              compiled: Callable, ahead: int) -> None:
+    write(tmp_path / "reference.csv", np.arange(20.0))
+    assert rdpi("profile", tmp_path / "reference.csv", "-o", tmp_path / "rdpi_profile.h").exit_code == 0
+    source = reader("float", "rdpi_reference_um", "%g", ahead)
+    assert compiled(source) == np.minimum(np.arange(20) + ahead, 19).tolist()
+    lost = np.arange(2, 20, 3)  # two ticks before each
+    assert compiled(source.replace("(1, ", "(3, ")) == np.minimum(lost + ahead, 19).tolist()
 
 
 def test_another_rate_than_the_applications_does_not_compile(tmp_path: Path, rdpi: Callable,

@@ -16,9 +16,10 @@ import pytest
 
 from rdpi.board.telemetry import Decoder, rates_um_per_s, references_um, volts
 from rdpi.data import read_recording, write_recording
-from rdpi.firmware import Firmware, FixedPoint
+from rdpi.firmware import Firmware, FixedPoint, engine
 from rdpi.firmware.header import render, write_header
 from rdpi.model import Drive, Memory, Model, Rate, read_model
+from rdpi.simulate import inverse_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PARAMS = ROOT / "examples/track/params"
@@ -141,6 +142,28 @@ def test_in_fixed_point_and_after_the_sweep(build: Callable[..., Path], referenc
     assert [int(row["dac_code"]) for row in rows(done.stdout)] == codes.tolist()
 
 
+@pytest.mark.parametrize("number", ["f32", "q31"])
+def test_what_stands_around_the_actuator_is_compensated_with_the_rows_that_follow(
+        build: Callable[..., Path], model: Model, reference: dict, tmp_path: Path, number: str) -> None:
+    """The chain is given the reference of later rows, and beyond the end the last; what is written is the present one."""
+    late = replace(model, effects=[{"name": "delay", "parameters": {"delay_s": 1e-3}},
+                                   {"name": "lag", "parameters": {"time_constant_s": 3e-4}},
+                                   {"name": "creep", "parameters": {"percent_per_decade": 2.0}}])
+    by = inverse_of(late)
+    write_header(by.model, tmp_path / "rdpi_params.h", chain=by.chain)
+    program = build(f"-DRDPI_PARAMS_DIR={tmp_path}", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}",
+                    f"-DRDPI_TRACK_Q31={number == 'q31'}")
+    write_recording(tmp_path / "reference.csv", reference, {})
+    done = subprocess.run([program, tmp_path / "reference.csv"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    got = rows(done.stdout)
+    firmware = engine(by.model, 1 / RATE_HZ, number, by.chain)
+    assert firmware.preview_samples == 9
+    wanted = np.concatenate([reference["reference_um"][9:], np.full(9, reference["reference_um"][-1])])
+    assert [int(row["dac_code"]) for row in got] == firmware.step(wanted).dac_code.tolist()
+    assert [row["reference_um"] for row in got] == nine_digits(reference["reference_um"].astype(np.float32))
+
+
 def test_as_a_filter(track: Run, tmp_path: Path) -> None:
     done = track(stdin="\ufeff# a comment\n\nspare, reference_um\r\n-, 1.5\r\nnan,2\r\n")
     assert done.returncode == 0
@@ -242,7 +265,8 @@ def test_the_shipped_header_is_that_of_the_shipped_model_and_runs(build: Callabl
 
     shipped = (PARAMS / "rdpi_params.h").read_text()
     model = read_model(PARAMS / "model.json")
-    assert without_version(shipped) == without_version(render(model, source="model.json"))
+    by = inverse_of(model)
+    assert without_version(shipped) == without_version(render(by.model, source="model.json", chain=by.chain))
     done = subprocess.run([build()], input="reference_um\n0\n", capture_output=True, text=True)
     first = Firmware(model, 1e-4, "f32").step(np.zeros(1)).dac_code[0]
     assert done.stdout.splitlines()[2:] == [f"0.000000000,0,{first}"]

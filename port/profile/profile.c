@@ -26,7 +26,7 @@
 
 static uint32_t due; /* the sample that comes next if no tick is lost */
 
-bool NEXT(uint32_t ticks, RDPI_PROFILE_NUMBER *reference)
+bool NEXT(uint32_t ticks, uint32_t ahead, RDPI_PROFILE_NUMBER *reference, RDPI_PROFILE_NUMBER *ahead_reference)
 {
     uint32_t present = due + (ticks - 1u);
     if (due >= RDPI_PROFILE_COUNT || ticks - 1u >= RDPI_PROFILE_COUNT - due) {
@@ -34,6 +34,7 @@ bool NEXT(uint32_t ticks, RDPI_PROFILE_NUMBER *reference)
         return false;
     }
     *reference = rdpi_profile[present];
+    *ahead_reference = rdpi_profile[ahead < RDPI_PROFILE_COUNT - present ? present + ahead : RDPI_PROFILE_COUNT - 1u];
     due = present + 1u;
     return true;
 }

@@ -235,11 +235,12 @@ bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
     return true;
 }
 
-bool rdpi_port_sim_reference(double *reference_um)
+bool rdpi_port_sim_reference(uint32_t ahead, double *reference_um, double *ahead_um)
 {
     in.taken = in.next < in.count;
     if (in.taken) {
         *reference_um = in.rows[in.next].reference_um;
+        *ahead_um = in.rows[ahead < in.count - in.next ? in.next + ahead : in.count - 1].reference_um;
     }
     return in.taken;
 }

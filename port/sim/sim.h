@@ -3,8 +3,10 @@
 #define RDPI_PORT_SIM_H
 
 #include <stdbool.h>
+#include <stdint.h>
 
-/* The next row's reference; false after the last, which leaves `reference_um`. Called from the tick. */
-bool rdpi_port_sim_reference(double *reference_um);
+/* The next row's reference, and that of the row `ahead` rows later or of the last; false after the last row, which
+ * leaves both. Called from the tick. */
+bool rdpi_port_sim_reference(uint32_t ahead, double *reference_um, double *ahead_um);
 
 #endif

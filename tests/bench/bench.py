@@ -17,14 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bench_laws import LAWS, Pole
+from bench_laws import LAWS, Pole, Resonance
 
 SETTLED_S = 0.3  # paper_profile fades in before
 
 
 @dataclass
 class Bench:
-    """Amplifier, hysteresis law, creep and sensor in series. Only the sensor's reading comes out.
+    """Converter, amplifier, hysteresis law, creep, mechanics and sensor in series. Only the sensor's reading comes out.
 
     The reading of a sample is taken at the end of its hold, so sampling adds no delay to the amplifier's. A fresh bench
     has visited random voltages (the seed's) and then rested at mid range until creep was over: its memory is unknown.
@@ -34,31 +34,51 @@ class Bench:
     seed: int = 0
     command_range_V: tuple[float, float] = (0.0, 100.0)
     stroke_um: float = 12.5  # nominal peak-to-peak stroke about the middle; the rails leave about 15 % in reserve
+    delay_s: float = 0.0  # of the converter; part of a hold delays the mean over the hold
     amplifier_hz: float | None = 3000.0
     creep_percent_per_decade: float = 1.5
+    resonance_hz: float | None = None  # of the mechanics; None: stiff
+    resonance_damping: float = 0.05
     noise_um: float = 0.004
     adc_bits: int | None = 16
     adc_range_um: tuple[float, float] = (-3.75, 16.25)
 
     def __post_init__(self) -> None:
         self._random = np.random.default_rng(self.seed)
+        self._past_V = np.empty(0)  # commands that the converter may still have to output
         self._amplifier = Pole(1 / (2 * pi * self.amplifier_hz)) if self.amplifier_hz else None
+        self._mechanics: Resonance | None = None
         # two poles per decade from 10 ms to 1000 s are as good as a logarithm
         self._creep = [Pole(10.0**e) for e in np.arange(-2, 3.1, 0.5)]
         low, high = self.command_range_V
         self._respond(np.append(self._random.uniform(low, high, 6), (low + high) / 2), 1e9)
+        if self.resonance_hz:  # only now: what has rested does not swing
+            self._mechanics = Resonance(self.resonance_hz, self.resonance_damping)
 
     def _respond(self, command_V: np.ndarray, hold_s: float) -> np.ndarray:
         """Displacement in um at the end of each hold."""
         low, high = self.command_range_V
-        u = (2 * np.clip(command_V, low, high) - low - high) / (high - low)
+        u = (2 * np.clip(self._late(command_V, hold_s), low, high) - low - high) / (high - low)
         substeps = 1
         if self._amplifier:
             substeps = min(10, ceil(hold_s / 100e-6 - 1e-6))
             u = self._amplifier(np.repeat(u, substeps), hold_s / substeps)
         z = self.law(u, hold_s / substeps)[substeps - 1::substeps]
         share = self.creep_percent_per_decade / 200
-        return self.stroke_um / 2 + z + share * sum(pole(z, hold_s) for pole in self._creep)
+        z = z + share * sum(pole(z, hold_s) for pole in self._creep)
+        return self.stroke_um / 2 + (self._mechanics(z, hold_s) if self._mechanics else z)
+
+    def _late(self, command_V: np.ndarray, hold_s: float) -> np.ndarray:
+        """What the converter outputs, in the mean over each hold."""
+        if not self.delay_s:
+            return command_V
+        holds, part = divmod(self.delay_s / hold_s, 1.0)
+        count = int(holds) + 1
+        line = np.concatenate([np.full(max(count - len(self._past_V), 0), (*self._past_V, *command_V[:1])[0]),
+                               self._past_V, command_V])
+        new = len(line) - len(command_V)
+        self._past_V = line[-max(count, new):]
+        return (1 - part) * line[new - count + 1:len(line) - count + 1] + part * line[new - count:len(line) - count]
 
     def run(self, command_V: np.ndarray, sample_rate_hz: float) -> np.ndarray:
         """Readings in um, one per command_V (1-D, volts, each held for one sample); goes on from the present state."""

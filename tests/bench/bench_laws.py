@@ -7,10 +7,10 @@ step) and the step in seconds, and returns the displacement in um about the midd
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, sqrt
+from math import exp, pi, sqrt
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 
 class Pole:
@@ -25,6 +25,25 @@ class Pole:
         output, _ = lfilter([1 - keep], [1, -keep], signal, zi=[keep * self.state])
         self.state = float(output[-1])
         return output
+
+
+class Resonance:
+    """Oscillator of unit gain at rest, exact for an input that is straight within each step; begins at rest."""
+
+    def __init__(self, frequency_hz: float, damping: float) -> None:
+        w = 2 * pi * frequency_hz
+        self.transfer = [w * w], [1.0, 2 * damping * w, w * w]
+        self.step_s = 0.0
+        self.rest: float | None = None
+
+    def __call__(self, signal: np.ndarray, step_s: float) -> np.ndarray:
+        if step_s != self.step_s:
+            numerator, self.denominator, _ = cont2discrete(self.transfer, step_s, "foh")
+            self.numerator, self.step_s, self.rest = numerator[0], step_s, None
+        if self.rest is None:
+            self.rest, self.state = float(signal[0]), np.zeros(2)
+        output, self.state = lfilter(self.numerator, self.denominator, signal - self.rest, zi=self.state)
+        return self.rest + output
 
 
 @dataclass

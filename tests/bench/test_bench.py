@@ -179,6 +179,34 @@ def test_amplifier_lags_less_than_60_us():
     assert abs(delay_s(vb.make("preisach", amplifier_hz=None, **linear))) < 1e-6
 
 
+@pytest.mark.parametrize("late_s", [1e-3, 0.25e-3])
+@pytest.mark.parametrize("chunk", [1, 7, 4000])
+def test_converter_is_late(late_s, chunk):
+    """By whole holds the readings are shifted; a part of one delays a slow sine as long. Chunks change nothing."""
+    command = 50 + 30 * np.sin(2 * np.pi * 10 * np.arange(4000) / RATE_HZ)
+    plain, late = vb.make("preisach", **STILL), vb.make("preisach", delay_s=late_s, **STILL)
+    due = plain.run(np.append(np.full(20, 50.0), command), RATE_HZ)[20:]
+    got = np.concatenate([late.run(piece, RATE_HZ) for piece in
+                          np.split(np.append(np.full(20, 50.0), command), range(chunk, 4020, chunk))])[20:]
+    whole, part = divmod(late_s * RATE_HZ, 1)
+    whole = round(whole)
+    expected = (1 - part) * due[1000 - whole:-whole] + part * due[999 - whole:-whole - 1]
+    assert np.allclose(got[1000:], expected, rtol=0, atol=1e-9 if not part else 2e-3)
+    assert np.abs(got[1000:] - due[1000:]).max() > 0.02
+
+
+def test_mechanics_ring_at_their_frequency():
+    settings = dict(QUASI_STATIC, resonance_damping=0.05)
+    stiff = vb.make("preisach", **QUASI_STATIC).run(np.append(np.full(10, 50.0), np.full(2000, 60.0)), RATE_HZ)
+    soft = vb.make("preisach", resonance_hz=300.0, **settings).run(
+        np.append(np.full(10, 50.0), np.full(2000, 60.0)), RATE_HZ)
+    step, swing = stiff[-1] - stiff[0], (soft - stiff)[10:]
+    assert abs(swing[-1]) < 0.001 * step and np.abs(soft[:10] - stiff[:10]).max() < 1e-9
+    assert (soft.max() - stiff[-1]) / step == pytest.approx(np.exp(-0.05 * np.pi / np.sqrt(1 - 0.05**2)), rel=0.02)
+    crossings = np.flatnonzero(np.diff(np.sign(swing[:400])))
+    assert np.diff(crossings)[1:9].mean() == pytest.approx(RATE_HZ / 600, rel=0.02)
+
+
 @pytest.mark.parametrize("kind", OTHER_KINDS)
 def test_sensor_has_noise_and_16_bits(kind):
     bench = vb.make(kind)

@@ -39,25 +39,27 @@ static bool next(bool *none)
     return calls <= 300;
 }
 
-bool rdpi_reference_um(uint32_t ticks, float *reference_um)
+bool rdpi_reference_um(uint32_t ticks, uint32_t ahead, float *reference_um, float *ahead_um)
 {
     bool none;
     (void)ticks;
+    (void)ahead;
     if (!next(&none)) {
         return false;
     }
-    *reference_um = none ? NAN : (float)(calls %% 50) * 0.1f;
+    *reference_um = *ahead_um = none ? NAN : (float)(calls %% 50) * 0.1f;
     return true;
 }
 
-bool rdpi_reference_q31(uint32_t ticks, int32_t *reference)
+bool rdpi_reference_q31(uint32_t ticks, uint32_t ahead, int32_t *reference, int32_t *ahead_reference)
 {
     bool none;
     (void)ticks;
+    (void)ahead;
     if (!next(&none)) {
         return false;
     }
-    *reference = none ? INT32_MIN : (int32_t)(calls %% 50) * 5000000;
+    *reference = *ahead_reference = none ? INT32_MIN : (int32_t)(calls %% 50) * 5000000;
     return true;
 }
 """

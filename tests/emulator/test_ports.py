@@ -27,11 +27,12 @@ SLOW_REFERENCE = """
 #include "rdpi_port.h"
 #include "rdpi_reference.h"
 
-bool rdpi_reference_um(uint32_t ticks, float *reference_um)
+bool rdpi_reference_um(uint32_t ticks, uint32_t ahead, float *reference_um, float *ahead_um)
 {
     static uint32_t calls;
     const uint32_t every = %d, half_period = %d, last = %d;
     (void)ticks;
+    (void)ahead;
     if (++calls > last) {
         return false;
     }
@@ -40,21 +41,22 @@ bool rdpi_reference_um(uint32_t ticks, float *reference_um)
         while (rdpi_port_cycles() - began < (2 * calls / every + 1) * half_period) {
         }
     }
-    *reference_um = (float)(calls %% 50) * 0.1f;
+    *reference_um = *ahead_um = (float)(calls %% 50) * 0.1f;
     return true;
 }
 """
 FAULTY_REFERENCE = """
 #include "rdpi_reference.h"
 
-bool rdpi_reference_um(uint32_t ticks, float *reference_um)
+bool rdpi_reference_um(uint32_t ticks, uint32_t ahead, float *reference_um, float *ahead_um)
 {
     static uint32_t calls;
     (void)ticks;
+    (void)ahead;
     if (++calls == %d) {
         __asm__ volatile("udf #0");
     }
-    *reference_um = 1.0f;
+    *reference_um = *ahead_um = 1.0f;
     return true;
 }
 """

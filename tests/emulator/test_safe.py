@@ -33,10 +33,11 @@ SOURCE = """
 static const volatile uint32_t kind = 0xFA17C0DEu;
 static uint32_t calls;
 
-bool rdpi_reference_um(uint32_t ticks, float *reference_um)
+bool rdpi_reference_um(uint32_t ticks, uint32_t ahead, float *reference_um, float *ahead_um)
 {
     (void)ticks;
-    *reference_um = 1.0f;
+    (void)ahead;
+    *reference_um = *ahead_um = 1.0f;
     if (++calls != %d) {
         return true;
     }
@@ -79,12 +80,13 @@ LATE = """
 #include "rdpi_port.h"
 #include "rdpi_reference.h"
 
-bool rdpi_reference_um(uint32_t ticks, float *reference_um)
+bool rdpi_reference_um(uint32_t ticks, uint32_t ahead, float *reference_um, float *ahead_um)
 {
     static uint32_t calls;
     uint32_t began = rdpi_port_cycles();
     (void)ticks;
-    *reference_um = 1.0f;
+    (void)ahead;
+    *reference_um = *ahead_um = 1.0f;
     while (++calls > %d && rdpi_port_cycles() - began < %d) {
     }
     return true;
@@ -94,11 +96,12 @@ HANGS = """
 #include "rdpi_port.h"
 #include "rdpi_reference.h"
 
-bool rdpi_reference_um(uint32_t ticks, float *reference_um)
+bool rdpi_reference_um(uint32_t ticks, uint32_t ahead, float *reference_um, float *ahead_um)
 {
     static uint32_t calls;
     (void)ticks;
-    *reference_um = 1.0f;
+    (void)ahead;
+    *reference_um = *ahead_um = 1.0f;
     if (++calls >= %d) {
         for (;;) { /* not a loop that ends when calls wraps: newer compilers go straight to its end */
         }

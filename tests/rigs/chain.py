@@ -3,6 +3,7 @@
 
     .venv/bin/python tests/rigs/chain.py plain --rigs 25
     .venv/bin/python tests/rigs/chain.py recovered --rigs 13
+    .venv/bin/python tests/rigs/chain.py tracked --rigs 2
     .venv/bin/python tests/rigs/chain.py law
     .venv/bin/python tests/rigs/chain.py picma
 
@@ -12,6 +13,10 @@ recovered  Rigs with one of delay, lag, relaxation, creep and resonance, and wit
            were not fitted, over that of the same rig without them; where the model names exactly these effects, how
            many of the 95 % intervals hold the true value. Per family, and under it all others: thresholds that were
            chosen on the others are scored on the family.
+tracked    The same rigs tracked by `rdpi compensate`, which compensates what the model holds: error over that of the same
+           rig without the effects and with a model of its own. "true": that model and the rig's true effects, which
+           the inverse cannot beat; "fitted": a model of recordings with the effects; "none": that with --effects none.
+           Below, sines of several frequencies: error with and without preview.
 law        The paper's law on tests/bench, without and behind 0.5 ms of delay: the delay that is found, and the slopes'
            rate coefficients beside those found without it.
 picma      The measured P-885.91 of ../shared/data (or $RDPI_DATA): predictions, and the drive for its displacement
@@ -139,6 +144,91 @@ def _recovered_cells(results: Sequence[dict[str, Any]]) -> str:
             f"{f'{inside}/{intervals}':>8}")
 
 
+# --- the chain inverted ----------------------------------------------------------------------------------------------
+
+WAYS = {"true f32": ("true", "f32"), "true q31": ("true", "q31"), "fitted f32": ("fitted", "f32"),
+        "fitted q31": ("fitted", "q31"), "none": ("fitted", "f32", "--effects", "none")}
+SINES_HZ = 2.0, 5.0, 10.0, 20.0, 40.0, 80.0
+SINE_S = 1.0
+
+
+def tracked(job: tuple[str, Job], rate_hz: float, scale: float, options: Sequence[str]) -> dict[str, Any]:
+    """Tracking errors of a rig with one or three effects put in, and of the same rig without them; in %."""
+    put, (family, seed) = job
+    rig = measure.choose(family, seed, put)
+    truth = {name: rig.sins[name] for name in measure.PUT if name in rig.sins}
+    plain = rig.without(*truth)
+    result: dict[str, Any] = {"put": put, "family": family, "seed": seed, "truth": truth}
+    with tempfile.TemporaryDirectory(prefix="rigs-") as name:
+        folder = Path(name)
+        try:
+            measure.commission(plain, folder, rate_hz, scale, options)
+            models = {"plain": folder / "plain.json", "true": folder / "true.json", "fitted": folder / "model.json"}
+            model = measure.json.loads(models["fitted"].read_text())
+            models["plain"].write_text(measure.json.dumps(model))
+            models["true"].write_text(measure.json.dumps({**model, "effects": _with(model["effects"], truth)}))
+            measure.commission(rig, folder, rate_hz, scale, options)
+            result["effects"] = measure.effects_of(models["fitted"])
+            for track in measure.waves.TRACKS:
+                found = {"plain": measure.tracking(plain, folder, models["plain"], track, rate_hz, "--engine", "f32")}
+                for way, (which, engine, *more) in WAYS.items():
+                    found[way] = measure.tracking(rig, folder, models[which], track, rate_hz, "--engine", engine, *more)
+                result[track] = found
+            result["sines"] = {
+                which: {way: [_sine(rig, folder, models[which], hz, rate_hz, *more) for hz in SINES_HZ]
+                        for way, more in (("preview", ()), ("no preview", ("--no-preview",)))}
+                for which in ("true", "fitted")}
+            result["sines"]["plain"] = [_sine(plain, folder, models["plain"], hz, rate_hz) for hz in SINES_HZ]
+        except measure.Refused as refusal:
+            result["failed"] = f"{put}: {refusal}"
+    return result
+
+
+def _with(held: Sequence[dict[str, Any]], truth: dict[str, dict[str, float]]) -> list[dict[str, Any]]:
+    """Effects of a model, and the true ones in place of theirs of the same name."""
+    from rdpi.simulate.effects import CATALOGUE
+
+    known = {name: {one.name for one in CATALOGUE[name].parameters} for name in truth}
+    return [*(one for one in held if one["name"] not in truth),
+            *({"name": name, "stage": CATALOGUE[name].stages[0],
+               "parameters": {key: value for key, value in sizes.items() if key in known[name]}}
+              for name, sizes in truth.items())]
+
+
+def _sine(rig: Any, folder: Path, model: Path, hz: float, rate_hz: float, *options: str) -> float:
+    t = np.arange(round((measure.SETTLED_S + SINE_S) * rate_hz)) / rate_hz
+    share = np.minimum(t / measure.SETTLED_S, 1) * np.sin(2 * np.pi * hz * t) / 2
+    return measure.following(rig, folder, model, share, rate_hz, "--engine", "f32", *options)
+
+
+def tracked_table(results: Sequence[dict[str, Any]]) -> str:
+    """Per family, and number of effects: rigs, median and worst ratio of every way; below, the sines."""
+    lines = [f"{'tracking error over plain':36}" + "".join(f"{way:>16}" for way in WAYS),
+             f"{'family':24}{'put':8}{'rigs':4}" + f"{'median':>9}{'worst':>7}" * len(WAYS)]
+    done = [one for one in results if "failed" not in one]
+    for name, part in by_family(done):
+        for put in PUTS:
+            some = [one for one in part if one["put"] == put]
+            if some:
+                lines.append(f"{name:24}{put:8}{len(some):4}" + "".join(
+                    f"{np.median(ratio):9.2f}{np.max(ratio):7.2f}" for ratio in (_ratios(some, way) for way in WAYS)))
+    if done:
+        lines += ["", f"{'sines, median rms %':24}" + "".join(f"{f'{hz:g} Hz':>9}" for hz in SINES_HZ)]
+        lines.append(f"{'plain':24}" + _medians([one["sines"]["plain"] for one in done]))
+        for which in ("true", "fitted"):
+            for way in ("preview", "no preview"):
+                lines.append(f"{f'{which}, {way}':24}" + _medians([one["sines"][which][way] for one in done]))
+    return "\n".join(lines + failures(results))
+
+
+def _ratios(results: Sequence[dict[str, Any]], way: str) -> list[float]:
+    return [one[track][way] / one[track]["plain"] for one in results for track in measure.waves.TRACKS]
+
+
+def _medians(rows: Sequence[Sequence[float]]) -> str:
+    return "".join(f"{value:9.2f}" for value in np.median(rows, axis=0))
+
+
 # --- rate law and delay ----------------------------------------------------------------------------------------------
 
 DELAY_S = 5e-4
@@ -243,10 +333,11 @@ def _inverse(model_path: Path, run_path: Path) -> dict[str, float]:
     """
     from rdpi.data import read_recording
     from rdpi.model import read_model
-    from rdpi.simulate import chain, effects
+    from rdpi.simulate import ALL, chain, effects, inverse_of
 
     model, run = replace(read_model(model_path), operator_alone=None), read_recording(run_path)
-    steps, _ = chain.follow(model, run, "displacement_um", "f64", remove_offset=True)
+    steps, _ = chain.follow(model, run, "displacement_um", "f64", remove_offset=True,
+                            by=inverse_of(model, leave_out=(ALL,)))
     acting = effects.acting(model)
     delay_s = sum(one.values.get("delay_s", 0.0) for one in acting)
     shifted = np.interp(run.time_s - delay_s, run.time_s, run.command_V)
@@ -281,8 +372,8 @@ def failures(results: Sequence[dict[str, Any]]) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter,
-                                     usage="%(prog)s [options] {plain,recovered,law,picma} [-- options of rdpi fit]")
-    parser.add_argument("what", choices=["plain", "recovered", "law", "picma"])
+                                     usage="%(prog)s [options] {plain,recovered,tracked,law,picma} [-- options of rdpi fit]")
+    parser.add_argument("what", choices=["plain", "recovered", "tracked", "law", "picma"])
     parser.add_argument("--rigs", type=int, default=2, help="per family, and per number of effects (default 2)")
     parser.add_argument("--seed", type=int, default=1, help="of the first rig (default 1)")
     parser.add_argument("--families", default=",".join(FAMILIES), help="names, commas between (default: all open ones)")
@@ -298,13 +389,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"no open family {', '.join(sorted(wrong))}: {', '.join(FAMILIES)}")
 
     rigs = [(family, seed) for family in families for seed in range(options.seed, options.seed + options.rigs)]
-    work: dict[str, Callable] = {"plain": plain, "recovered": recovered}
+    work: dict[str, Callable] = {"plain": plain, "recovered": recovered, "tracked": tracked}
+    tables: dict[str, Callable] = {"plain": plain_table, "recovered": recovered_table, "tracked": tracked_table}
     results: Any
     if options.what in work:
         jobs = rigs if options.what == "plain" else [(put, rig) for rig in rigs for put in PUTS]
         results = measure.run_all(partial(work[options.what], rate_hz=options.rate, scale=options.scale,
                                           options=of_fit), jobs, options.jobs)
-        print(plain_table(results) if options.what == "plain" else recovered_table(results))
+        print(tables[options.what](results))
     elif options.what == "law":
         results = [law(delay_s, of_fit) for delay_s in (0.0, DELAY_S)]
         print(law_table(*results))

@@ -145,10 +145,16 @@ def measure(rig: Rig, folder: Path, rate_hz: float, scale: float, options: Seque
     return found
 
 
-def tracking(rig: Rig, folder: Path, model: Path, name: str, rate_hz: float) -> float:
-    reference = rig.offset_um + rig.stroke_um * (0.5 + TRACKED * waves.track(name, rate_hz, 1.6))
+def tracking(rig: Rig, folder: Path, model: Path, name: str, rate_hz: float, *options: str) -> float:
+    """rms error in % of the reference; `options` are those of `rdpi compensate`."""
+    return following(rig, folder, model, waves.track(name, rate_hz, 1.6), rate_hz, *options)
+
+
+def following(rig: Rig, folder: Path, model: Path, share: np.ndarray, rate_hz: float, *options: str) -> float:
+    """The same for a reference as a share of what is tracked, about its middle."""
+    reference = rig.offset_um + rig.stroke_um * (0.5 + TRACKED * share)
     write_recording(folder / "reference.csv", rig, rate_hz, "swept", {"reference_um": reference})
-    rdpi("compensate", model, folder / "reference.csv", "-o", folder / "drive.csv", "--engine", "f64")
+    rdpi("compensate", model, folder / "reference.csv", "-o", folder / "drive.csv", *(options or ("--engine", "f64")))
     reading = rig.run(columns_of(folder / "drive.csv")["command_V"], rate_hz)
     part = slice(round(SETTLED_S * rate_hz), None)
     return 100 * spread((reading - reference)[part]) / float(np.ptp(reference[part]))

@@ -8,6 +8,7 @@
 #include "mock_rdpi_reference.h"
 
 TEST_SOURCE_FILE("lib/src/rdpi_f32.c")
+TEST_SOURCE_FILE("lib/src/rdpi_f32_chain.c")
 TEST_SOURCE_FILE("lib/src/status.c")
 TEST_SOURCE_FILE("port/drivers/telemetry.c")
 
@@ -17,13 +18,17 @@ TEST_SOURCE_FILE("port/drivers/telemetry.c")
 #define TRACK_SWEEP 0
 #define TRACK_UM_PER_COUNT 0.001
 #define TRACK_COUNT_0_UM 0.0
+#include "rdpi_params.h"
+static rdpi_f32_chain_params_t flashed; /* in place of that of rdpi_params.h: tests change it */
+#define rdpi_chain flashed
 #define main track_main
 #include "track/main.c"
 #undef main
+#undef rdpi_chain
 
 #define TICKS 40
 
-static rdpi_f32_t expected; /* what the application should do, step by step */
+static rdpi_f32_chain_t expected; /* what the application should do, step by step */
 static rdpi_port_tick_t timer;
 static float references_um[TICKS];
 static uint32_t codes[TICKS + 1];
@@ -48,14 +53,23 @@ static void idle(int calls)
     timer();
 }
 
-static bool reference_um(uint32_t since, float *reference, int calls)
+/* What the chain is given in the sample k: a reference of later. */
+static float ahead_of(int k)
+{
+    int later = k + (int)expected.preview_samples;
+    return references_um[later < TICKS ? later : TICKS - 1];
+}
+
+static bool reference_um(uint32_t since, uint32_t ahead, float *reference, float *ahead_um, int calls)
 {
     (void)calls;
     asked += (int)since;
     if (asked > TICKS) {
         return false;
     }
+    TEST_ASSERT_EQUAL_UINT32(expected.preview_samples, ahead);
     *reference = references_um[asked - 1];
+    *ahead_um = ahead_of(asked - 1);
     return true;
 }
 
@@ -131,6 +145,9 @@ static bool send_bytes(const uint8_t *bytes, size_t count, int calls)
     }
     /* the code that was output before the latest, and the reading that followed it */
     int tick_number = (int)number_at(body + 3);
+    uint32_t reference;
+    memcpy(&reference, &references_um[tick_number - 1], sizeof reference); /* of the present sample, not of later */
+    TEST_ASSERT_EQUAL_HEX32(reference, number_at(body + 7));
     TEST_ASSERT_EQUAL_UINT32(codes[tick_number], number_at(body + 15));
     TEST_ASSERT_EQUAL_INT32(100 + tick_number + 1, (int32_t)number_at(body + 19));
     samples++;
@@ -156,8 +173,9 @@ void setUp(void)
     lost = cycles = 0;
     line_full = was_reset = false;
     made_safe = -1;
-    TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_f32_init(&expected, &rdpi_params, 1.0f / TRACK_RATE_HZ));
-    float rest_um = rdpi_f32_predict(&expected, expected.drive_V, 0);
+    flashed = rdpi_chain;
+    TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_f32_chain_init(&expected, &flashed, 1.0f / TRACK_RATE_HZ));
+    float rest_um = rdpi_f32_predict(&expected.axis, expected.axis.drive_V, 0);
     for (int k = 0; k < TICKS; k++) {
         references_um[k] = rest_um + 2 * sinf(0.3f * (float)k);
     }
@@ -182,10 +200,10 @@ static void runs_as_the_library_steps(void)
     TEST_ASSERT_EQUAL_INT(0, track_main());
     TEST_ASSERT_EQUAL_INT(TICKS + 1, ticks); /* the last finds no reference and sends the reading of the one before */
     TEST_ASSERT_EQUAL_INT(TICKS + 1, written);
-    TEST_ASSERT_EQUAL_UINT32(expected.dac_code, codes[0]);
+    TEST_ASSERT_EQUAL_UINT32(expected.axis.dac_code, codes[0]);
     for (int k = 0; k < TICKS; k++) {
-        rdpi_f32_step(&expected, references_um[k]);
-        TEST_ASSERT_EQUAL_UINT32(expected.dac_code, codes[k + 1]);
+        rdpi_f32_chain_step(&expected, ahead_of(k));
+        TEST_ASSERT_EQUAL_UINT32(expected.axis.dac_code, codes[k + 1]);
     }
 }
 
@@ -193,6 +211,20 @@ void test_every_tick_outputs_the_code_of_its_reference(void)
 {
     runs_as_the_library_steps();
     TEST_ASSERT_NOT_EQUAL_UINT32(codes[1], codes[TICKS / 2]);
+}
+
+void test_the_chain_is_given_the_reference_of_later(void)
+{
+    flashed.delay_s = 3e-4f;
+    flashed.lead_s = 2e-4f;
+    flashed.digest = rdpi_f32_chain_digest(&flashed);
+    TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_f32_chain_init(&expected, &flashed, 1.0f / TRACK_RATE_HZ));
+    TEST_ASSERT_EQUAL_UINT32(4, expected.preview_samples);
+    runs_as_the_library_steps();
+    uint32_t led = codes[TICKS / 2];
+    setUp();
+    runs_as_the_library_steps();
+    TEST_ASSERT_NOT_EQUAL_UINT32(codes[TICKS / 2], led);
 }
 
 void test_every_sample_is_sent_with_the_reading_one_period_later(void)
@@ -235,12 +267,12 @@ static int swept;
 static bool write_what_the_library_sweeps_and_steps(uint32_t code, int calls)
 {
     if (calls > 0 && sweep_expected) {
-        sweep_expected = rdpi_f32_sweep(&expected);
+        sweep_expected = rdpi_f32_chain_sweep(&expected);
         swept++;
     } else if (calls > 0) {
-        rdpi_f32_step(&expected, references_um[calls - swept - 1]);
+        rdpi_f32_chain_step(&expected, ahead_of(calls - swept - 1));
     }
-    TEST_ASSERT_EQUAL_UINT32(expected.dac_code, code);
+    TEST_ASSERT_EQUAL_UINT32(expected.axis.dac_code, code);
     written++;
     return true;
 }
@@ -281,14 +313,14 @@ void test_lost_ticks_are_missed_samples_of_the_reference(void)
 {
     rdpi_port_idle_StubWithCallback(lose_two_after_ten);
     for (int k = 0; k < 10; k++) {
-        rdpi_f32_step(&expected, references_um[k]);
+        rdpi_f32_chain_step(&expected, ahead_of(k));
     }
-    rdpi_f32_missed(&expected, 2);
-    rdpi_f32_step(&expected, references_um[12]);
+    rdpi_f32_chain_missed(&expected, 2);
+    rdpi_f32_chain_step(&expected, ahead_of(12));
     rdpi_port_send_StubWithCallback(NULL);
     rdpi_port_send_IgnoreAndReturn(true);
     TEST_ASSERT_EQUAL_INT(0, track_main());
-    TEST_ASSERT_EQUAL_UINT32(expected.dac_code, codes[11]);
+    TEST_ASSERT_EQUAL_UINT32(expected.axis.dac_code, codes[11]);
     TEST_ASSERT_EQUAL_INT(TICKS - 2 + 1, written);
     TEST_ASSERT_EQUAL_UINT32(2, counts.overruns);
     TEST_ASSERT_EQUAL_UINT32(2, counts.missed_count);
@@ -301,8 +333,8 @@ void test_a_full_line_to_the_host_changes_no_code_and_is_counted(void)
     TEST_ASSERT_EQUAL_INT(0, track_main());
     TEST_ASSERT_EQUAL_UINT32(TICKS, line.refused_count);
     for (int k = 0; k < TICKS; k++) {
-        rdpi_f32_step(&expected, references_um[k]);
-        TEST_ASSERT_EQUAL_UINT32(expected.dac_code, codes[k + 1]);
+        rdpi_f32_chain_step(&expected, ahead_of(k));
+        TEST_ASSERT_EQUAL_UINT32(expected.axis.dac_code, codes[k + 1]);
     }
     TEST_ASSERT_EQUAL_INT(TICKS + 1, written);
 }

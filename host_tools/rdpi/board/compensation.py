@@ -12,7 +12,7 @@ from ..data import Recording
 from ..errors import BadInput
 from ..firmware import Steps, flag_counts
 from ..model import Model
-from ..simulate import chain
+from ..simulate import Inverse, chain, inverse_of
 from . import emulator, sweep as start_up
 
 
@@ -32,11 +32,12 @@ class Compensation:
 
 def compensate(model: Model, run: Recording, column: str = "reference_um", engine: str = "f32", *,
                fixed_point: bool = False, sweep: bool = False, remove_offset: bool = False,
-               report: Callable[[float], None] = lambda fraction: None) -> Compensation:
+               by: Inverse | None = None, report: Callable[[float], None] = lambda fraction: None) -> Compensation:
     """Run the inverse over a column of `run`, in um, as the firmware does.
 
     `engine` is "numpy", a key of firmware.ENGINES, or a key of emulator.MACHINES; only the latter take `fixed_point`.
-    With `sweep` the firmware's start-up sweep comes first and is left out. `remove_offset` is that of chain.follow.
+    With `sweep` the firmware's start-up sweep comes first and is left out. `remove_offset` and `by` are those of
+    chain.follow.
     `report` is called with the fraction done, 0 to 1.
 
     Raises BadInput for a model that the engine cannot have, for a reference without a usable value, and for what
@@ -45,19 +46,21 @@ def compensate(model: Model, run: Recording, column: str = "reference_um", engin
     emulated = engine in emulator.MACHINES
     if fixed_point and not emulated:
         raise BadInput(f"--fixed-point: is only valid with the engines qemu-..., not with --engine {engine}")
+    by = inverse_of(model) if by is None else by
     how: str | chain.Engine = engine
     if emulated:
-        how = partial(emulator.step, run=run, board=engine, fixed_point=fixed_point, sweep=sweep, report=report)
-    steps, offset_um = chain.follow(model, run, column, how, remove_offset, sweep)
+        how = partial(emulator.step, run=run, board=engine, fixed_point=fixed_point, sweep=sweep, chain=by.chain,
+                      report=report)
+    steps, offset_um = chain.follow(model, run, column, how, remove_offset, sweep, by)
     reference_um = run.columns[column]
     asked_um = reference_um[np.isfinite(reference_um)] - offset_um
     score, metadata, why_unknown = None, run.metadata, ""
     if run.command_V is not None and np.ptp(run.command_V) > 0:
         score = chain.score(steps.drive_V.astype(float), run.command_V, where=run.path)
     if sweep:
-        memory, why_unknown = start_up.memory_after(model, float(steps.drive_V[0]))
+        memory, why_unknown = start_up.memory_after(by.model, float(steps.drive_V[0]))
         metadata = {**metadata, "memory": memory}
-    return Compensation(_columns(model, run, reference_um, steps), metadata, steps, flag_counts(steps.flags), offset_um,
+    return Compensation(_columns(by.model, run, reference_um, steps), metadata, steps, flag_counts(steps.flags), offset_um,
                         (float(asked_um.min()), float(asked_um.max())), score, why_unknown)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -10,6 +11,58 @@ from ..errors import BadInput
 from .program import command
 from .progress import progress
 from .types import Dac, Output
+
+if TYPE_CHECKING:
+    from ..model import Model
+    from ..simulate import Inverse
+
+EFFECT_OPTIONS = (
+    click.option("--effects", type=click.Choice(["all", "none"]), default="all", show_default=True,
+                 help="Compensate all effects of the model that the firmware can compensate, or none. With none, the "
+                      "operator is the one that was fitted as if nothing stood around it."),
+    click.option("--leave-out", multiple=True, metavar="NAME",
+                 help="Do not compensate this effect. May be given several times."),
+    click.option("--no-preview", "preview", is_flag=True, default=True, flag_value=False,
+                 help="The caller does not know the reference ahead of time; the firmware extrapolates it. Prints what "
+                      "that costs. Default: the caller passes the reference ahead of time."),
+    click.option("--sensor-delay", "sensor_delay_s", type=float, default=0.0, metavar="S",
+                 help="Delay of the sensor from its data sheet, s. That much of the delay that was found is not "
+                      "compensated. Default: 0."),
+    click.option("--sensor-lag", "sensor_lag_s", type=float, default=0.0, metavar="S",
+                 help="Time constant of the sensor's filter from its data sheet, s, likewise. Default: 0."),
+)
+
+
+def effect_options(function: Callable) -> Callable:
+    """Options that say what of the model's effects is compensated."""
+    for option in reversed(EFFECT_OPTIONS):
+        function = option(function)
+    return function
+
+
+def _inverse(model: Model, effects: str, leave_out: tuple[str, ...], preview: bool, sensor_delay_s: float,
+             sensor_lag_s: float) -> Inverse:
+    """The inverse that these options ask for, told line by line."""
+    from ..simulate import ALL, inverse_of
+    from ..simulate.effects import Sensor
+
+    if effects == "none" and leave_out:
+        raise BadInput("--leave-out: --effects none leaves all effects out")
+    found = inverse_of(model, leave_out=(ALL,) if effects == "none" else leave_out, preview=preview,
+                       sensor=Sensor(sensor_delay_s, sensor_lag_s))
+    for line in found.lines:
+        click.echo(line)
+    costs = found.costs()
+    if not preview and costs:
+        click.echo("without preview, error of a sine in % of its amplitude, high sample rates:")
+        click.echo("      Hz   without lead   with lead")
+        for frequency, without, extrapolated in costs:
+            click.echo(f"{frequency:8g}{100 * without:13.3g} %{100 * extrapolated:10.3g} %")
+    return found
+
+
+def _effects_of(inverse: Inverse) -> list[dict[str, Any]]:
+    return [one.to_json() for one in inverse.told]
 
 
 @command("header")
@@ -26,10 +79,14 @@ from .types import Dac, Output
 @click.option("--sweep-rate", "sweep_V_per_s", type=float, metavar="V/S",
               help="Speed of the start-up sweep, V/s. Default: the model's; without one, 20 Hz over the whole range, "
                    "or the slew limit if that is lower.")
-def header(model: str, output: str, name: str, **sweep: float | None) -> dict[str, Any]:
+@effect_options
+def header(model: str, output: str, name: str, effects: str, leave_out: tuple[str, ...], preview: bool,
+           sensor_delay_s: float, sensor_lag_s: float, **sweep: float | None) -> dict[str, Any]:
     """Generate the C header with the parameters of a model, to be compiled into the firmware.
 
-    The same model gives the same bytes.
+    The header holds the operator, rdpi_params, and what stands around it, rdpi_chain. For each effect of the model one
+    line says what the firmware does about it: it compensates the effect, the effect is folded into the operator's
+    parameters, or it is left out, and why. The same model gives the same bytes.
     """
     from dataclasses import replace
 
@@ -38,28 +95,18 @@ def header(model: str, output: str, name: str, **sweep: float | None) -> dict[st
 
     parameters = read_model(model)
     parameters.drive = replace(parameters.drive, **{key: value for key, value in sweep.items() if value is not None})
-    left_out = _left_out(parameters)
-    parameters = parameters.uncompensated()
-    written = write_header(parameters, output, name, source=model)
-    click.echo("".join(left_out), nl=False)
+    inverse = _inverse(parameters, effects, leave_out, preview, sensor_delay_s, sensor_lag_s)
+    parameters, chain = inverse.model, inverse.chain
+    written = write_header(parameters, output, name, model, chain,
+                           [(one.column, one.um_per_unit) for one in inverse.addends])
     click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones, "
                f"starts from {parameters.start_V():.6g} V, start-up sweep ends at {parameters.sweep_end():.6g} V")
-    for note in build_notes(parameters):
+    for note in build_notes(parameters, chain):
         click.echo(f"note: {note}")
     if written.no_fixed_point:
         click.echo(f"note: the header has no fixed-point parameters, only single precision: {written.no_fixed_point}")
-    return {"file": output, "name": name, "digest": written.digest, "q31": not written.no_fixed_point}
-
-
-def _left_out(model: Any) -> list[str]:
-    """A line for each effect of the model: only the simulation knows them. Raises BadInput for one that it does not."""
-    from ..simulate import effects
-
-    told = [f"note: {one} is not compensated: the inverse does not have this effect yet\n"
-            for one in effects.acting(model)]
-    if told and model.operator_alone is not None:
-        told.append("note: the inverse is that of the operator that was fitted as if nothing stood around it\n")
-    return told
+    return {"file": output, "name": name, "digest": written.digest, "q31": not written.no_fixed_point,
+            "chain": chain.acts, "effects": _effects_of(inverse)}
 
 
 @command("profile")
@@ -127,12 +174,16 @@ def profile(source: str, output: str, reference_column: str | None,
                    "matches the recorded one.")
 @click.option("--remove-offset", is_flag=True,
               help="Remove the mean difference between recording and model from the reference first (thermal drift).")
+@effect_options
 def compensate(model: str, reference: str, output: str, engine: str, fixed_point: bool, sweep: bool,
-               dac_bits: int | None, reference_column: str, remove_offset: bool) -> dict[str, Any]:
+               dac_bits: int | None, reference_column: str, remove_offset: bool, **of_effects: Any) -> dict[str, Any]:
     """Compute the drive in V for a reference in um, as the firmware does.
 
     REFERENCE.csv needs the columns time_s and reference_um (or --reference-column). A board runs its start-up sweep
     before it follows a reference: only with --sweep are the codes the same as on the board.
+
+    The model's effects are compensated as `rdpi header` compensates them, and one line per effect says how. Where that
+    takes the reference ahead of time, REFERENCE.csv itself is the future; its last value holds at the end.
 
     The column flags is the sum of:
 
@@ -142,6 +193,7 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
      4  the drive was clipped by its slew limit
      8  the reference was not usable; the drive was held
     16  first sample after one or more that were not usable
+    32  the lead would have added more to the reference than its limit
 
     If REFERENCE.csv has a column command_V, DRIVE.csv keeps it as recorded_V, and the command compares the computed
     drive with it.
@@ -158,22 +210,24 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     from ..simulate import chain
 
     parameters = read_model(model)
-    click.echo("".join(_left_out(parameters)), nl=False)
     if dac_bits is not None:
         parameters.drive = replace(parameters.drive, dac_bits=dac_bits)
         parameters.validate()
+    inverse = _inverse(parameters, **of_effects)
     run = read_recording(reference, required=("time_s", reference_column))
     with progress("compensating") as report:
         found = board.compensate(parameters, run, reference_column, engine, fixed_point=fixed_point, sweep=sweep,
-                                 remove_offset=remove_offset, report=report)
+                                 remove_offset=remove_offset, by=inverse, report=report)
     result: dict[str, Any] = {"file": output, "engine": engine, "sweep": sweep, "samples": len(run),
+                              "effects": _effects_of(inverse),
                               **{f"{name}_count": count for name, count in found.flag_counts.items()}}
     if found.flag_counts["range"]:
-        low_um, high_um = chain.reachable_um(parameters)
+        low_um, high_um = chain.reachable_um(inverse.model)
         click.echo(f"note: the drive was clipped; the reachable range is {low_um:.5g} to {high_um:.5g} um, "
                    f"the reference spans {found.asked_um[0]:.5g} to {found.asked_um[1]:.5g} um")
     drive_V = found.steps.drive_V
-    flagged = ", ".join(f"{found.flag_counts[name]} {name}" for name in ("guard", "range", "slew", "input"))
+    flagged = ", ".join(f"{found.flag_counts[name]} {name}" for name in ("guard", "range", "slew", "input")
+                        + (("lead",) if inverse.chain.leads else ()))
     click.echo(f"{output}: {len(run)} samples, {drive_V.min():.6g} to {drive_V.max():.6g} V, flagged: {flagged}")
     if score := found.score:
         click.echo(f"against the recorded command: rms {score.rms_percent:.3f} %, max {score.max_percent:.3f} % of its "

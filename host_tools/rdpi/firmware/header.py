@@ -3,10 +3,11 @@ lib/include/rdpi/f32.h and q31.h."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import unicodedata
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,6 +18,7 @@ from .. import version
 from ..data import atomic_write
 from ..errors import BadInput
 from ..model import Model
+from .chain import Chain, Q31Chain, f32_chain
 from .library import Firmware, FixedPoint, digest
 from .parameters import INT32_MAX, Q31
 
@@ -55,6 +57,26 @@ SCALARS = {
     "um_per_code": "um: x = um_per_code code + x_of_code_0_um",
     "x_of_code_0_um": "um",
     "V_per_code": "V: drive = V_per_code code + min_V",
+}
+
+# What it says of the fields of rdpi_f32_chain_params_t and of rdpi_q31_chain_params_t, in their order.
+CHAIN_SCALARS = {
+    "poles": "",
+    "preview": "1: the caller knows the future, and passes it; 0: it is extrapolated",
+    "delay_s": "s: delay",
+    "lead_s": "s: alpha of the lead",
+    "lead_s2": "s^2: beta of the lead",
+    "max_lead_um": "um: the most that the lead adds",
+    "direct": "share of a move that comes at once",
+}
+Q31_CHAIN_SCALARS = {
+    "lead_ns2": ("ull", "ns^2: beta of the lead"),
+    "delay_ns": ("u", "ns: delay"),
+    "lead_ns": ("u", "ns: alpha of the lead"),
+    "max_lead": ("", "the most that the lead adds"),
+    "direct": ("", "times 2^30: share of a move that comes at once"),
+    "poles": ("", ""),
+    "preview": ("", "1: the caller knows the future, and passes it; 0: it is extrapolated"),
 }
 
 # The same for rdpi_q31_params_t; scalars also with what C has after a literal of their type.
@@ -111,34 +133,36 @@ def template(name: str) -> jinja2.Template:
                               lstrip_blocks=True, keep_trailing_newline=True).get_template(name)
 
 
-def render(model: Model, name: str = NAME, source: str = "") -> str:
+def render(model: Model, name: str = NAME, source: str = "", chain: Chain = Chain(),
+           addends: Sequence[tuple[str, float]] = ()) -> str:
     """The header's text; the same for the same model, whenever and wherever it is made.
 
     `name` is what the parameters are called in C, and the prefix of arrays and (in capitals) macros, so that a firmware
-    can hold several actuators. `source` is the model's file, for the banner and for messages.
+    can hold several actuators. `source` is the model's file, for the banner and for messages. `addends` are columns of
+    recordings and the displacement in um per unit of each, which the application subtracts from the reference.
     Raises BadInput for a name that C cannot use and for a model that 32-bit floats cannot hold.
     """
-    return _render(model, name, source).text
+    return _render(model, name, source, chain, addends).text
 
 
 class Header(NamedTuple):
     """A header that was rendered."""
 
     text: str
-    digest: str  # of the model, Model.digest
+    digest: str  # of the model, Model.digest; of the chain too if it does something
     no_fixed_point: str  # why it has no parameters in fixed point; "" if it has
 
 
-def _render(model: Model, name: str, source: str) -> Header:
+def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequence[tuple[str, float]]) -> Header:
     _check_name(name)
     where = source or model.where
     model.validate(where)
     try:
-        single = Firmware(model, _sample_time_s(model), "f32").parameters
+        single = Firmware(model, _sample_time_s(model), "f32", chain).parameters
     except BadInput as error:
         raise BadInput(f"{where}: rounded to single precision, {error}; move the model away from this limit") from None
-    numbers, reason = fixed_point(model)
-    model_digest = model.digest()
+    numbers, chain_numbers, reason = fixed_point(model, chain)
+    model_digest = _digest(model, chain)
     text = template("rdpi_params.h.j2").render(
         name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(file_name(source)),
         actuator=comment(model.actuator), digest=model_digest, rate_source=model.rate.source, runs=_runs(model.fit),
@@ -147,23 +171,52 @@ def _render(model: Model, name: str, source: str) -> Header:
         params_digest=f"0x{digest(single):08X}u",
         tables=[(field, *about, _rows(getattr(single, field), literal)) for field, about in TABLES.items()],
         scalars=[(field, text, literal(getattr(single, field))) for field, text in SCALARS.items()],
-        **_q31_parts(numbers, reason))
+        chain=chain_name(name), **_chain_parts(chain), addends=_addends(addends),
+        **_q31_parts(numbers, chain_numbers, reason))
     return Header(text, model_digest, reason)
 
 
-def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "") -> Header:
+def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "",
+                 chain: Chain = Chain(), addends: Sequence[tuple[str, float]] = ()) -> Header:
     """Render and write atomically. Raises BadInput as `render` does, OSError when the file cannot be written."""
-    header = _render(model, name, source)
+    header = _render(model, name, source, chain, addends)
     atomic_write(path, header.text)
     return header
 
 
-def fixed_point(model: Model) -> tuple[Q31 | None, str]:
-    """The parameters in fixed point, or None and the reason why this valid model has none."""
+def chain_name(name: str) -> str:
+    """What the chain around the parameters of this name is called."""
+    return "rdpi_chain" if name == NAME else f"{name}_chain"
+
+
+def fixed_point(model: Model, chain: Chain = Chain()) -> tuple[Q31 | None, Q31Chain | None, str]:
+    """The parameters in fixed point, or None and the reason why this valid model and its chain have none."""
     try:
-        return FixedPoint(model, _sample_time_s(model)).parameters, ""
+        one = FixedPoint(model, _sample_time_s(model), chain)
+        return one.parameters, one.chain, ""
     except BadInput as error:
-        return None, str(error).rpartition("no fixed point: ")[2]
+        return None, None, str(error).rpartition("no fixed point: ")[2]
+
+
+def _digest(model: Model, chain: Chain) -> str:
+    if not chain.acts:
+        return model.digest()
+    return "sha256:" + hashlib.sha256(f"{model.digest()} {chain!r}".encode()).hexdigest()
+
+
+def _chain_parts(chain: Chain) -> dict[str, Any]:
+    numbers = f32_chain(chain)
+    whole = "poles", "preview"
+    return {"chain_acts": int(chain.acts), "chain_digest": f"0x{digest(numbers):08X}u", "poles": numbers.poles,
+            "chain_scalars": [(field, text, str(getattr(numbers, field)) if field in whole else
+                               literal(getattr(numbers, field))) for field, text in CHAIN_SCALARS.items()],
+            "chain_rows": _rows(numbers.pole, literal)}
+
+
+def _addends(addends: Sequence[tuple[str, float]]) -> list[tuple[str, str, str]]:
+    """Macro's name without prefix, column and um per unit."""
+    return [(re.sub(r"[^A-Z0-9]+", "_", comment(column).upper()), comment(column), f"({float(size)!r})")
+            for column, size in addends]
 
 
 def _sample_time_s(model: Model) -> float:
@@ -171,8 +224,8 @@ def _sample_time_s(model: Model) -> float:
     return max(model.rate.window_s, 1e-3, 2 * model.shortest_sample_s())
 
 
-def _q31_parts(numbers: Q31 | None, reason: str) -> dict[str, Any]:
-    if numbers is None:
+def _q31_parts(numbers: Q31 | None, chain: Q31Chain | None, reason: str) -> dict[str, Any]:
+    if numbers is None or chain is None:
         return {"q31": False, "q31_reason": comment(reason, 300)}
     scale = numbers.scale
     reach_um = INT32_MAX * scale.um_per_reference
@@ -181,6 +234,10 @@ def _q31_parts(numbers: Q31 | None, reason: str) -> dict[str, Any]:
         "q31_tables": [(field, *about, _rows(getattr(numbers, field), str)) for field, about in Q31_TABLES.items()],
         "q31_scalars": [(field, text, f"{getattr(numbers, field)}{suffix}")
                         for field, (suffix, text) in Q31_SCALARS.items()],
+        "q31_chain_digest": f"0x{digest(chain):08X}u",
+        "q31_chain_scalars": [(field, text, f"{getattr(chain, field)}{suffix}")
+                              for field, (suffix, text) in Q31_CHAIN_SCALARS.items()],
+        "q31_chain_rows": [f"{{{share}, {time_ns}ull}}," for share, time_ns in chain.pole],
         "q31_scale": {key: f"({float(value)!r})" for key, value in (
             ("per_um", 1 / scale.um_per_reference), ("um", scale.um_per_reference), ("offset_um", scale.offset_um),
             ("V", scale.V_per_drive), ("offset_V", scale.offset_V), ("rate", scale.um_per_s_per_rate))},

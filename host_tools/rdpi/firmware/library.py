@@ -16,13 +16,16 @@ from .. import arguments
 from ..errors import BadInput
 from ..model import Model
 from . import parameters
+from .chain import Chain, F32Chain, Q31Chain, f32_chain, q31_chain
 from .parameters import F32, NO_REFERENCE, Q31
 
 DTYPES = {"f32": np.float32, "f64": np.float64}
 ENGINES = *DTYPES, "q31"
 COUNTS = "guard", "clip", "input", "missed"
-FLAGS = {"guard": 1, "range": 2, "slew": 4, "input": 8, "missed": 16}  # RDPI_FLAG_... in lib/include/rdpi/types.h
+FLAGS = {"guard": 1, "range": 2, "slew": 4, "input": 8, "missed": 16,
+         "lead": 32}  # RDPI_FLAG_... in lib/include/rdpi/types.h
 SWEEP_CHUNK = 100_000  # samples
+KINDS: dict[type, str] = {F32: "f32", Q31: "q31", F32Chain: "f32_chain", Q31Chain: "q31_chain"}  # of structs
 
 
 class Steps(NamedTuple):
@@ -39,48 +42,73 @@ def flag_counts(flags: np.ndarray) -> dict[str, int]:
     return {name: int(np.count_nonzero(flags & bit)) for name, bit in FLAGS.items()}
 
 
-def engine(model: Model, sample_time_s: float, name: str) -> Firmware | FixedPoint:
+def engine(model: Model, sample_time_s: float, name: str, chain: Chain | None = None) -> Firmware | FixedPoint:
     """The library's instance of this name: "f32", "f64" or "q31"."""
     arguments.one_of(name, ENGINES, "engine")
-    return FixedPoint(model, sample_time_s) if name == "q31" else Firmware(model, sample_time_s, name)
+    return (FixedPoint(model, sample_time_s, chain) if name == "q31" else
+            Firmware(model, sample_time_s, name, chain))
 
 
 class Firmware:
-    """One rdpi_f32_t with the parameters of `model`, in single ("f32") or double ("f64") precision.
+    """One rdpi_f32_t with the parameters of `model`, in single ("f32") or double ("f64") precision; with a chain, the
+    one in an rdpi_f32_chain_t.
 
     Raises BadInput with the library's own words if it refuses the parameters.
     """
 
-    def __init__(self, model: Model, sample_time_s: float, real: str = "f32") -> None:
+    def __init__(self, model: Model, sample_time_s: float, real: str = "f32", chain: Chain | None = None) -> None:
         arguments.of_kind(model, Model, "model")
         self._module, self._dtype = _load(real)
         ffi, lib = self._module.ffi, self._module.lib
         self.parameters = parameters.f32(model, self._dtype)
         self._params, self._arrays = _struct(self._module, "f32", self.parameters)
-        self._self = ffi.new("rdpi_f32_t *")
         sample_time_s = arguments.number(sample_time_s, "sample_time_s", finite=False)  # the library has the words
-        self._check(lib.rdpi_f32_init(self._self, self._params, sample_time_s))
+        if chain is None:
+            self._chain, self._self = None, ffi.new("rdpi_f32_t *")
+            self._check(lib.rdpi_f32_init(self._self, self._params, sample_time_s))
+            return
+        self.chain = f32_chain(chain, self._dtype)
+        self._chain_params, self._poles = _struct(self._module, "f32_chain", self.chain)
+        self._chain_params.axis = self._params
+        self._chain = ffi.new("rdpi_f32_chain_t *")
+        self._self = ffi.addressof(self._chain, "axis")
+        self._check(lib.rdpi_f32_chain_init(self._chain, self._chain_params, sample_time_s))
 
     def step(self, reference_um: np.ndarray) -> Steps:
-        """rdpi_f32_step for each reference in um, shape (samples,), going on from the present state."""
+        """rdpi_f32_step for each reference in um, shape (samples,), going on from the present state.
+
+        With a chain rdpi_f32_chain_step: the references are preview_samples ahead.
+        """
         ffi, lib = self._module.ffi, self._module.lib
         reference_um = _array(reference_um, self._dtype, "reference_um")
         result = Steps(*(np.empty(len(reference_um), kind)
                          for kind in (self._dtype, self._dtype, np.uint32, np.uint32)))
-        lib.rdpi_batch_step(self._self, _pointer(ffi, reference_um), len(reference_um),
-                            *(_pointer(ffi, column) for column in result))
+        function, instance = ((lib.rdpi_batch_step, self._self) if self._chain is None else
+                              (lib.rdpi_batch_chain_step, self._chain))
+        function(instance, _pointer(ffi, reference_um), len(reference_um), *(_pointer(ffi, one) for one in result))
         return result
+
+    @property
+    def preview_samples(self) -> int:
+        """How far ahead of the present the references for `step` must be."""
+        return 0 if self._chain is None else self._chain.preview_samples
 
     def missed(self, ticks: int) -> None:
         """rdpi_f32_missed: so many samples went by without a step."""
-        self._module.lib.rdpi_f32_missed(self._self, _ticks(ticks))
+        if self._chain is None:
+            self._module.lib.rdpi_f32_missed(self._self, _ticks(ticks))
+        else:
+            self._module.lib.rdpi_f32_chain_missed(self._chain, _ticks(ticks))
 
     def sweep(self) -> tuple[np.ndarray, np.ndarray]:
         """The whole start-up sweep: drives in V and DAC codes, both (samples,).
 
         rdpi_f32_sweep until it ends, then rdpi_f32_forget_sweep.
         """
-        return _sweep(self._module, self._module.lib.rdpi_batch_sweep, self._self, self._dtype)
+        lib = self._module.lib
+        function, instance = ((lib.rdpi_batch_sweep, self._self) if self._chain is None else
+                              (lib.rdpi_batch_chain_sweep, self._chain))
+        return _sweep(self._module, function, instance, self._dtype)
 
     def predict(self, drive_V: np.ndarray, rate_um_per_s: np.ndarray) -> np.ndarray:
         """rdpi_f32_predict for each drive in V and rate in um/s: the displacement in um, shape (samples,)."""
@@ -112,6 +140,8 @@ class Firmware:
         states = _array(states_um, self._dtype, "memory_um")
         _check_states(states, self.parameters.plays)
         self._check(self._module.lib.rdpi_f32_set_memory(self._self, _pointer(self._module.ffi, states)))
+        if self._chain is not None:
+            self._module.lib.rdpi_f32_chain_settle(self._chain)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -123,30 +153,43 @@ class Firmware:
 
 
 class FixedPoint:
-    """One rdpi_q31_t with the parameters of `model`; um, V and um/s outside, integers inside.
+    """One rdpi_q31_t with the parameters of `model`, or with a chain the one in an rdpi_q31_chain_t; um, V and um/s
+    outside, integers inside.
 
     Raises BadInput if 32 bits cannot hold the model, or with the library's own words if it refuses the parameters.
     """
 
-    def __init__(self, model: Model, sample_time_s: float) -> None:
+    def __init__(self, model: Model, sample_time_s: float, chain: Chain | None = None) -> None:
         arguments.of_kind(model, Model, "model").validate()
         self._module = _load("f32")[0]
         ffi, lib = self._module.ffi, self._module.lib
         self.parameters, self._limits_V = parameters.q31(model), (model.drive.min_V, model.drive.max_V)
         self._scale = self.parameters.scale
         self._params, self._arrays = _struct(self._module, "q31", self.parameters)
-        self._self = ffi.new("rdpi_q31_t *")
         if not 0.5e-9 < arguments.number(sample_time_s, "sample_time_s", finite=False) < 2**32 * 1e-9 - 1e-9:
             raise BadInput(f"a sample time of {sample_time_s:g} s: fixed point takes 1 ns to 4.29 s")
-        self._check(lib.rdpi_q31_init(self._self, self._params, round(sample_time_s * 1e9)))
+        if chain is None:
+            self._chain, self._self = None, ffi.new("rdpi_q31_t *")
+            self._check(lib.rdpi_q31_init(self._self, self._params, round(sample_time_s * 1e9)))
+            return
+        self.chain = q31_chain(chain, self._scale, model.where)
+        self._chain_params, self._poles = _struct(self._module, "q31_chain", self.chain)
+        self._chain_params.axis = self._params
+        self._chain = ffi.new("rdpi_q31_chain_t *")
+        self._self = ffi.addressof(self._chain, "axis")
+        self._check(lib.rdpi_q31_chain_init(self._chain, self._chain_params, round(sample_time_s * 1e9)))
 
     def step(self, reference_um: np.ndarray) -> Steps:
-        """rdpi_q31_step for each reference in um, shape (samples,), going on from the present state."""
+        """rdpi_q31_step for each reference in um, shape (samples,), going on from the present state.
+
+        With a chain rdpi_q31_chain_step: the references are preview_samples ahead.
+        """
         ffi, lib = self._module.ffi, self._module.lib
         reference = self.references(reference_um)
         columns = [np.empty(len(reference), kind) for kind in (np.int32, np.int32, np.uint32, np.uint32)]
-        lib.rdpi_batch_q31_step(self._self, _pointer(ffi, reference), len(reference),
-                                *(_pointer(ffi, column) for column in columns))
+        function, instance = ((lib.rdpi_batch_q31_step, self._self) if self._chain is None else
+                              (lib.rdpi_batch_q31_chain_step, self._chain))
+        function(instance, _pointer(ffi, reference), len(reference), *(_pointer(ffi, one) for one in columns))
         drive, rate, flags, dac_code = columns
         return Steps(self._volts(drive), rate * self._scale.um_per_s_per_rate, flags, dac_code)
 
@@ -157,16 +200,27 @@ class FixedPoint:
         return np.where(usable, parameters.integers(reference_um, self._scale.um_per_reference, self._scale.offset_um),
                         np.int32(NO_REFERENCE))
 
+    @property
+    def preview_samples(self) -> int:
+        """How far ahead of the present the references for `step` must be."""
+        return 0 if self._chain is None else self._chain.preview_samples
+
     def missed(self, ticks: int) -> None:
         """rdpi_q31_missed: so many samples went by without a step."""
-        self._module.lib.rdpi_q31_missed(self._self, _ticks(ticks))
+        if self._chain is None:
+            self._module.lib.rdpi_q31_missed(self._self, _ticks(ticks))
+        else:
+            self._module.lib.rdpi_q31_chain_missed(self._chain, _ticks(ticks))
 
     def sweep(self) -> tuple[np.ndarray, np.ndarray]:
         """The whole start-up sweep: drives in V and DAC codes, both (samples,).
 
         rdpi_q31_sweep until it ends, then rdpi_q31_forget_sweep.
         """
-        drive, codes = _sweep(self._module, self._module.lib.rdpi_batch_q31_sweep, self._self, np.int32)
+        lib = self._module.lib
+        function, instance = ((lib.rdpi_batch_q31_sweep, self._self) if self._chain is None else
+                              (lib.rdpi_batch_q31_chain_sweep, self._chain))
+        drive, codes = _sweep(self._module, function, instance, np.int32)
         return self._volts(drive), codes
 
     def predict(self, drive_V: np.ndarray, rate_um_per_s: np.ndarray) -> np.ndarray:
@@ -206,6 +260,8 @@ class FixedPoint:
         _check_states(states_um, self.parameters.plays)
         states = parameters.states(states_um, self._scale.um_per_drive, self.parameters.play[:, 0])
         self._check(self._module.lib.rdpi_q31_set_memory(self._self, _pointer(self._module.ffi, states)))
+        if self._chain is not None:
+            self._module.lib.rdpi_q31_chain_settle(self._chain)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -216,9 +272,9 @@ class FixedPoint:
         _check(self._module, status)
 
 
-def digest(numbers: F32 | Q31) -> int:
+def digest(numbers: F32 | Q31 | F32Chain | Q31Chain) -> int:
     """What the library makes of parameters, in single precision or fixed point: the field `digest`."""
-    return _struct(_load("f32")[0], type(numbers).__name__.lower(), numbers)[0].digest
+    return _struct(_load("f32")[0], KINDS[type(numbers)], numbers)[0].digest
 
 
 def status_text(status: int) -> str:
@@ -261,20 +317,23 @@ def rate(z_um: np.ndarray, sample_time_s: float, window_s: float, filter_s: floa
     return result
 
 
-def _struct(module: Any, kind: str, numbers: F32 | Q31) -> tuple[Any, list[np.ndarray]]:
-    """The C struct of parameters, schema and digest included, and the arrays it points to: keep both alive."""
+def _struct(module: Any, kind: str, numbers: F32 | Q31 | F32Chain | Q31Chain) -> tuple[Any, list[Any]]:
+    """The C struct of parameters, schema and digest included, and what it points to: keep both alive."""
     ffi, lib = module.ffi, module.lib
     struct = ffi.new(f"rdpi_{kind}_params_t *")
     struct.schema = lib.RDPI_PARAMS_SCHEMA
-    arrays = []
+    kept: list[Any] = []
     for name in (item.name for item in fields(numbers) if item.name != "scale"):
         value = getattr(numbers, name)
         if isinstance(value, np.ndarray):
-            arrays.append(value)
+            kept.append(value)
             value = ffi.cast(ffi.typeof(getattr(struct, name)), ffi.from_buffer(value))
+        elif isinstance(value, tuple):  # rows of unlike integers
+            kept.append(ffi.new("rdpi_q31_pole_t[]", value))
+            value = kept[-1]
         setattr(struct, name, value)
     struct.digest = getattr(lib, f"rdpi_{kind}_digest")(struct)
-    return struct, arrays
+    return struct, kept
 
 
 def _sweep(module: Any, function: Any, instance: Any, dtype: type) -> tuple[np.ndarray, np.ndarray]:

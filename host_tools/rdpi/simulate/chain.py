@@ -13,7 +13,12 @@ from ..data import Recording, check_sizes, taken
 from ..errors import BadInput
 from ..firmware import Firmware, Steps
 from ..model import LARGEST, Drive, Memory, Model, operators
-from . import effects, signals
+from . import effects, numpy_inverse, signals
+from .inverse import Inverse, inverse_of
+from .memory import reachable_um, rest_at, within_drive
+
+__all__ = ["Prediction", "Score", "estimate_states", "follow", "operator_from", "reachable_um", "rest_at", "score",
+           "simulate", "start_states", "states_after", "warm_up", "within_drive"]
 
 Engine = Callable[[Model, np.ndarray], Steps]
 MEMORIES = "auto", "model", "reset", "estimate"
@@ -160,16 +165,19 @@ def start_states(model: Model, run: Recording, acting: Sequence[effects.Acting] 
 
 
 def follow(model: Model, run: Recording, column: str = "reference_um", engine: str | Engine = "f32",
-           remove_offset: bool = False, sweep: bool = False) -> tuple[Steps, float]:
+           remove_offset: bool = False, sweep: bool = False, by: Inverse | None = None) -> tuple[Steps, float]:
     """The drive that makes the actuator follow a column of `run`, sample by sample as the firmware computes it.
+
+    `by` says what of the model's effects is compensated; None: inverse_of(model). Where the firmware needs the reference
+    ahead of time, the column's own future is that; its last value holds at the end.
 
     Before the first sample the plays are as the metadata `memory` says: reset, a decaying sweep ended at the first
     reference; unknown, estimated if the run also has command and displacement, else the model's own. With `sweep` they
     are, whatever the metadata say, as the start-up sweep leaves them, from the model's own. Engines "f32" and "q31" are
     the firmware library, "f64" the first in double, "numpy" the independent reference, which has no sweep; a function
-    makes the steps of model and reference, and the sweep before them is its own affair. Returns the steps and the
-    offset in um that was removed from the reference: with `remove_offset` the mean error of the model's prediction of
-    this run.
+    makes the steps of operator and reference, and the sweep before them and the chain are its own affair. Returns the
+    steps and the offset in um that was removed from the reference: with `remove_offset` the mean error of the model's
+    prediction of this run.
     """
     arguments.of_kind(model, Model, "model")
     if not callable(engine):
@@ -177,67 +185,50 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     (run,) = taken([run], [column], "run")
     others = {name: values for name, values in run.columns.items() if name != column}  # the reference is judged below
     check_sizes(others, lambda row: f"{run.path}, sample {row}")
-    reference = run.columns[column]
+    by = inverse_of(model) if by is None else by
+    reference = run.columns[column] - by.added_um(run)
     usable = reference[np.abs(reference) <= MAX_REFERENCE_UM]
     if not len(usable):
         raise BadInput(f"{run.path}: {column} has no value within ±{MAX_REFERENCE_UM:g} um, the largest reference; "
                        "check its unit")
-    offset = 0.0
-    recorded = run.command_V is not None and run.displacement_um is not None
-    if remove_offset:
-        if not recorded:
-            raise BadInput(f"{run.path}: an offset can only be removed from a recording "
-                           "(command_V and displacement_um)")
-        offset = score(simulate(model, [run])[0].predicted_um, run.displacement_um).offset_um
-    model = model.uncompensated()
+    offset = _offset_um(model, run) if remove_offset else 0.0
     if sweep:
         if engine == "numpy":
             raise BadInput("the engine numpy has no start-up sweep; use f64, f32 or q31")
-    elif run.memory == "reset":
-        model = replace(model, memory=rest_at(model, float(usable[0] - offset)))
-    elif recorded:
-        acting = effects.acting(model)  # the inverse ignores them, but the recording shows them
-        plain = effects.operator(acting, replace(model, effects=[]))
-        states = estimate_states(plain, _driven(model, run, acting), acting)
-        model = replace(model, memory=replace(model.memory, x_um=float(states[0]), plays_um=states))
-        model = replace(model, memory=within_drive(model))
+        inverted = by.model
+    else:
+        inverted = replace(by.model, memory=_memory_before(model, by, run, float(usable[0] - offset)))
     if callable(engine):
-        return engine(model, reference - offset), offset
+        return engine(inverted, reference - offset), offset
+    asked = firmware.ahead(reference - offset, by.chain.preview_samples(run.sample_time_s))
     if engine == "numpy":
-        return Steps(*operators.step(model, reference - offset, run.sample_time_s)[0]), offset
-    library = firmware.engine(model, run.sample_time_s, engine)
+        return numpy_inverse.step(inverted, by.chain, asked, run.sample_time_s)[0], offset
+    library = firmware.engine(inverted, run.sample_time_s, engine, by.chain if by.chain.acts else None)
     if sweep:
         library.sweep()
-    return library.step(reference - offset), offset
+    return library.step(asked), offset
 
 
-def rest_at(model: Model, displacement_um: float) -> Memory:
-    """Memory that a decaying sweep ending at `displacement_um`, at rate 0, or at the nearest end of the range leaves.
-
-    The states that sweeps leave are linear in x, and increase with it. So is v, their output.
-    """
-    v = operators.saturation_inverse(displacement_um - model.offset_um, model.deadzones_um, model.deadzone_weights)
-    ends = sorted(float(model.x_of(volt)) for volt in (model.drive.min_V, model.drive.max_V))
-    outputs = [float(-np.diff(model.swept(x), append=0.0) @ model.slopes) for x in ends]
-    x = float(np.interp(v, outputs, ends))
-    return replace(model.memory, x_um=x, plays_um=model.swept(x))
+def _offset_um(model: Model, run: Recording) -> float:
+    """Mean error of the model's prediction of a recording."""
+    if run.command_V is None or run.displacement_um is None:
+        raise BadInput(f"{run.path}: an offset can only be removed from a recording "
+                       "(command_V and displacement_um)")
+    return score(simulate(model, [run])[0].predicted_um, run.displacement_um).offset_um
 
 
-def within_drive(model: Model) -> Memory:
-    """The model's memory, its plays moved to the nearest drive that may be output."""
-    low, high = sorted((model.x_of(model.drive.min_V), model.x_of(model.drive.max_V)))
-    states = model.memory.plays_um
-    nearest = np.clip(states[:1], low, high)
-    states = firmware.plays(nearest, model.thresholds_um, states)[1]
-    return replace(model.memory, x_um=float(states[0]), plays_um=states)
-
-
-def reachable_um(model: Model) -> tuple[float, float]:
-    """Lowest and highest displacement within the drive's range, at rest, after moving over all of it."""
-    ends = np.tile([model.drive.min_V, model.drive.max_V], 2)
-    engine = Firmware(replace(model, memory=within_drive(model)), 1.0, "f64")
-    low, high = engine.forward(ends, np.zeros(4))[2:]
-    return float(min(low, high)), float(max(low, high))
+def _memory_before(model: Model, by: Inverse, run: Recording, first_um: float) -> Memory:
+    """Memory of the operator to invert before the first reference of `run`; see follow."""
+    inverted = by.model
+    if run.memory == "reset":
+        return rest_at(inverted, first_um)
+    if run.command_V is None or run.displacement_um is None:
+        return inverted.memory
+    # the recording shows every effect, whatever is compensated
+    acting = effects.acting(inverted if by.alone else model)
+    plain = effects.operator(acting, replace(inverted if by.alone else model, effects=[]))
+    states = estimate_states(plain, _driven(model, run, acting), acting)
+    return within_drive(replace(inverted, memory=replace(inverted.memory, x_um=float(states[0]), plays_um=states)))
 
 
 def operator_from(model: Model, run: Recording, states_um: np.ndarray) -> Firmware:

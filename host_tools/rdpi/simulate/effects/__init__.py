@@ -35,10 +35,11 @@ from .resonance import Resonance
 from .slew_limit import SlewLimit
 from .static_nonlinearity import StaticNonlinearity
 from .thermal_drift import ThermalDrift
+from .treatment import Addend, Sensor, Treatment, left_out
 
-__all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Effect", "Parameter", "Residuals",
-           "Values", "acting", "beside", "disturbed", "displaced", "driven", "entries", "operator", "place",
-           "replaced", "then"]
+__all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Addend", "Effect", "Parameter",
+           "Residuals", "Sensor", "Treatment", "Values", "acting", "beside", "disturbed", "displaced", "driven",
+           "entries", "left_out", "operator", "place", "replaced", "then"]
 
 CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
     # where two act at one stage, the first comes first

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import LARGEST, Model
+from .treatment import Sensor, Treatment
 
 if TYPE_CHECKING:
     from .planned import PlannedDrive, Shown
@@ -194,6 +195,16 @@ class Effect:
     def hidden(self, residuals: Residuals) -> bool:
         """Whether these recordings cannot show it."""
         return not self.starts(residuals)
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        """What the firmware does about it. `model` is the one whose effect this is; `folded_into` has the operator that
+        will be inverted, with what others have folded into it.
+        """
+        raise NotImplementedError
+
+    def less_sensor(self, values: Values, sensor: Sensor) -> tuple[Values, Sensor]:
+        """The parameters without what is the sensor's, and what of the sensor's is left to take away elsewhere."""
+        return values, sensor
 
     def shown(self, drive: PlannedDrive) -> Shown | None:
         """From which to which size a drive will show it; None: `rdpi excite` says nothing about it."""

@@ -8,8 +8,10 @@ from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values, low_pass
 from .planned import PlannedDrive, Shown, time_text
+from .treatment import Treatment
 
 TIMES_S = 10.0 ** np.arange(-1.0, 3.01, 0.5)  # of the lags whose sum grows as the logarithm of time
+PER_DECADE = float((len(TIMES_S) - 1) / np.log10(TIMES_S[-1] / TIMES_S[0]))
 FAST_S = 0.01  # a lag of this time constant may be there too
 HOLD_S = 1.0  # creep is slow: shorter recordings cannot show it
 
@@ -35,9 +37,13 @@ class Creep(Effect):
         share = values["percent_per_decade"] / 100
         if share == 0:
             return z_um
-        per_decade = (len(TIMES_S) - 1) / np.log10(TIMES_S[-1] / TIMES_S[0])
-        crept = sum(low_pass(z_um, run.sample_time_s, time_s) for time_s in TIMES_S) / per_decade
-        return z_um + share * (crept - len(TIMES_S) / per_decade * z_um[0])
+        crept = sum(low_pass(z_um, run.sample_time_s, time_s) for time_s in TIMES_S) / PER_DECADE
+        return z_um + share * (crept - len(TIMES_S) / PER_DECADE * z_um[0])
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        share = values["percent_per_decade"] / 100 / PER_DECADE
+        return Treatment("compensated", f"exactly, by poles from {time_text(TIMES_S[0])} to {time_text(TIMES_S[-1])}",
+                         poles=tuple((share, float(time_s)) for time_s in TIMES_S) if share else ())
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         longest = max(len(run) * run.sample_time_s for run in residuals.runs)

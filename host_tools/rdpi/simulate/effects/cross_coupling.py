@@ -10,6 +10,7 @@ from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown
+from .treatment import Addend, Treatment
 
 OWN = "command_V", "monitor_V"
 
@@ -50,6 +51,10 @@ class CrossCoupling(Effect):
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         other = run.columns.get(self.column)
         return z_um if other is None else z_um + values["um_per_V"] * other
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        return Treatment("compensated", f"by the application, which subtracts {values['um_per_V']:.4g} um per V of "
+                         f"{self.column}", addend=Addend(self.column, values["um_per_V"], False))
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [self.absent()] if any(self.column in covariates(run) for run in residuals.runs) else []

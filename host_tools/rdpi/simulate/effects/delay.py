@@ -8,6 +8,7 @@ from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown, time_text
+from .treatment import Sensor, Treatment
 
 
 class Delay(Effect):
@@ -26,6 +27,15 @@ class Delay(Effect):
     def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         whole = np.arange(len(signal))
         return np.interp(whole - values["delay_s"] / run.sample_time_s, whole, signal)
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        delay_s = values["delay_s"]
+        return Treatment("compensated", f"by the lead, which looks {time_text(delay_s)} ahead", delay_s=delay_s)
+
+    def less_sensor(self, values: Values, sensor: Sensor) -> tuple[Values, Sensor]:
+        taken_s = min(values["delay_s"], sensor.delay_s)
+        return ({**values, "delay_s": values["delay_s"] - taken_s},
+                sensor._replace(delay_s=sensor.delay_s - taken_s))
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [{"delay_s": 0.5 * min(run.sample_time_s for run in residuals.runs)}]

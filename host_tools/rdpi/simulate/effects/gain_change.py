@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
+from .treatment import Treatment, folded
 
 
 class GainChange(Effect):
@@ -31,6 +33,16 @@ class GainChange(Effect):
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         return model.offset_um + values["factor"] * (z_um - model.offset_um)
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        factor, law = values["factor"], folded_into.rate
+        top = law.identified_um_per_s
+        rate = replace(law, max_um_per_s=factor * law.max_um_per_s,
+                       identified_um_per_s=None if top is None else factor * top)
+        return folded("into the weights of the saturation stage", replace(
+            folded_into, deadzone_weights=factor * folded_into.deadzone_weights, rate=rate,
+            stroke_um=factor * folded_into.stroke_um,
+            slope_rate_s_per_um=folded_into.slope_rate_s_per_um / factor))
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [self.absent()]

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
+from .treatment import Treatment, folded
 
 LEAST = 0.02  # no slope falls below this share of the last one
 
@@ -31,6 +32,9 @@ class HysteresisChange(Effect):
             return model
         place = 2 * model.thresholds_um / model.thresholds_um[-1] - 1
         return replace(model, slopes=widened(model, 1 + values["scale"] + values["shape"] * place))
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        return folded("into the slopes of the plays", self.operator(folded_into, values))
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [self.absent()] if len(residuals.model.thresholds_um) > 1 else []

@@ -7,6 +7,7 @@ import numpy as np
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
+from .treatment import Treatment, left_out
 
 
 class InitialMemory(Effect):
@@ -26,6 +27,9 @@ class InitialMemory(Effect):
     disturbance = True
     starts_memory = True
     chance_gain = 0.03, 0.03
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        return left_out("run the start-up sweep, it makes the memory known")
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         known = [run for run in residuals.runs if run.memory != "unknown"]

@@ -8,6 +8,7 @@ from ...data import Recording
 from ...model import LARGEST, Model
 from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown
+from .treatment import Treatment, left_out
 
 BOW = 0.05  # what `rdpi excite` tries: small enough to be linear in it
 LEAST_SLOPE = 0.1  # of the curve against the straight line between its ends; an inverse has at most one over it
@@ -64,6 +65,9 @@ class InputCurve(Effect):
         bow = u * (1 - u) * (quadratic + cubic * (1 - 2 * u))
         end_slope = cubic + np.where(drive_V < low_V, quadratic, -quadratic)
         return drive_V + (high_V - low_V) * bow + end_slope * (drive_V - within_V)
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        return left_out("the inverse does not have a curve between the plays and the drive yet")
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         drive = residuals.model.drive

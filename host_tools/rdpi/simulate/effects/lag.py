@@ -8,6 +8,7 @@ from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values, low_pass
 from .planned import PlannedDrive, Shown, time_text
+from .treatment import Sensor, Treatment
 
 
 class Lag(Effect):
@@ -26,6 +27,15 @@ class Lag(Effect):
     def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         time_constant_s = values["time_constant_s"]
         return low_pass(signal, run.sample_time_s, time_constant_s) if time_constant_s > 0 else signal
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        lag_s = values["time_constant_s"]
+        return Treatment("compensated", f"by the lead, with {time_text(lag_s)} of its rate", lead=(lag_s, 0.0))
+
+    def less_sensor(self, values: Values, sensor: Sensor) -> tuple[Values, Sensor]:
+        taken_s = min(values["time_constant_s"], sensor.lag_s)
+        return ({**values, "time_constant_s": values["time_constant_s"] - taken_s},
+                sensor._replace(lag_s=sensor.lag_s - taken_s))
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [{"time_constant_s": 0.5 * min(run.sample_time_s for run in residuals.runs)}]

@@ -9,6 +9,7 @@ import numpy as np
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
+from .treatment import Treatment, left_out
 
 PEAKS = 3
 LEAST_PERIODS = 4  # in the longest recording
@@ -41,6 +42,9 @@ class PeriodicDisturbance(Effect):
 
     def usual_sizes(self, values: Values) -> np.ndarray:
         return np.array([values["amplitude_um"], 0.0] if values["frequency_hz"] else [])
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        return left_out("the drive does not cause it, and its phase is another in each run")
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         """The strongest lines of the residual, each recording's spectrum weighed by its length."""

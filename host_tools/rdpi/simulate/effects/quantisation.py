@@ -8,6 +8,7 @@ from ...data import Recording
 from ...model import Model
 from ..signals import grid_step
 from .base import Effect, Parameter, Residuals, Values
+from .treatment import Treatment, left_out
 
 HARMONICS = 8
 LEAST_STEP = 1e-9  # um or V; a finer grid is none
@@ -53,6 +54,9 @@ class Quantisation(Effect):
         if self.stage == "sensor":
             return _staircase(signal, step, values["dither"])
         return values["origin"] + step * np.round((signal - values["origin"]) / step)
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        return left_out("the inverse does not carry the remainder of a code to the next one yet")
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         if self.stage == "sensor":

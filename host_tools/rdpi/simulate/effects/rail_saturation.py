@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
+from .treatment import Treatment, folded, left_out
 
 SHARES = 0.02, 0.06, 0.12, 0.2, 0.3  # of the commands' range cut off, where a fit starts
 
@@ -28,6 +31,20 @@ class RailSaturation(Effect):
 
     def act(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         return np.clip(drive_V, values["V_min"], values["V_max"])
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        drive = folded_into.drive
+        low, high = max(drive.min_V, values["V_min"]), min(drive.max_V, values["V_max"])
+        if (low, high) == (drive.min_V, drive.max_V):
+            return folded("into nothing: the drive's range lies within the rails", folded_into)
+        if drive.dac_bits:
+            return left_out(f"the DAC's codes span {drive.min_V:g} to {drive.max_V:g} V, so that the range cannot be "
+                            f"made smaller; keep the reference within what {low:.4g} to {high:.4g} V reach")
+        if not low < high:
+            return left_out(f"the rails leave nothing of the drive's range, {drive.min_V:g} to {drive.max_V:g} V")
+        end = None if drive.sweep_end_V is None else float(np.clip(drive.sweep_end_V, low, high))
+        return folded(f"into the drive's range, {low:.4g} to {high:.4g} V", replace(
+            folded_into, drive=replace(drive, min_V=low, max_V=high, sweep_end_V=end)))
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         low = min(float(np.min(run.command_V)) for run in residuals.runs)

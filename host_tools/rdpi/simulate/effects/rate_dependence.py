@@ -8,6 +8,7 @@ from ...data import Recording
 from ...model import Model, operators
 from .. import signals
 from .base import Effect, Parameter, Residuals, Values
+from .treatment import Treatment, left_out
 
 RATES = 3.0  # the fastest and the slowest recorded motion must differ by this
 STARTS = [(widening, exponent) for widening in (-0.1, 0.1) for exponent in (1.0, 0.5)]
@@ -41,6 +42,11 @@ class RateDependence(Effect):
         line = low_um + (high_um - low_um) * (run.command_V - low_V) / (high_V - low_V)
         growth = values["widening"] * (z_um - line) + values["change"] * (z_um - (low_um + high_um) / 2)
         return z_um + np.minimum(rate / top, 2.0) ** values["exponent"] * growth
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        # Slopes that change with the rate do so about the control input 0. The effect acts about the middle of the range.
+        return left_out("folded into the slopes' rates, it would move the zero with the rate; identify the model again "
+                        "with recordings at several rates")
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         speeds = np.concatenate([np.abs(np.diff(predicted)) / run.sample_time_s

@@ -9,6 +9,7 @@ from ...model import Model
 from .base import Effect, Parameter, Residuals, Values, low_pass
 from .gain_change import GainChange
 from .planned import PlannedDrive, Shown, time_text
+from .treatment import Treatment
 
 SHORTEST_S, LONGEST_S = 1e-4, 1.0
 PER_DECADE = 3  # time constants from which a fit starts
@@ -36,6 +37,11 @@ class Relaxation(Effect):
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         return z_um + values["share"] * _late(z_um, run, values["time_constant_s"]) if values["share"] else z_um
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        share, time_s = values["share"], values["time_constant_s"]
+        return Treatment("compensated", f"exactly, by a pole of {time_text(time_s)}", direct=1 - share,
+                         poles=((share, time_s),) if share else ())
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         """Time constants a third of a decade apart, each with the share that explains most of the residual."""

@@ -10,6 +10,7 @@ from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown, time_text
+from .treatment import Treatment
 
 DAMPINGS = 0.02, 0.1, 0.4
 PER_OCTAVE = 3  # of the grid, on which only strongly damped ones are found
@@ -39,6 +40,11 @@ class Resonance(Effect):
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         turn = values["f0_hz"] * run.sample_time_s  # per sample
         return _ring(z_um, 2 * np.pi * turn, values["damping"]) if turn < 0.5 else z_um
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        w = 2 * np.pi * values["f0_hz"]
+        return Treatment("compensated", f"by the lead, well below {values['f0_hz']:.4g} Hz; references that excite it "
+                         "still make it ring", lead=(2 * values["damping"] / w, 1 / w**2))
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         rate = min(run.sample_rate_hz for run in residuals.runs)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
+from .treatment import Treatment, folded
 
 SHARES = 0.95 * 0.75 ** np.arange(14)  # of the fastest move, where a fit starts
 
@@ -26,6 +29,15 @@ class SlewLimit(Effect):
     def act(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         limit = values["V_per_s"] * run.sample_time_s
         return limited(drive_V, limit) if np.isfinite(limit) else drive_V
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        drive, limit = folded_into.drive, values["V_per_s"]
+        if not np.isfinite(limit):
+            return folded("into nothing: it is no limit", folded_into)
+        slew = min(limit, drive.slew_V_per_s or np.inf)
+        sweep = None if drive.sweep_V_per_s is None else min(drive.sweep_V_per_s, slew)
+        return folded(f"into the drive's slew limit, {slew:.4g} V/s", replace(
+            folded_into, drive=replace(drive, slew_V_per_s=slew, sweep_V_per_s=sweep)))
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         fastest = max(float(np.max(np.abs(np.diff(run.command_V)))) / run.sample_time_s for run in residuals.runs)

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ...data import Recording
-from ...model import Model
+from ...model import Model, operators
 from .base import Effect, Parameter, Residuals, Values
 from .gain_change import GainChange
+from .treatment import Treatment, folded, left_out
+
+PIECES = 8  # of the saturation stage at most, as the library allows without being told more
+POINTS = 2001  # at which the error of the pieces is measured
 
 
 class StaticNonlinearity(Effect):
@@ -36,9 +41,54 @@ class StaticNonlinearity(Effect):
         return [cls()]  # a curve of the actuator looks like one of the sensor
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        return self._curve(z_um, values, model)
+
+    @staticmethod
+    def _curve(z_um: np.ndarray, values: Values, model: Model) -> np.ndarray:
         half = model.stroke_um / 2
         p = (z_um - model.offset_um) / half - 1
         return z_um + half * p * (values["linear"] + p * (values["quadratic"] + p * values["cubic"]))
 
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        d, weights, offset_um = folded_into.deadzones_um, folded_into.deadzone_weights, folded_into.offset_um
+        low, high = _outputs_um(folded_into)
+        v = np.unique(np.concatenate([np.linspace(min(low, 0.0), max(high, d[-1]), POINTS), d]))
+        z = self._curve(operators.saturation(v, d, weights) + offset_um, values, model)
+        corners = _corners(v[v >= 0], z[v >= 0])
+        at = np.interp(corners, v, z)
+        slopes = np.diff(at) / np.diff(corners)
+        if not len(slopes) or not np.all(slopes > 0):
+            return left_out("it does not increase everywhere, so that it has no inverse")
+        changed = replace(folded_into, deadzones_um=corners[:-1], deadzone_weights=np.diff(slopes, prepend=0.0),
+                          offset_um=float(at[0]))
+        seen = (low <= v) & (v <= high)
+        made = operators.saturation(v[seen], changed.deadzones_um, changed.deadzone_weights) + changed.offset_um
+        plain = operators.saturation(v[seen], d, weights) + offset_um
+        off, whole = (float(np.max(np.abs(z[seen] - other))) / model.stroke_um for other in (made, plain))
+        if off > whole / 2:  # S has no corners below 0
+            return left_out(f"pieces of the saturation stage would be off by {100 * off:.2g} % of the stroke, the "
+                            f"effect is {100 * whole:.2g} %")
+        return folded(f"into {len(slopes)} pieces of the saturation stage, which are off by up to {100 * off:.2g} % of "
+                      "the stroke", changed)
+
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [self.absent()]
+
+
+def _outputs_um(model: Model) -> tuple[float, float]:
+    """Lowest and highest output of the plays, in um, over the drive's range."""
+    lag = float(np.diff(model.slopes, prepend=0.0) @ model.thresholds_um)
+    ends = model.slopes[-1] * np.sort(model.x_of(np.array([model.drive.min_V, model.drive.max_V])))
+    return float(ends[0] + lag), float(ends[1] - lag)
+
+
+def _corners(v_um: np.ndarray, z_um: np.ndarray) -> np.ndarray:
+    """Ends of at most PIECES straight pieces through a curve, the next one always where the others are furthest off."""
+    corners = [0, len(v_um) - 1]
+    while len(corners) <= PIECES:
+        corners.sort()
+        off = np.abs(np.interp(v_um, v_um[corners], z_um[corners]) - z_um)
+        if off[worst := int(np.argmax(off))] <= 1e-12 * np.ptp(z_um):
+            break
+        corners.append(worst)
+    return v_um[np.unique(corners)]

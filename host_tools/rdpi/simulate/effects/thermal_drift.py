@@ -10,6 +10,7 @@ from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown, time_text
+from .treatment import Addend, Treatment, left_out
 
 COLUMNS = "time_s", "temperature_degC"  # whose parameters stand in this order
 
@@ -57,6 +58,13 @@ class ThermalDrift(Effect):
 
     def usual_sizes(self, values: Values) -> np.ndarray:
         return np.array([values[self.parameters[COLUMNS.index(self.column)].name]])
+
+    def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
+        if self.column == COLUMNS[0]:
+            return left_out("it follows no recorded quantity, so that it cannot be foretold; log temperature_degC")
+        (size,) = self.usual_sizes(values)
+        return Treatment("compensated", f"by the application, which subtracts {size:.4g} um per unit of {self.column} "
+                         "since the start", addend=Addend(self.column, float(size), True))
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         seen = [self.column in run.columns and np.ptp(run.columns[self.column]) > 0 for run in residuals.runs]

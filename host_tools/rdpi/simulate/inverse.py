@@ -1,0 +1,243 @@
+"""What the firmware inverts: the operator with all folded in that folds, and the chain in front of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .. import arguments
+from ..data import Recording
+from ..errors import BadInput
+from ..firmware import Chain
+from ..model import Model, guarded
+from . import effects
+from .effects import Acting, Addend, Sensor, Treatment, left_out
+from .memory import within_drive
+
+ALL = "all"  # in place of names
+APART = 1.005  # least ratio of two poles' time constants: nearer ones would make shares that cancel each other
+# The most that the lead adds, as a share of the stroke. A sine over all of the stroke needs that much where the lead is
+# half a radian of it, beyond which it is no good.
+MOST_LEAD = 0.25
+SENSOR = effects.STAGES[-1]
+FREQUENCIES_HZ = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0
+LARGEST_ERROR = 1.0  # of the amplitude, up to which the table goes
+GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
+
+
+class Told(NamedTuple):
+    """What the firmware does about one effect."""
+
+    acting: Acting
+    how: str  # compensated, folded or left out
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.acting}: {self.how}{':' if self.how == 'left out' else ''} {self.why}"
+
+    def to_json(self) -> dict[str, Any]:
+        return {"name": self.acting.effect.name, "stage": self.acting.effect.stage, "firmware": self.how,
+                "why": self.why}
+
+
+@dataclass(frozen=True)
+class Inverse:
+    """What a firmware is made of, and what it does about each effect of the model."""
+
+    model: Model  # the operator to invert
+    chain: Chain
+    told: tuple[Told, ...]
+    addends: tuple[Addend, ...]
+    lags: tuple[tuple[float, float], ...]  # alpha and beta of each lag and resonance that the lead makes up for
+    alone: bool  # whether the operator is the one that was fitted as if nothing stood around it
+
+    @property
+    def lines(self) -> list[str]:
+        """For people, one per effect; last, which operator it is if effects are left out."""
+        lines = [str(one) for one in self.told]
+        if self.alone:
+            lines.append("the operator is the one that was fitted as if nothing stood around it")
+        elif any(one.how == "left out" for one in self.told) and self.model.operator_alone is not None:
+            lines.append("the operator is the one that was fitted beside the effects; it takes up nothing of those "
+                         "that are left out")
+        return lines
+
+    def added_um(self, run: Recording) -> np.ndarray:
+        """What the application subtracts from the reference, (samples,), as far as the run holds its columns."""
+        added = np.zeros(len(run))
+        for column, um_per_unit, from_first in self.addends:
+            if column in run.columns:
+                values = run.columns[column]
+                added += um_per_unit * (values - values[0] if from_first else values)
+        return added
+
+    def costs(self) -> list[tuple[float, float, float]]:
+        """Of a sine: frequency in Hz, error of the displacement as a share of the amplitude if no lead were there, and
+        with the lead. Without end are neither the sample rate nor what the plays make of it.
+        """
+        rows = []
+        chain = self.chain
+        for frequency in FREQUENCIES_HZ if chain.leads else ():
+            s = 2j * math.pi * frequency
+            late = np.exp(-s * chain.delay_s) / np.prod([1 + alpha * s + beta * s**2 for alpha, beta in self.lags])
+            led = 1 + chain.lead_s * s + chain.lead_s2 * s**2
+            if chain.preview:
+                lead = led * np.exp(s * chain.delay_s)
+            else:
+                d = chain.delay_s
+                lead = led + d * s + (chain.lead_s * d + d**2 / 2) * s**2
+            row = frequency, float(abs(1 - late)), float(abs(1 - late * lead))
+            if max(row[1:]) > LARGEST_ERROR:
+                break
+            rows.append(row)
+        return rows
+
+
+def inverse_of(model: Model, *, leave_out: Collection[str] = (), preview: bool = True,
+               sensor: Sensor = Sensor()) -> Inverse:
+    """The inverse of a model and what stands around it.
+
+    leave_out: names of effects that are not compensated; ALL stands for all of them. preview: whether the caller will
+    know the reference ahead of time. sensor: how late the sensor is; that is taken from what was found where the
+    recordings do not show the stage. Raises BadInput for names that the model does not hold, for a sensor that is later
+    than all that was found, and for effects that have no inverse.
+    """
+    acting = effects.acting(model)
+    leave_out = _names(model, acting, leave_out)
+    open_ = [one for one in acting if _stage_is_open(model, one)]
+    lessened = _less_sensor(open_, sensor)
+    folded_into = replace(model, effects=[])
+    told, used = [], []
+    for one in acting:
+        name = one.effect.name
+        if name in leave_out:
+            treatment = left_out("as asked")
+        elif one.effect.stage == SENSOR and one not in open_:
+            treatment = left_out("it is the sensor's, the actuator does not show it")
+        else:
+            values = next((less.values for whole, less in zip(open_, lessened) if whole is one), one.values)
+            treatment = one.effect.treated(values, model, folded_into)
+            if treatment.model is not None:
+                treatment, folded_into = _folded(treatment, folded_into)
+        told.append(Told(one, treatment.how, treatment.text + _assumed(one, open_, treatment)))
+        used.append(treatment)
+    if told and not any(one.how != "left out" for one in told) and {one.effect.name for one in acting} <= leave_out:
+        alone = model.operator_alone is not None
+        return Inverse(model.uncompensated() if alone else folded_into, Chain(), tuple(told), (), (), alone)
+    chain = _chain(folded_into, used, preview)
+    addends = tuple(one.addend for one in used if one.addend is not None)
+    lags = tuple(one.lead for one in used if any(one.lead))
+    return Inverse(folded_into, chain, tuple(told), addends, lags, False)
+
+
+def _names(model: Model, acting: Sequence[Acting], leave_out: Collection[str]) -> set[str]:
+    held = list(dict.fromkeys(one.effect.name for one in acting))
+    if set(leave_out) == {ALL}:
+        return set(held)
+    for name in leave_out:
+        if name not in effects.CATALOGUE:
+            raise BadInput(f"--leave-out {str(name)[:40]}: there is no such effect; {model.where} holds "
+                           f"{', '.join(held) or 'none'}")
+        if name not in held:
+            raise BadInput(f"--leave-out {name}: {model.where} does not hold this effect, but "
+                           f"{', '.join(held) or 'none'}")
+    return set(leave_out)
+
+
+def _stage_is_open(model: Model, one: Acting) -> bool:
+    """Whether the effect may as well be the sensor's, or the actuator's: a command found it, and the recordings did not
+    show its stage. Who writes a stage into the file by hand knows it.
+    """
+    kind = type(one.effect)
+    if kind.shows_stage or SENSOR not in kind.stages or len(kind.stages) == 1:
+        return False
+    entry = model.effects[effects.place(model, one.effect)]
+    return not entry.get("stage_shown") and (entry.get("origin") is not None or "stage" not in entry)
+
+
+def _less_sensor(open_: Sequence[Acting], sensor: Sensor) -> list[Acting]:
+    """The effects whose stage is open, without what is the sensor's."""
+    for name, value in sensor._asdict().items():
+        option = f"--sensor-{name.removesuffix('_s')}"
+        if not 0 <= arguments.number(value, option, finite=False) < math.inf:
+            raise BadInput(f"{option} {value:g}: must be a time in s, not negative")
+    found, left = [], sensor
+    for effect, values in open_:
+        values, left = effect.less_sensor(values, left)
+        found.append(Acting(effect, dict(values)))
+    if left.delay_s or left.lag_s:  # to a slow reference, a delay and a lag are the same
+        left = Sensor(left.lag_s, left.delay_s)
+        for k, (effect, values) in enumerate(found):
+            values, left = effect.less_sensor(values, left)
+            found[k] = Acting(effect, dict(values))
+    if (late_s := left.delay_s + left.lag_s) > 0:
+        raise BadInput(f"--sensor-delay and --sensor-lag: the sensor is {late_s:.3g} s later than all that the "
+                       "recordings leave open to be the sensor's")
+    return found
+
+
+def _assumed(one: Acting, open_: Sequence[Acting], treatment: Treatment) -> str:
+    if one not in open_ or treatment.how == "left out":
+        return ""
+    return "; nothing shows whether it is the sensor's, so it is taken for the actuator's"
+
+
+def _folded(treatment: Treatment, before: Model) -> tuple[Treatment, Model]:
+    """The operator with an effect folded in and the guard where it belongs; without it if the firmware refuses it."""
+    found = treatment.model
+    if found is before:
+        return treatment, before
+    try:
+        found = guarded(found, GUARD_SLACK * (1 - found.rate.min_slope_ratio), found.rate.max_um_per_s)
+        if found.drive != before.drive:
+            found = replace(found, memory=within_drive(found))
+        found.validate()
+    except BadInput as error:
+        return left_out(f"folded in, it makes no operator: {error}"), before
+    return treatment, found
+
+
+def _chain(model: Model, used: Sequence[Treatment], preview: bool) -> Chain:
+    delay_s = sum(one.delay_s for one in used)
+    lead_s = lead_s2 = 0.0
+    for alpha, beta in (one.lead for one in used):
+        lead_s, lead_s2 = lead_s + alpha, lead_s2 + beta + lead_s * alpha
+    direct, poles = in_series([(one.direct, one.poles) for one in used])
+    return Chain(delay_s, lead_s, lead_s2, _most_um(model, delay_s + lead_s + math.sqrt(lead_s2)), preview, direct,
+                 poles)
+
+
+def _most_um(model: Model, late_s: float) -> float:
+    """The most that the lead may add for what comes so much later: of the stroke, and at the speed of the slew limit."""
+    most_um = MOST_LEAD * model.stroke_um
+    if model.drive.slew_V_per_s is not None and late_s > 0:
+        steepest = abs(model.gain_um_per_V) * float(np.max(model.slopes) * np.max(np.cumsum(model.deadzone_weights)))
+        most_um = min(most_um, steepest * model.drive.slew_V_per_s * late_s)
+    return most_um
+
+
+def in_series(banks: Sequence[tuple[float, Sequence[tuple[float, float]]]]
+              ) -> tuple[float, tuple[tuple[float, float], ...]]:
+    """Banks direct + sum of share / (1 + time s), one after the other, as one bank: by partial fractions."""
+    times_s: list[float] = []
+    apart = []
+    for direct, poles in banks:
+        moved = []
+        for share, time_s in poles:
+            while any(max(time_s, other) / min(time_s, other) < APART * (1 - 1e-9) for other in times_s):
+                time_s *= APART
+            times_s.append(time_s)
+            moved.append((share, time_s))
+        apart.append((direct, moved))
+
+    def passed(bank: tuple[float, list[tuple[float, float]]], time_s: float) -> float:
+        """The bank at s = -1 / time_s."""
+        return bank[0] + sum(share / (1 - other / time_s) for share, other in bank[1])
+
+    whole = tuple((share * math.prod(passed(other, time_s) for other in apart if other is not bank), time_s)
+                  for bank in apart for share, time_s in bank[1])
+    return math.prod(direct for direct, _ in apart), whole
