@@ -175,7 +175,8 @@ def test_one_line_for_each_effect(command: tuple[str, ...], folder: Path, rdpi: 
 def test_options_say_what_is_compensated(command: tuple[str, ...], folder: Path, rdpi: Callable) -> None:
     change_model(effects=EFFECTS)
     _, text = result_of(rdpi, *command, "--leave-out", "delay", "--leave-out", "creep")
-    assert text.count("left out: as asked") == 2 and "delay at stage timing (delay_s 0.0005 s): left out: as asked" in text
+    assert text.count("left out: as asked") == 2
+    assert "delay at stage timing (delay_s 0.0005 s): left out: as asked" in text
     none, text = result_of(rdpi, *command, "--effects", "none")
     assert text.count("left out: as asked") == 4 and {one["firmware"] for one in none["effects"]} == {"left out"}
     _, text = result_of(rdpi, *command, "--sensor-delay", "0.0002")
@@ -213,7 +214,8 @@ def test_the_drive_of_a_chain(folder: Path, rdpi: Callable) -> None:
     result, _ = result_of(rdpi, "compensate", "static.json", "reference.csv", "-o", "early.csv", "--engine", "f64")
     result_of(rdpi, "compensate", "static.json", "reference.csv", "-o", "plain.csv", "--engine", "f64", "--effects",
               "none")
-    early, plain = (read_recording(name, required=("time_s", "command_V")).command_V for name in ("early.csv", "plain.csv"))
+    early, plain = (read_recording(name, required=("time_s", "command_V")).command_V
+                    for name in ("early.csv", "plain.csv"))
     assert result["lead_count"] == 0
     late = np.interp(np.arange(len(early)) - 0.5, np.arange(len(early)), early)
     assert np.abs(late - plain)[5:].max() < 0.3 * np.abs(early - plain)[5:].max()

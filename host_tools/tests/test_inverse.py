@@ -357,7 +357,8 @@ def test_what_no_preview_costs() -> None:
 
 
 @pytest.mark.parametrize(("numbers", "words"), [
-    ({"delay_s": -1.0}, "delay_s: is -1"), ({"lead_s2": float("nan")}, "lead_s2"), ({"max_lead_um": 0.0}, "max_lead_um"),
+    ({"delay_s": -1.0}, "delay_s: is -1"), ({"lead_s2": float("nan")}, "lead_s2"),
+    ({"max_lead_um": 0.0}, "max_lead_um"),
     ({"direct": 0.0}, "a share of 0 comes at once"), ({"direct": 0.5, "poles": ((-0.6, 1.0),)}, "-0.1 in the end"),
     ({"poles": ((0.1, 0.0),)}, "time constants must be positive")])
 def test_chains_that_have_no_inverse(numbers: dict[str, Any], words: str) -> None:

@@ -214,7 +214,7 @@ def _chain(model: Model, used: Sequence[Treatment], preview: bool) -> Chain:
 
 
 def _most_um(model: Model, late_s: float) -> float:
-    """The most that the lead may add for what comes so much later: of the stroke, and at the speed of the slew limit."""
+    """The most that the lead may add for what comes so much later: by the stroke, and by the slew limit."""
     most_um = MOST_LEAD * model.stroke_um
     if model.drive.slew_V_per_s is not None:
         steepest = abs(model.gain_um_per_V) * float(np.max(model.slopes) * np.max(np.cumsum(model.deadzone_weights)))
