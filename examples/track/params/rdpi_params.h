@@ -25,6 +25,12 @@
 #if RDPI_PARAMS_DEADZONES > RDPI_MAX_DEADZONES
 #error "define RDPI_MAX_DEADZONES as 3 or more, for the library and its users alike"
 #endif
+#if 0 > RDPI_MAX_POLES
+#error "define RDPI_MAX_POLES as 0 or more, for the library and its users alike"
+#endif
+
+/* Whether rdpi_chain does something: what stands around the operator is compensated in front of it. */
+#define RDPI_PARAMS_CHAIN 0
 
 /* r, um; W at rate 0; c, s/um; intercept at rate 0, um, and its change, s */
 static const rdpi_f32_play_t rdpi_params_play[] = {
@@ -99,6 +105,21 @@ static const rdpi_f32_params_t rdpi_params = {
     rdpi_params_saturation,
     rdpi_params_inverse_saturation,
     rdpi_params_memory_um,
+};
+
+/* The chain around it, for rdpi_f32_chain_init. */
+static const rdpi_f32_chain_params_t rdpi_chain = {
+    4u, /* schema */
+    0x04CD2019u, /* digest of what follows */
+    0, /* poles */
+    1, /* preview: 1: the caller knows the future, and passes it; 0: it is extrapolated */
+    0.00000000f, /* delay_s: s: delay */
+    0.00000000f, /* lead_s: s: alpha of the lead */
+    0.00000000f, /* lead_s2: s^2: beta of the lead */
+    1.00000000f, /* max_lead_um: um: the most that the lead adds */
+    1.00000000f, /* direct: share of a move that comes at once */
+    &rdpi_params,
+    NULL,
 };
 
 /* Whether there are parameters in fixed point: rdpi_params_q31, at the end. */
@@ -193,6 +214,21 @@ static const rdpi_q31_params_t rdpi_params_q31 = {
     rdpi_params_q31_saturation,
     rdpi_params_q31_inverse_saturation,
     rdpi_params_q31_memory,
+};
+
+/* The chain around it, for rdpi_q31_chain_init. */
+static const rdpi_q31_chain_params_t rdpi_chain_q31 = {
+    4u, /* schema */
+    0x4EF484F9u, /* digest of what follows */
+    0ull, /* lead_ns2: ns^2: beta of the lead */
+    0u, /* delay_ns: ns: delay */
+    0u, /* lead_ns: ns: alpha of the lead */
+    58539464, /* max_lead: the most that the lead adds */
+    1073741824, /* direct: times 2^30: share of a move that comes at once */
+    0, /* poles */
+    1, /* preview: 1: the caller knows the future, and passes it; 0: it is extrapolated */
+    &rdpi_params_q31,
+    NULL,
 };
 
 #endif
