@@ -83,7 +83,8 @@ class Loop:
         """Track a reference with the model's inverse, after the start-up sweep, and record it."""
         headers = self.out / name
         headers.mkdir(exist_ok=True)
-        self.do("rdpi", "header", model, "-o", headers / "rdpi_params.h")
+        # examples/track has no chain in front of its operator yet
+        self.do("rdpi", "header", model, "-o", headers / "rdpi_params.h", "--effects", "none")
         self.do("rdpi", "profile", reference, "-o", headers / "rdpi_profile.h")
         image = self.build("track", name, f"-DRDPI_PARAMS_DIR={headers}", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}")
         return self.record(image, "track", name)
