@@ -120,15 +120,15 @@ def pooled(values: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def cases(job: tuple[str, int], effects: Sequence[str], rate_hz: float, scale: float, options: Sequence[str]
-          ) -> list[dict[str, Any]]:
-    """One rig, commissioned once, and each effect that appears on it."""
+def cases(job: tuple[str, int], effects: Sequence[str], rate_hz: float, scale: float, options: Sequence[str],
+          chain: str = "auto") -> list[dict[str, Any]]:
+    """One rig, commissioned once, and each effect that appears on it; `chain`: option --effects of `rdpi fit`."""
     family, seed = job
     rig, found = make_rig(family, seed), []
     with tempfile.TemporaryDirectory(prefix="rigs-") as where:
         folder = Path(where)
         try:
-            model = measure.commission(rig, folder, rate_hz, scale, [])
+            model = measure.commission(rig, folder, rate_hz, scale, ["--effects", chain])
         except measure.Refused as refusal:
             return [{"family": family, "seed": seed, "effect": "all", "failed": str(refusal)}]
         offsets = [run["offset_um"] for run in json.loads(model.read_text())["passport"]["runs"]]
@@ -233,6 +233,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--families", default=",".join(FAMILIES), help="names, commas between (default: all open ones)")
     parser.add_argument("--except", dest="left_out", default="", metavar="FAMILY", help="leave this family out")
     parser.add_argument("--effects", default=";".join(APPEARS), help="of APPEARS, semicolons between (default: all)")
+    parser.add_argument("--chain", choices=["auto", "none"], default="auto",
+                        help="effects that `rdpi fit` looks for; none: the model lacks the chain from the first day")
     parser.add_argument("--rate", type=float, default=5000.0, help="samples per second (default 5000)")
     parser.add_argument("--scale", type=float, default=0.5, help="length of the recordings (default 0.5)")
     parser.add_argument("--jobs", type=int, default=1)
@@ -244,7 +246,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if wrong := set(families) - set(FAMILIES) | set(effects) - set(APPEARS):
         parser.error(f"no {', '.join(sorted(wrong))}: {', '.join(FAMILIES)}; {'; '.join(APPEARS)}")
     jobs = [(family, seed) for family in families for seed in range(options.seed, options.seed + options.rigs)]
-    work = partial(cases, effects=effects, rate_hz=options.rate, scale=options.scale, options=options.options)
+    work = partial(cases, effects=effects, rate_hz=options.rate, scale=options.scale, options=options.options,
+                   chain=options.chain)
     found = sum(measure.run_all(work, jobs, options.jobs), [])
     print(table(found))
     if options.output:

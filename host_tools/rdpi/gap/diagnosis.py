@@ -150,7 +150,8 @@ def _offset(selection: Selection, known: Passport | None) -> Offset:
     if state.by_command.earlier:
         then = [one.mean_residual_um(state.by_command.acting_then) for one in state.by_command.earlier.model_runs]
     zeros, model = np.subtract(now, then), selection.given.model
-    agree = abs(np.mean(zeros)) > thresholds.ZERO_AGREES * _scatter_um(model, known, zeros)
+    before = None if state.by_command.earlier else known  # a pair has lost what the passport's recordings scatter by
+    agree = abs(np.mean(zeros)) > thresholds.ZERO_AGREES * _scatter_um(model, before, zeros)
     least = max(thresholds.ZERO * rms(selection.before_um), thresholds.MUCH_ZERO * model.stroke_um)
     return Offset(mean=float(np.mean(zeros)), low=float(min(zeros)), high=float(max(zeros)),
                   added=float(np.mean(zeros)) if agree and state.chosen else 0.0,
