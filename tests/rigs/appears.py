@@ -206,7 +206,8 @@ def row(label: str, found: Sequence[dict[str, Any]]) -> str:
             f"{share(lambda case: bool(case['names']) and not in_set(case)):>10}"
             f"{share(lambda case: case['verdict'] == 'unknown'):>9}{share(lambda case: case['verdict'] == 'none'):>7} |"
             f"{np.mean(np.greater(ratios, WORSE)):6.2f}{max(ratios):10.2f}"
-            f"{np.mean(np.greater(together, WORSE)):10.2f} |" + (f"{np.median(promises):8.3f}" if promises else f"{'-':>8}"))
+            f"{np.mean(np.greater(together, WORSE)):10.2f} |"
+            f"{f'{np.median(promises):.3f}' if promises else '-':>8}")
 
 
 def table(found: Sequence[dict[str, Any]]) -> str:

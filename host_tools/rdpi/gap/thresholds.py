@@ -42,6 +42,7 @@ OWN_MOTION = 2.0  # [amplitude] of a line, from which a recording moves at its f
 
 # --- can it be told from others?
 RIVAL_MARGIN = 0.08  # [of the squares] that a rival may leave more, and cannot be told; tune
+LACKING = 0.5  # [of the squares to be expected] likewise: the model's own error may favour a wrong effect; rigs
 TWIN = 0.98  # [R2] of the signature, from which another effect is its twin; tune
 TWIN_MARGIN = 1.0  # [of the squares] that a twin may leave more: the rest may be the model's misfit; tune
 ROUNDED_OFF = 0.005  # [of the squares] that a monitor shows of any amplifier beside the effect looked for; tune
