@@ -464,14 +464,14 @@ def asked(effect: str, names: list[str], rivals: list[str] = [], after: float = 
     """A case: the old model misses 2 um of every new recording, the improved one `after` um."""
     verdict = "ambiguous" if rivals else "effect" if names else "none"
     return {"family": "a", "seed": 1, "effect": effect, "names": names, "rivals": rivals, "verdict": verdict,
-            "rho": 2.0, "promised": 0.4, "realised": 0.5, "old": [[2.0, 0.0]] * 3, "new": [[2.0, 0.0], [2.0, 0.0], [after, 0.0]],
-            **more}
+            "rho": 2.0, "promised": 0.4, "realised": 0.5, "old": [[2.0, 0.0]] * 3,
+            "new": [[2.0, 0.0], [2.0, 0.0], [after, 0.0]], **more}
 
 
 def test_what_gap_says_is_counted():
-    found = [asked("delay", ["delay"], ["lag"]), asked("delay", ["lag"], ["delay"]), asked("delay", ["lag"], after=2.1),
-             asked("delay", [], rho=0.5), asked("none", [], after=2.02, rho=0.0), {"family": "a", "seed": 1,
-             "effect": "lag", "failed": "no"}]
+    found = [asked("delay", ["delay"], ["lag"]), asked("delay", ["lag"], ["delay"]),
+             asked("delay", ["lag"], after=2.1), asked("delay", [], rho=0.5), asked("none", [], after=2.02, rho=0.0),
+             {"family": "a", "seed": 1, "effect": "lag", "failed": "no"}]
     lines = appears.table(found).splitlines()
     cells = {line[:26].strip(): line[26:].split() for line in lines}
     assert cells["delay"] == "4 3 0.33 0.67 0.33 0.00 0.00 | 0.08 1.05 0.00 | 0.100".split()
