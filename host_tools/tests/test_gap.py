@@ -585,16 +585,41 @@ def test_a_disturbance_that_was_there_before_is_not_new() -> None:
     assert found.document.verdict == "effect" and name_of(found) == "periodic_disturbance"
 
 
+def moved(runs: Sequence[Recording], *zeros_um: float) -> list[Recording]:
+    """Every recording with its own zero."""
+    return [changed(run, displacement_um=run.displacement_um + zero) for run, zero in zip(runs, zeros_um, strict=True)]
+
+
+def test_the_zero_moves_where_recordings_agree_that_it_did() -> None:
+    late = later(entry("delay", delay_s=0.0034))
+    plain, stroke_um = diagnose(commissioned(), late), commissioned().stroke_um
+    assert plain.document.offset_um.added == 0 and plain.improved.offset_um == commissioned().offset_um
+    all_ = diagnose(commissioned(), moved(late, *[0.05 * stroke_um] * len(late)))
+    assert all_.document.offset_um.added == pytest.approx(0.05 * stroke_um, abs=0.005 * stroke_um)
+    assert all_.improved.offset_um - commissioned().offset_um == all_.document.offset_um.added
+    assert all_.document.offset_um.moved and any("includes their mean" in note for note in all_.document.notes)
+    some = diagnose(commissioned(), moved(late, 0.08 * stroke_um, *[0.02 * stroke_um] * (len(late) - 1)))
+    assert some.document.offset_um.mean > 0.02 * stroke_um and some.document.offset_um.added == 0
+    assert not some.document.offset_um.moved and name_of(some) == "delay"
+
+
+def test_a_single_recordings_zero_moves_if_it_moved_far() -> None:
+    """Its scatter is not known; a usual one stands for it."""
+    late = later(entry("delay", delay_s=0.0034))[:1]
+    stroke_um = commissioned().stroke_um
+    near, far = (diagnose(commissioned(), moved(late, share * stroke_um)).document.offset_um for share in (0.004, 0.1))
+    assert near.added == 0 and far.added == pytest.approx(0.1 * stroke_um, abs=0.01 * stroke_um)
+
+
 def test_the_sensors_zero_is_compared_with_the_earlier_one() -> None:
     before, now = ([changed(run, displacement_um=run.displacement_um + 3.0) for run in runs]
                    for runs in twice(entry("gain_change", factor=1.02)))
     found = diagnose(with_creep(), now, earlier=before).document
     assert abs(found.offset_um.mean) < 0.3 and not any("constant" in note for note in found.notes)
-    moved = diagnose(with_creep(), [changed(run, displacement_um=run.displacement_um + 1.0) for run in now],
-                     earlier=before)
-    assert moved.document.offset_um.mean == pytest.approx(found.offset_um.mean + 1.0, abs=0.01)
+    further = diagnose(with_creep(), moved(now, *[1.0] * len(now)), earlier=before)
+    assert further.document.offset_um.mean == pytest.approx(found.offset_um.mean + 1.0, abs=0.01)
     assert any("um from the earlier ones; these constants, one a recording, are not counted" in note
-               for note in moved.document.notes)
+               for note in further.document.notes)
 
 
 def test_a_grid_of_readings_that_was_there_before_is_not_new() -> None:

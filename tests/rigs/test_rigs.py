@@ -14,6 +14,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 sys.path.insert(0, str(HERE.parent / "withheld"))
 
+import appears  # noqa: E402
 import chain  # noqa: E402
 import loops  # noqa: E402
 import measure  # noqa: E402
@@ -443,3 +444,59 @@ def test_the_measured_record(capsys):
     assert [row[0] for row in rows] == ["defaults", "--deadzones", "--rate-window"]
     assert 0.3 < float(rows[0][1]) < 0.7 and 0.3 < float(rows[0][2]) < 1.2
     assert 0.2 < float(rows[0][3]) < 3
+
+
+# --- appears.py ------------------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("name", appears.APPEARS)
+def test_one_thing_appears(name):
+    rig = make_rig("everett", 1)
+    after = appears.APPEARS[name][1](rig, np.random.default_rng(1))
+    assert (after == rig) == (name == "none") and after is not rig and after.runs == 0
+    moved = after.put("noise", white=0.0, flicker=0.0), rig.put("noise", white=0.0, flicker=0.0)
+    wave = rig.volts(waves.drive("moves", 2000.0, 1, scale=0.2))
+    change = np.subtract(*(one.run(wave, 2000.0) for one in moved))
+    assert (np.ptp(change) > 1e-9 * rig.stroke_um) == (name not in ("none", "zero"))
+    assert (abs(np.mean(change)) > 0.01 * rig.stroke_um) or "zero" not in name
+
+
+def asked(effect: str, names: list[str], rivals: list[str] = [], after: float = 1.0, **more) -> dict:
+    """A case: the old model misses 2 um of every new recording, the improved one `after` um."""
+    verdict = "ambiguous" if rivals else "effect" if names else "none"
+    return {"family": "a", "seed": 1, "effect": effect, "names": names, "rivals": rivals, "verdict": verdict,
+            "rho": 2.0, "promised": 0.4, "realised": 0.5, "old": [[2.0, 0.0]] * 3,
+            "new": [[2.0, 0.0], [2.0, 0.0], [after, 0.0]], **more}
+
+
+def test_what_gap_says_is_counted():
+    found = [asked("delay", ["delay"], ["lag"]), asked("delay", ["lag"], ["delay"]),
+             asked("delay", ["lag"], after=2.1), asked("delay", [], rho=0.5), asked("none", [], after=2.02, rho=0.0),
+             {"family": "a", "seed": 1, "effect": "lag", "failed": "no"}]
+    lines = appears.table(found).splitlines()
+    cells = {line[:26].strip(): line[26:].split() for line in lines}
+    assert cells["delay"] == "4 3 0.33 0.67 0.33 0.00 0.00 | 0.08 1.05 0.00 | 0.100".split()
+    assert cells["none"][:10] == "1 1 0.00 0.00 0.00 0.00 1.00 | 0.00 1.01".split()
+    assert cells["all with an effect"][:2] == ["4", "3"] and cells["all"][:2] == ["5", "4"]
+    assert "delay: delay|lag 1, lag|delay 1, lag 1, none 1" in lines and lines[-1] == "failed: a 1, lag: no"
+
+
+def test_an_effect_that_appears_is_found_and_does_no_harm(tmp_path, capsys):
+    """Three fast cases; that the zero is carried over shows in the offsets of new recordings."""
+    assert appears.main(["--families", "everett", "--effects", "none;delay;delay, zero", "--rate", "2000", "--scale",
+                         "0.2", "-o", str(tmp_path)]) == 0
+    assert "failed" not in capsys.readouterr().out
+    none, late, both = appears.json.loads((tmp_path / "appears.json").read_text())
+    assert none["verdict"] == "none" and none["old"] == none["new"] and none["rho"] == pytest.approx(0, abs=0.1)
+    assert all(appears.in_set(case) and max(appears.worse(case)) < appears.WORSE for case in (late, both))
+    assert late["zero"]["added"] == 0 and abs(both["zero"]["added"]) > 0.01 * both["stroke_um"]
+    assert abs(both["new"][0][1]) < 0.3 * abs(both["old"][0][1])
+
+
+def test_a_delay_beside_what_the_model_lacks_is_not_called_a_resonance(tmp_path):
+    """Relaxation and lag that the model does not hold, and a new delay, look like a resonance of damping 0.6."""
+    sins = {"lag": {"time_constant_s": 2.5e-4}, "relaxation": {"share": 0.06, "time_constant_s": 5e-4},
+            "adc": {"bits": 16}}
+    rig = make_rig("maxwell-slip", 5, sins)
+    model = measure.commission(rig, tmp_path, 5000.0, 0.2, ["--effects", "none"])
+    late = appears.ask(rig, rig.put("delay", delay_s=1e-3), tmp_path, model, np.random.default_rng(1), 5000.0, 0.2, [])
+    assert late["verdict"] == "ambiguous" and "delay" in {late["names"][0], *late["rivals"]}

@@ -53,7 +53,9 @@ from rdpi.simulate.effects import CATALOGUE  # noqa: E402
 
 FACTORS = 0.5, 1.0, 2.0
 CHANCE = "chance_gain"
-REMARKS = {"BIN_SHARE", "BIN_RATIO", "ZERO", "MUCH_ZERO", "MUCH_LEFT", "OTHER_RATE", "WIDEN"}  # no verdict depends on
+# no verdict depends on
+REMARKS = {"BIN_SHARE", "BIN_RATIO", "ZERO", "MUCH_ZERO", "ZERO_AGREES", "ZERO_SCATTER", "MUCH_LEFT", "OTHER_RATE",
+           "WIDEN"}
 FITTED = {"OWN_MOTION"}  # what a fitted candidate depends on,
 SOLVED = {"REACH", "REFIT_FREEDOM", "CORRELATED"}  # ... and what is left of it in recordings left out
 FIGURES = "detected", "alarms", "right", "wrong", "unknown"

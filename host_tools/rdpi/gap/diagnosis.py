@@ -52,7 +52,7 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     decision = decide(given, known, without, progress)
     selection, verdict, before = decision.selection, decision.verdict, decision.selection.before_um
     state, after = selection.accepted, selection.after_um
-    offset = _offset(selection)
+    offset = _offset(selection, known)
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
     axes = localise.localise(runs, before, decision.coords, known, noise)
     notes += [*decision.notes, *_remarks_on_what_is_left(selection, verdict, offset, noise, axes)]
@@ -139,20 +139,33 @@ def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], ea
     return runs, earlier, known, notes
 
 
-def _offset(selection: Selection) -> Offset:
+def _offset(selection: Selection, known: Passport | None) -> Offset:
     """Mean of what each recording's displacement misses with all that act, beyond what the earlier one missed; no
     other figure counts it.
+
+    The improved model's zero moves by their mean only where they agree: where it exceeds what zeros scatter by, here
+    and where the model was identified. Memory, creep and the room move the zero of one recording and not of the next.
     """
     state = selection.with_starts
     now = [one.mean_residual_um(state.acting()) for one in state.by_command.model_runs]
     then = [0.0] * len(now)
     if state.by_command.earlier:
         then = [one.mean_residual_um(state.by_command.acting_then) for one in state.by_command.earlier.model_runs]
-    zeros = [float(one - other) for one, other in zip(now, then)]
-    added = float(np.average(zeros, weights=state.dataset.lengths)) if state.chosen else 0.0
-    least = max(thresholds.ZERO * rms(selection.before_um), thresholds.MUCH_ZERO * selection.given.model.stroke_um)
-    return Offset(mean=float(np.mean(zeros)), low=min(zeros), high=max(zeros), added=added,
-                  moved=min(map(abs, zeros)) > least)
+    zeros, model = np.subtract(now, then), selection.given.model
+    before = None if state.by_command.earlier else known  # a pair has lost what the passport's recordings scatter by
+    agree = abs(np.mean(zeros)) > thresholds.ZERO_AGREES * _scatter_um(model, before, zeros)
+    least = max(thresholds.ZERO * rms(selection.before_um), thresholds.MUCH_ZERO * model.stroke_um)
+    return Offset(mean=float(np.mean(zeros)), low=float(min(zeros)), high=float(max(zeros)),
+                  added=float(np.mean(zeros)) if agree and state.chosen else 0.0,
+                  moved=bool(agree and min(abs(zeros)) > least))
+
+
+def _scatter_um(model: Model, known: Passport | None, zeros: np.ndarray) -> float:
+    """Standard deviation of zeros that should be equal: of these, of those of the passport, and a usual one."""
+    before = [run.offset_um for run in known.runs if run.offset_um is not None] if known else []
+    groups = [group for group in (zeros, before) if len(group) > 1]
+    squares = (thresholds.ZERO_SCATTER * model.stroke_um) ** 2 + sum(np.var(group) * len(group) for group in groups)
+    return float(np.sqrt(squares / (1 + sum(len(group) - 1 for group in groups))))
 
 
 def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Offset, noise_um: float,

@@ -188,8 +188,10 @@ class Offset(Document):
     mean: float = json_key("mean over the recordings", "um")
     low: float = json_key("lowest of a recording", "um")
     high: float = json_key("highest of a recording", "um")
-    added: float = json_key("what the improved model's offset_um has more", "um")
-    moved: bool = json_key("true: every recording is so far off that the sensor's zero, or the mount, has changed")
+    added: float = json_key("what the improved model's offset_um has more; 0: the recordings do not agree that the "
+                            "zero moved", "um")
+    moved: bool = json_key("true: the recordings agree, and each is so far off that the sensor's zero, or the mount, "
+                           "has changed")
 
 
 @dataclass(kw_only=True)

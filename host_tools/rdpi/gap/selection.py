@@ -226,9 +226,9 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
     gains = [one.gain for one in scores if not one.was_there]
     evidence = gap.evidence + thresholds.SHRINK_WEIGHT * max([*gains, 0.0])
     best, refitted, rejected = _choose(state, scores, baseline, gap, evidence)
-    reproduced, rivals = equations.reproduced(), []
-    if best is not None:
-        rivals = _rivals(state, scores, baseline, best, refitted, reproduced)
+    reproduced = equations.reproduced()
+    rivals = [] if best is None else \
+        _rivals(state, scores, baseline, best, refitted, reproduced[scores.index(best)], gap.floor)
     if refitted and gap.ratio and gap.ratio > thresholds.NEW_RATIO:
         # What was there before explains the whole better, and something else what is new.
         rivals += [one for one, why in zip(scores, rejected) if why is None and one.name not in
@@ -296,19 +296,15 @@ def _shrink_from_command(state: AugmentedModel, one: Candidate) -> float:
 # ---- rules ----
 
 
-def few(recordings: Sequence[Any]) -> bool:
-    return len(recordings) < thresholds.FEW
-
-
 def detection_threshold(recordings: Sequence[Any]) -> float:
     """Evidence from which there is a gap."""
-    return thresholds.DETECTION_FEW if few(recordings) else thresholds.DETECTION
+    return thresholds.DETECTION_FEW if len(recordings) < thresholds.FEW else thresholds.DETECTION
 
 
 def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, gap: Excess, evidence: float
             ) -> tuple[Score | None, bool, tuple[str | None, ...]]:
     """The score to accept, if any, whether the model was refitted beside it, and why each of the others was not."""
-    born_in = thresholds.BORN_IN_FEW if few(state.recordings) else thresholds.BORN_IN
+    born_in = thresholds.BORN_IN_FEW if len(state.recordings) < thresholds.FEW else thresholds.BORN_IN
     clear = bool(gap.ratio and evidence > detection_threshold(state.recordings))
     rejected = [_why_rejected(one, bool(state.chosen), clear, born_in) for one in scores]
     open_ = [one for one, why in zip(scores, rejected) if why is None]
@@ -348,15 +344,18 @@ def _simplest(near: Sequence[Score], refitted: bool) -> Score:
 
 
 def _rivals(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, best: Score, refitted: bool,
-            reproduced: np.ndarray) -> list[Score]:
-    """Those that leave as little as the best: what these recordings cannot tell from it."""
-    result = []
-    alike = reproduced[scores.index(best)]
-    for one, r2 in zip(scores, alike):
-        if one.name == best.name or one.follows_drive or one.was_there:
+            reproduced: np.ndarray, floor: float) -> list[Score]:
+    """Those that leave as little as the best: what these recordings cannot tell from it.
+
+    What the model missed anyway, `floor`, may favour the wrong one. But a rival explains about what the best does.
+    """
+    without = baseline.least if refitted else baseline.total
+    result, lacking = [], thresholds.LACKING * min(floor, max(0.0, without - best.rest(refitted)))
+    for one, r2 in zip(scores, reproduced):
+        if one.name == best.name or one.follows_drive or one.was_there or one.contains(best):
             continue
         more = thresholds.TWIN_MARGIN if r2 > thresholds.TWIN else thresholds.RIVAL_MARGIN
-        same = one.rest(refitted) <= (1 + more) * best.rest(refitted)
+        same = one.rest(refitted) <= (1 + more) * best.rest(refitted) + lacking
         ahead = one.effect.before_monitor and best.effect.before_monitor
         if same and ahead and state.dataset.monitored:
             # A monitor's own noise is small: how an amplifier and its sampling round a delay off is not.
@@ -364,7 +363,7 @@ def _rivals(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
             same = one.monitor_left <= best.monitor_left + margin
         loops = one.effect.changes_loops and best.effect.changes_loops
         same |= loops and r2 > thresholds.ALIKE_LOOPS and _one_rate(state)
-        if same and not one.contains(best):
+        if same:
             result.append(one)
     return sorted(result, key=lambda one: one.rest(refitted))
 

@@ -7,6 +7,7 @@ half and twice of each do to the figures of the withheld check. What an effect g
 Sources:
   tune      chosen on the tuning set of tests/withheld (`check.py --set tune`): its 'none' controls and single effects
   coverage  so that intervals stated as 90 % cover 90 % of the tuning set
+  rigs      chosen on tests/rigs (`appears.py`), a family left out in turn
   judged    set when the search was written; no set is on record
 """
 
@@ -41,6 +42,7 @@ OWN_MOTION = 2.0  # [amplitude] of a line, from which a recording moves at its f
 
 # --- can it be told from others?
 RIVAL_MARGIN = 0.08  # [of the squares] that a rival may leave more, and cannot be told; tune
+LACKING = 0.5  # [of the squares to be expected] likewise: the model's own error may favour a wrong effect; rigs
 TWIN = 0.98  # [R2] of the signature, from which another effect is its twin; tune
 TWIN_MARGIN = 1.0  # [of the squares] that a twin may leave more: the rest may be the model's misfit; tune
 ROUNDED_OFF = 0.005  # [of the squares] that a monitor shows of any amplifier beside the effect looked for; tune
@@ -54,6 +56,10 @@ WIDEN = 1.3  # [width] by which bootstrapped intervals are widened; coverage
 REFIT_FREEDOM = 0.2  # [slope] standard deviation of a slope's prior when the model is refitted; judged
 CORRELATED = 30  # [samples] of the residual that count as one: what the model misses is no white noise; judged
 REACH = 0.5  # [change] share of a candidate's change, as far as its Jacobian is taken to hold; judged
+
+# --- has the zero moved?
+ZERO_AGREES = 2.5  # [scatter] of zeros, from which their mean is carried over to the improved model; rigs
+ZERO_SCATTER = 0.004  # [stroke] that zeros scatter by, worth one recording; rigs
 
 # --- what is worth a remark? No verdict depends on these.
 BIN_SHARE = 0.1  # [of the energy] in one bin; tune
