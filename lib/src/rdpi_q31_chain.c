@@ -113,7 +113,7 @@ static void report_lead(rdpi_q31_t *axis)
 }
 
 /* The step of a chain that does something. */
-static int32_t step(rdpi_q31_chain_t *self, int32_t ahead)
+static RDPI_Q31_SELDOM int32_t step(rdpi_q31_chain_t *self, int32_t ahead)
 {
     rdpi_q31_t *axis = &self->axis;
     rdpi_q31_creep_t *creep = &self->creep;
