@@ -13,6 +13,13 @@ static inline rdpi_q31_scaled_t rdpi_q31_lead_ratio(int64_t a, uint64_t b)
     return a == 0 ? none : rdpi_q31_ratio(a < 0 ? 0u - (uint64_t)a : (uint64_t)a, b);
 }
 
+/* The shift with which both ratios have 30 bits at most. */
+static inline int rdpi_q31_lead_shift(int exponent, int other)
+{
+    int shift = (exponent < other ? exponent : other) - 2;
+    return shift < 63 ? shift : 63;
+}
+
 /* A ratio with the sign of `a`, times 2^shift. */
 static inline int32_t rdpi_q31_lead_factor(rdpi_q31_scaled_t ratio, int shift, int64_t a)
 {
@@ -36,17 +43,38 @@ static inline bool rdpi_q31_lead_init(rdpi_q31_chain_t *self, const rdpi_q31_cha
     }
     rdpi_q31_scaled_t sum = rdpi_q31_lead_ratio(a, 2u * (uint64_t)T);
     rdpi_q31_scaled_t change = rdpi_q31_lead_ratio(b, (uint64_t)T * T);
-    int shift = (sum.exponent < change.exponent ? sum.exponent : change.exponent) - 2;
-    shift = shift < 63 ? shift : 63;
-    if (shift < 1) {
-        return false;
-    }
+    int shift = rdpi_q31_lead_shift(sum.exponent, change.exponent);
     lead->shift = (uint8_t)shift;
     lead->per_sum = rdpi_q31_lead_factor(sum, shift, a);
     lead->per_change = rdpi_q31_lead_factor(change, shift, b);
     self->leads = params->delay_ns > 0u || params->lead_ns > 0u || params->lead_ns2 > 0u;
     self->preview_samples = self->leads && params->preview > 0u ? samples + 1u : 0u;
-    return true;
+    return shift >= 1;
+}
+
+/* A difference of less than 2^33 in 32 bits. */
+static inline int32_t rdpi_q31_lead_narrow(int64_t difference)
+{
+    int32_t narrow = (int32_t)difference;
+    if (narrow != difference) {
+        narrow = difference < 0 ? -INT32_MAX : INT32_MAX;
+    }
+    return narrow;
+}
+
+/* The difference of the latest two references per sample, if some were missed or there is no history. */
+static RDPI_Q31_SELDOM int64_t rdpi_q31_lead_begin(rdpi_q31_chain_t *self, int32_t ahead, unsigned missed)
+{
+    rdpi_q31_lead_t *lead = &self->lead;
+    if (self->first || missed > RDPI_MAX_MISSED) {
+        self->first = false;
+        lead->before = 0;
+        return 0;
+    }
+    uint32_t way = rdpi_q31_part(rdpi_q31_distance(ahead, lead->latest), missed + 1u);
+    int64_t d = ahead > lead->latest ? (int64_t)way : -(int64_t)way;
+    lead->before = rdpi_q31_lead_narrow(d); /* on a straight line */
+    return d;
 }
 
 /* Takes a reference, and returns it with the lead added. Sets `limited` if the lead would have been more than max_lead.
@@ -55,26 +83,21 @@ static inline bool rdpi_q31_lead_init(rdpi_q31_chain_t *self, const rdpi_q31_cha
 static inline int32_t rdpi_q31_lead_step(rdpi_q31_chain_t *self, int32_t ahead, unsigned missed, bool *limited)
 {
     rdpi_q31_lead_t *lead = &self->lead;
-    if (self->first || missed > RDPI_MAX_MISSED) {
-        self->first = false;
-        lead->latest = ahead;
-        lead->before = 0;
-        missed = 0;
+    int64_t d = (int64_t)ahead - lead->latest;
+    if (self->first || missed > 0u) {
+        d = rdpi_q31_lead_begin(self, ahead, missed);
     }
-    uint32_t way = rdpi_q31_part(rdpi_q31_distance(ahead, lead->latest), missed + 1u);
-    int64_t d = ahead > lead->latest ? (int64_t)way : -(int64_t)way;
-    int64_t base = self->preview_samples > 0u ? ahead - d : ahead;
-    int32_t latest = rdpi_q31_clamp(d, -INT32_MAX, INT32_MAX);
-    int32_t before = missed > 0u ? latest : lead->before;
+    int32_t step = rdpi_q31_lead_narrow(d);
+    int32_t sum = rdpi_q31_lead_narrow((int64_t)step + lead->before);
+    int32_t change = rdpi_q31_lead_narrow((int64_t)step - lead->before);
     lead->latest = ahead;
-    lead->before = latest;
+    lead->before = step;
 
-    int32_t sum = rdpi_q31_clamp((int64_t)latest + before, -INT32_MAX, INT32_MAX);
-    int32_t change = rdpi_q31_clamp((int64_t)latest - before, -INT32_MAX, INT32_MAX);
     int64_t wish = (rdpi_q31_mul(lead->per_sum, sum) + rdpi_q31_mul(lead->per_change, change)) >> lead->shift;
     int32_t most = self->params->max_lead;
     int32_t added = rdpi_q31_clamp(wish, -most, most);
     *limited = added != wish;
+    int64_t base = self->preview_samples > 0u ? ahead - d : ahead;
     return rdpi_q31_clamp(base + added, -INT32_MAX, INT32_MAX);
 }
 

@@ -47,16 +47,16 @@ static rdpi_status_t check_pointers(uint64_t layout, const rdpi_q31_chain_t *sel
 /* Whether what comes at once and the shares of the poles fit. */
 static bool shares_fit(const rdpi_q31_chain_params_t *params)
 {
-    int64_t magnitudes = params->direct, least = params->direct;
+    int64_t positive = 0, negative = 0;
     for (size_t i = 0; i < params->poles; i++) {
         int32_t share = params->pole[i].share;
-        magnitudes += share < 0 ? -(int64_t)share : share;
-        least += share < 0 ? share : 0;
+        positive += share > 0 ? share : 0;
+        negative += share < 0 ? share : 0;
         if (params->pole[i].time_constant_ns < 1u) {
             return false;
         }
     }
-    return magnitudes <= (int64_t)1 << 31 && least >= RDPI_Q31_MIN_DIRECT;
+    return params->direct + positive - negative <= (int64_t)1 << 31 && params->direct + negative >= RDPI_Q31_MIN_DIRECT;
 }
 
 static rdpi_status_t check_params(const rdpi_q31_chain_params_t *params)
@@ -113,7 +113,7 @@ static void report_lead(rdpi_q31_t *axis)
 }
 
 /* The step of a chain that does something. */
-static int32_t step(rdpi_q31_chain_t *self, int32_t ahead)
+static RDPI_Q31_SELDOM int32_t step(rdpi_q31_chain_t *self, int32_t ahead)
 {
     rdpi_q31_t *axis = &self->axis;
     rdpi_q31_creep_t *creep = &self->creep;

@@ -45,11 +45,15 @@ CORES = {  # flags, and a machine whose SysTick counts; code for the M0 runs on 
     "M0": ("-mcpu=cortex-m0", "mps2-an385"),
 }
 CHAIN = "lib/src/rdpi_f32.c lib/src/rdpi_f32_chain.c"
+CHAIN_Q31 = "lib/src/rdpi_q31.c lib/src/rdpi_q31_chain.c"
 ENGINES = {  # what is compiled, and flags
     "f32": ("lib/src/rdpi_f32.c", "-DENGINE=\"f32.h\""),
     "f32_plain": (CHAIN, "-DENGINE=\"f32_chain.h\" -DLEADS=0 -DPOLES=0"),
     "f32_lead": (CHAIN, "-DENGINE=\"f32_chain.h\" -DLEADS=1 -DPOLES=0"),
     "f32_creep": (CHAIN, "-DENGINE=\"f32_chain.h\" -DLEADS=1 -DPOLES=5"),
+    "q31_plain": (CHAIN_Q31, "-DENGINE=\"q31_chain.h\" -DLEADS=0 -DPOLES=0"),
+    "q31_lead": (CHAIN_Q31, "-DENGINE=\"q31_chain.h\" -DLEADS=1 -DPOLES=0"),
+    "q31_creep": (CHAIN_Q31, "-DENGINE=\"q31_chain.h\" -DLEADS=1 -DPOLES=5"),
     "q31": ("lib/src/rdpi_q31.c", "-DENGINE=\"q31.h\""),
     "formula": ("tests/benchmark/instructions/formula.c", "-DENGINE=\"formula.h\""),
     "formula_linear": ("tests/benchmark/instructions/formula.c", "-DENGINE=\"formula.h\" -DFORMULA_LINEAR"),
@@ -159,9 +163,9 @@ def write_case(case: Case, folder: Path) -> None:
     lines = []
     for name, values in series.items():
         values = values.round(6)  # the same on every machine
-        if case.engine == "q31":
+        if case.engine.startswith("q31"):
             values = parameters.integers(values, scale.um_per_reference, scale.offset_um)
-        lines.append(array("int32_t" if case.engine == "q31" else "float", name, values))
+        lines.append(array("int32_t" if case.engine.startswith("q31") else "float", name, values))
     (folder / "case.h").write_text(f"#include <stdint.h>\n{''.join(lines)}")
 
 

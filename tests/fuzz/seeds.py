@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""Writes the seeds that libFuzzer would hardly guess: parameters that any_f32 and any_q31 see accepted."""
+"""Writes the seeds that libFuzzer would hardly guess: parameters that the fuzzers of the library see accepted."""
 
 import itertools
+import random
 import struct
 from pathlib import Path
 
@@ -41,6 +42,8 @@ SEEDS = {
     "any_q31/dac": q31(0, 10, 4, 16, 300000, 0, 0),
     "any_q31/negative-gain": q31(4, 16, 8, 20, 1600000, 1000000, 2**46),
     "any_q31/slew": q31(0, 3, 2, 12, 0, 50000, 2**45),
+    # valid by construction, whatever the bytes are; long enough for calls
+    **{f"chain_q31/random-{seed}": bytes([0]) + random.Random(seed).randbytes(2000) for seed in range(8)},
 }
 for name, content in SEEDS.items():
     (CORPUS / name).parent.mkdir(parents=True, exist_ok=True)

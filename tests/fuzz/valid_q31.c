@@ -1,100 +1,15 @@
 /* Parameters that are valid by construction are accepted, and keep their promises for any samples and calls. */
-#include "q31.h"
-
-/* A whole number from `low` to `high`; small ones are as likely as large ones. */
-static int64_t take_whole(int64_t low, int64_t high)
-{
-    uint64_t span = (uint64_t)high - (uint64_t)low;
-    uint8_t how = take_u8();
-    uint64_t value = ((uint64_t)take_u32() << 32 | take_u32()) >> how % 64;
-    value = span == UINT64_MAX ? value : value % (span + 1);
-    return (int64_t)(how < 128 ? (uint64_t)low + value : (uint64_t)high - value);
-}
-
-static int64_t least(int64_t a, int64_t b)
-{
-    return a < b ? a : b;
-}
-
-static int64_t most(int64_t a, int64_t b)
-{
-    return a > b ? a : b;
-}
-
-/* Slopes of the pieces are positive, magnitudes of the weights add up to 2^31 at most. */
-static void take_stage(rdpi_q31_deadzone_t *term, size_t count)
-{
-    int64_t largest = least(((int64_t)1 << 31) / (int64_t)count, INT32_MAX), d = 0, slope = 0;
-    for (size_t j = 0; j < count; j++) {
-        int64_t above = take_whole(1, largest);
-        term[j].d = (int32_t)d;
-        term[j].weight = (int32_t)(above - slope);
-        slope = above;
-        d += take_whole(1, INT32_MAX / RDPI_MAX_DEADZONES);
-    }
-}
+#include "valid_q31.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     axis_t self;
-    rdpi_q31_play_t play[RDPI_MAX_PLAYS];
-    rdpi_q31_deadzone_t saturation[RDPI_MAX_DEADZONES], inverse[RDPI_MAX_DEADZONES];
-    int32_t memory[RDPI_MAX_PLAYS];
+    valid_q31_t valid;
     input = data;
     input_left = size;
 
-    int64_t window = take_whole(1, RDPI_MAX_WINDOW);
-    uint32_t sample_time_ns = (uint32_t)take_whole(1, UINT32_MAX / window);
-    int64_t min_drive = take_whole(-RDPI_Q31_MAX_DRIVE, RDPI_Q31_MAX_DRIVE - 1);
-    int64_t max_drive = take_whole(min_drive + 1, RDPI_Q31_MAX_DRIVE);
-    uint64_t sweep_per_us = (uint64_t)take_whole(1000, INT64_MAX);
-    uint64_t guard_mantissa = (uint64_t)take_whole((int64_t)1 << 31, UINT32_MAX);
-    int guard_bits; /* of the distance at the guard, per window */
-    (void)frexp((double)(guard_mantissa * (uint64_t)window * sample_time_ns >> 11), &guard_bits);
-    guard_bits += 11;
-    params_t params = {
-        .schema = RDPI_PARAMS_SCHEMA,
-        .plays = (uint16_t)(1 + take_u8() % RDPI_MAX_PLAYS),
-        .deadzones = (uint16_t)(1 + take_u8() % RDPI_MAX_DEADZONES),
-        .dac_bits = take_u8() % RDPI_MAX_DAC_BITS,
-        .sweep_cycles = (uint16_t)(1 + take_u16() % 50),
-        .sweep_per_us = sweep_per_us,
-        .slew_per_us = take_u8() % 2 ? (uint64_t)take_whole((int64_t)sweep_per_us, INT64_MAX) : 0,
-        .saturation_shift = take_u8() % 63,
-        .inverse_shift = take_u8() % 63,
-        .guard_exponent = (int16_t)(1 - guard_bits + take_u8() % 63),
-        .guard_mantissa = (uint32_t)guard_mantissa,
-        .min_slope_ratio = (uint16_t)take_whole(1, UINT16_MAX),
-        .rate_window_ns = (uint32_t)(window * sample_time_ns),
-        .rate_filter_ns = take_u8() % 2 ? (uint32_t)take_whole(0, UINT32_MAX) : 0,
-        .min_drive = (int32_t)min_drive,
-        .max_drive = (int32_t)max_drive,
-        .sweep_end = (int32_t)take_whole(min_drive, max_drive),
-        .sweep_forgotten = RDPI_Q31_ONE / 4,
-        .play = play,
-        .saturation = saturation,
-        .inverse_saturation = inverse,
-        .memory = memory,
-    };
-    params.dac_bits += params.dac_bits > 0; /* not 1: a step of 2^30 has no format */
-    derive_codes(&params, take_u8() % 2);
-    int64_t r = 0, y = take_whole(min_drive, max_drive);
-    for (size_t i = 0; i < params.plays; i++) {
-        int64_t gap = i > 0 ? take_whole(1, RDPI_Q31_MAX_DRIVE / RDPI_MAX_PLAYS) : 0;
-        int64_t slope = take_whole(RDPI_Q31_MIN_SLOPE, RDPI_Q31_ONE);
-        int64_t lowest = (params.min_slope_ratio * slope + 65535) / 65536;
-        r += gap;
-        y = most(least(y + take_whole(-gap, gap), RDPI_Q31_MAX_DRIVE), -RDPI_Q31_MAX_DRIVE);
-        memory[i] = (int32_t)y;
-        play[i].r = (int32_t)r;
-        play[i].slope = (int32_t)slope;
-        play[i].slope_rate = (int32_t)(take_whole(most(lowest, RDPI_Q31_MIN_SLOPE), RDPI_Q31_ONE) - slope);
-    }
-    take_stage(saturation, params.deadzones);
-    take_stage(inverse, params.deadzones);
-    params.digest = rdpi_q31_digest(&params);
-
-    rdpi_status_t status = rdpi_q31_init(&self, &params, sample_time_ns);
+    take_valid(&valid);
+    rdpi_status_t status = rdpi_q31_init(&self, &valid.params, valid.sample_time_ns);
     if (status != RDPI_OK) {
         fprintf(stderr, "%d: %s\n", status, rdpi_status_text(status));
     }

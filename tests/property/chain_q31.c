@@ -4,8 +4,8 @@
  * The reference is written from the equations of rdpi/f32_chain.h and shares no code with the library. Its
  * displacements, rounded, go to a second instance of the operator, whose drives must be those of the chain. In every
  * other case all its poles move in every sample; in the others the slow ones take turns, as those of the library do,
- * and what is left is rounding alone. Also prints a checksum of every result, which must be the same for every compiler,
- * word size and processor.
+ * and what is left is rounding alone. Also prints a checksum of every result, which must be the same for every
+ * compiler, word size and processor.
  *
  *     chain_q31 [HOURS]     so many hours at 20 kHz */
 #include <math.h>
@@ -395,7 +395,8 @@ static void run_hours(double hours)
         slow += exact[i] / 32;
     }
     double off = fabs(ldexp((double)creep->slow, -30) - slow) / stroke;
-    printf("%.1f hours at 20 kHz: states off by %.1e of the stroke at most, what the slow poles add by %.1e\n", hours, worst, off);
+    printf("%.1f hours at 20 kHz: states off by %.1e of the stroke at most, what the slow poles add by %.1e\n", hours,
+           worst, off);
     require(worst <= 1e-4 && off <= 1e-5, "drifts");
 }
 
@@ -406,8 +407,8 @@ int main(int argc, char **argv)
         run_case();
     }
     printf("checksum of all results: %08lx\n", (unsigned long)total.checksum);
-    printf("%lu steps; clipped %lu, lead limited %lu, held %lu, after missed %lu, with slow poles exact %lu\n", total.steps,
-           total.clipped, total.led, total.held, total.missed, total.slow);
+    printf("%lu steps; clipped %lu, lead limited %lu, held %lu, after missed %lu, with slow poles exact %lu\n",
+           total.steps, total.clipped, total.led, total.held, total.missed, total.slow);
     printf("displacement off by %.0f units at most; slow poles late by %.2f of what they may be\n", total.worst_h,
            total.worst_late);
     printf("drive, of full scale: worst 2^%.2f, rms 2^%.2f\n", log2(total.worst_drive / RDPI_Q31_MAX_DRIVE),
