@@ -188,8 +188,8 @@ def test_missed_samples_reach_the_chain() -> None:
         expected = one.step(held).drive_V[33:]
         other.step(held[:30])
         other.missed(3)
-        # In single precision, slow poles move in turns: not in the same order after a gap.
-        near_V = 5e-5 * (model.drive.max_V - model.drive.min_V) if name == "f32" else 0
+        # Where slow poles move in turns, a gap changes the order.
+        near_V = 5e-5 * (model.drive.max_V - model.drive.min_V) if name != "f64" else 0
         assert other.step(held[33:]).drive_V == pytest.approx(expected, rel=1e-12, abs=near_V)
 
 
