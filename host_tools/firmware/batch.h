@@ -63,15 +63,22 @@ typedef struct {
     rdpi_real_t from_um, to_um, slope, intercept_um;
 } rdpi_f32_piece_t;
 typedef struct {
+    rdpi_real_t to_V, to_um, middle_um, reach_um, gain_um_per_V, V_per_um, offset_V, from_code, to_code;
+    rdpi_real_t codes_per_um, code_of_x_0, um_per_code, x_of_code_0_um;
+} rdpi_f32_line_t;
+typedef struct {
     uint32_t schema, digest;
-    uint16_t plays, deadzones, dac_bits, sweep_cycles;
-    rdpi_real_t gain_um_per_V, V_per_um, offset_V, offset_um;
+    uint16_t plays, deadzones;
+    uint8_t dac_bits, curve_pieces;
+    uint16_t sweep_cycles;
+    rdpi_real_t offset_um;
     rdpi_real_t rate_window_s, rate_filter_s, max_um_per_s, min_slope_ratio;
     rdpi_real_t min_V, max_V, slew_V_per_s, sweep_V_per_s, sweep_end_V, sweep_forgotten;
-    rdpi_real_t last_code, codes_per_um, code_of_x_0, um_per_code, x_of_code_0_um, V_per_code;
+    rdpi_real_t last_code, V_per_code;
     const rdpi_f32_play_t *play;
     const rdpi_f32_deadzone_t *saturation;
     const rdpi_f32_piece_t *inverse_saturation;
+    const rdpi_f32_line_t *curve;
     const rdpi_real_t *memory_um;
 } rdpi_f32_params_t;
 typedef struct {

@@ -41,6 +41,8 @@ const char *rdpi_status_text(rdpi_status_t status)
         return "parameters differ from those generated, or are of another number type: generate or flash them again";
     case RDPI_ERR_SIZE:
         return "library and application were compiled with different RDPI_MAX_PLAYS, RDPI_MAX_WINDOW or number type";
+    case RDPI_ERR_CURVE:
+        return "input curve: needs 1 to 8 pieces in order, without gaps, all rising or all falling, with ends at codes";
     }
     return "unknown status";
 }

@@ -9,13 +9,14 @@
 
 #include "rdpi/rdpi.h"
 
-#if RDPI_PARAMS_SCHEMA != 4
-#error "these parameters have schema 4, the library another: generate them again with its own rdpi"
+#if RDPI_PARAMS_SCHEMA != 5
+#error "these parameters have schema 5, the library another: generate them again with its own rdpi"
 #endif
 
 #define RDPI_PARAMS_PLAYS 10 /* n + 1 */
 #define RDPI_PARAMS_DEADZONES 3 /* m + 1 */
 #define RDPI_PARAMS_DAC_BITS 16 /* 0: output not quantised */
+#define RDPI_PARAMS_CURVE_PIECES 1 /* of the input curve; 1: it is straight */
 #define RDPI_PARAMS_MIN_V (-20.0) /* output range, double: code 0 ... */
 #define RDPI_PARAMS_MAX_V (120.0) /* ... and the last one */
 
@@ -60,6 +61,14 @@ static const rdpi_f32_piece_t rdpi_params_inverse_saturation[] = {
 typedef char rdpi_params_inverse_saturation_check[
     sizeof rdpi_params_inverse_saturation == RDPI_PARAMS_DEADZONES * sizeof(rdpi_f32_piece_t) ? 1 : -1];
 
+/* input curve: to V, um; middle, reach, um; gain, um/V, and 1 / gain; offset_V; codes from, to; x to code and back */
+static const rdpi_f32_line_t rdpi_params_curve[] = {
+    {120.000000f, 15.0000000f, 6.25000000f, 8.75000000f, 0.125000000f, 8.00000000f, 0.00000000f,
+    0.00000000f, 65535.0000f, 3744.85718f, 9362.64258f, 0.000267032883f, -2.50000000f},
+};
+typedef char rdpi_params_curve_check[
+    sizeof rdpi_params_curve == RDPI_PARAMS_CURVE_PIECES * sizeof(rdpi_f32_line_t) ? 1 : -1];
+
 /* y_0 ... y_n, um: the plays at power up; y_0 is x */
 static const rdpi_real_t rdpi_params_memory_um[] = {
     0.00000000f, 0.00000000f, 0.00000000f, 0.00000000f, 0.00000000f, 0.00000000f,
@@ -69,15 +78,13 @@ typedef char rdpi_params_memory_um_check[
     sizeof rdpi_params_memory_um == RDPI_PARAMS_PLAYS * sizeof(rdpi_real_t) ? 1 : -1];
 
 static const rdpi_f32_params_t rdpi_params = {
-    4u, /* schema */
-    0x311B6B8Au, /* digest of what follows */
+    5u, /* schema */
+    0xB4BC5937u, /* digest of what follows */
     RDPI_PARAMS_PLAYS,
     RDPI_PARAMS_DEADZONES,
     RDPI_PARAMS_DAC_BITS,
+    RDPI_PARAMS_CURVE_PIECES,
     20, /* sweep_cycles: of the start-up sweep */
-    0.125000000f, /* gain_um_per_V, um/V: x = gain (V - offset_V) */
-    8.00000000f, /* V_per_um, 1 / gain */
-    0.00000000f, /* offset_V, V */
     0.00000000f, /* offset_um, um: displacement = z + offset_um */
     0.00100000005f, /* rate_window_s, s: the rate is a difference over this time ... */
     0.000500000024f, /* rate_filter_s, s: ... through a low-pass of this time constant */
@@ -90,14 +97,11 @@ static const rdpi_f32_params_t rdpi_params = {
     0.00000000f, /* sweep_end_V, V: ... and where it ends */
     0.00000000f, /* sweep_forgotten, share of what the sweep leaves in the plays that the actuator forgets */
     65535.0000f, /* last_code, 2^DAC_BITS - 1 */
-    3744.85718f, /* codes_per_um, DAC code = codes_per_um x + code_of_x_0, cut to an integer */
-    9362.64258f, /* code_of_x_0 */
-    0.000267032883f, /* um_per_code, um: x = um_per_code code + x_of_code_0_um */
-    -2.50000000f, /* x_of_code_0_um, um */
     0.00213626307f, /* V_per_code, V: drive = V_per_code code + min_V */
     rdpi_params_play,
     rdpi_params_saturation,
     rdpi_params_inverse_saturation,
+    rdpi_params_curve,
     rdpi_params_memory_um,
 };
 
@@ -165,7 +169,7 @@ typedef char rdpi_params_q31_memory_check[
     sizeof rdpi_params_q31_memory == RDPI_PARAMS_PLAYS * sizeof(int32_t) ? 1 : -1];
 
 static const rdpi_q31_params_t rdpi_params_q31 = {
-    4u, /* schema */
+    5u, /* schema */
     0x420FF246u, /* digest of what follows */
     0ull, /* slew_per_us: largest change of the output, drive units per us times 2^32; 0: unlimited */
     107605955786096ull, /* sweep_per_us: speed of the start-up sweep, likewise */

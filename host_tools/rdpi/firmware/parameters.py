@@ -4,6 +4,7 @@ what each one is."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -26,10 +27,8 @@ class F32:
     plays: int
     deadzones: int
     dac_bits: int
+    curve_pieces: int
     sweep_cycles: int
-    gain_um_per_V: float
-    V_per_um: float
-    offset_V: float
     offset_um: float
     rate_window_s: float
     rate_filter_s: float
@@ -42,14 +41,11 @@ class F32:
     sweep_end_V: float
     sweep_forgotten: float
     last_code: float
-    codes_per_um: float
-    code_of_x_0: float
-    um_per_code: float
-    x_of_code_0_um: float
     V_per_code: float
     play: np.ndarray  # (n + 1, 5): r, slope, slope_rate, intercept, intercept_rate
     saturation: np.ndarray  # (m + 1, 2): d, weight
     inverse_saturation: np.ndarray  # (m + 1, 4): from, to, slope, intercept
+    curve: np.ndarray  # (1 to 8, 13): the fields of rdpi_f32_line_t in their order
     memory_um: np.ndarray  # (n + 1,)
 
 
@@ -68,37 +64,57 @@ def f32(model: Model, dtype: type = np.float32) -> F32:
     with np.errstate(all="ignore"):
         r, slopes, slope_rates = map(rounded, (model.thresholds_um, model.slopes, model.slope_rate_s_per_um))
         d, weights = map(rounded, (model.deadzones_um, model.deadzone_weights))
-        gain = float(rounded(model.gain_um_per_V))
+        limits_V = float(rounded(drive.min_V)), float(rounded(drive.max_V))
         corners, inverse = inverse_saturation(d, weights)
         numbers = dict(
-            gain_um_per_V=gain, V_per_um=1 / gain if gain else 0.0, offset_V=model.offset_V, offset_um=model.offset_um,
+            offset_um=model.offset_um,
             rate_window_s=rate.window_s, rate_filter_s=rate.filter_s, max_um_per_s=rate.max_um_per_s,
             min_slope_ratio=rate.min_slope_ratio, min_V=drive.min_V, max_V=drive.max_V,
             slew_V_per_s=drive.slew_V_per_s or 0.0, sweep_V_per_s=drive.sweep_speed(), sweep_end_V=model.sweep_end(),
             sweep_forgotten=1 - model.memory.followed_share(),
-            **_codes(gain, *(float(rounded(volt)) for volt in (drive.min_V, drive.max_V, model.offset_V)),
-                     drive.dac_bits or 0, dtype))
+            **_codes(*limits_V, drive.dac_bits or 0, dtype))
+        curve = _curve(model, *limits_V, rounded)
         play = (r, slopes, slope_rates, intercepts(r, slopes), intercepts(r, slope_rates))
         return F32(
-            len(r), len(d), drive.dac_bits or 0, drive.sweep_cycles,
+            len(r), len(d), drive.dac_bits or 0, len(curve), drive.sweep_cycles,
             **{key: float(rounded(value)) for key, value in numbers.items()},
             play=np.stack(play, axis=1).astype(dtype), saturation=np.stack([d, weights], axis=1).astype(dtype),
             inverse_saturation=_pieces(d, corners, np.cumsum(inverse), float(rounded(model.offset_um))).astype(dtype),
-            memory_um=np.array(model.memory.plays_um, dtype))
+            curve=curve.astype(dtype), memory_um=np.array(model.memory.plays_um, dtype))
 
 
-def _codes(gain: float, min_V: float, max_V: float, offset_V: float, bits: int, dtype: type) -> dict[str, float]:
-    """From x to DAC codes, and from codes to x and drives."""
-    if not (bits and gain and max_V > min_V):
-        return dict.fromkeys(("last_code", "codes_per_um", "code_of_x_0", "um_per_code", "x_of_code_0_um", "V_per_code"), 0.0)
+def _codes(min_V: float, max_V: float, bits: int, dtype: type) -> dict[str, float]:
+    """From DAC codes to drives."""
+    if not (bits and max_V > min_V):
+        return {"last_code": 0.0, "V_per_code": 0.0}
     last = 2**bits - 1
-    V_per_code = np.float64(max_V - min_V) / last
-    step_V = dtype(V_per_code)  # with which the last code is inside the range, rounded once or twice
+    step_V = dtype(np.float64(max_V - min_V) / last)  # with which the last code is inside the range, rounded once or twice
     while step_V > 0 and max(min_V + last * float(step_V), dtype(min_V) + dtype(last) * step_V) > max_V:
         step_V = np.nextafter(step_V, dtype(0))
-    return {"last_code": last, "codes_per_um": 1 / (gain * V_per_code),
-            "code_of_x_0": (offset_V - min_V) / V_per_code + 0.5,
-            "um_per_code": gain * V_per_code, "x_of_code_0_um": gain * (min_V - offset_V), "V_per_code": step_V}
+    return {"last_code": last, "V_per_code": step_V}
+
+
+def _curve(model: Model, min_V: float, max_V: float, rounded: Callable[[float], np.ndarray]) -> np.ndarray:
+    """Rows of the input curve, from x to DAC codes and back. Pieces end at codes, where there are codes."""
+    points, bits = model.drive.curve_V, model.drive.dac_bits or 0
+    step_V = np.float64(max_V - min_V) / (2**bits - 1) if bits and max_V > min_V else 0.0
+    ends_V = [min_V, *(volt for volt, _ in points[1:-1]), max_V]
+    if step_V:
+        ends_V[1:-1] = [min_V + step_V * np.rint((volt - min_V) / step_V) for volt in ends_V[1:-1]]
+    gain, offset_V = float(rounded(model.gain_um_per_V)), float(rounded(model.offset_V))
+    rows = []
+    for k, (from_V, to_V) in enumerate(zip(ends_V, ends_V[1:])):
+        if points:
+            ends_um = [model.gain_um_per_V * (model.drive.at_plays(volt) - model.offset_V) for volt in (from_V, to_V)]
+            gain = float(rounded((ends_um[1] - ends_um[0]) / (to_V - from_V)))
+            offset_V = float(rounded(to_V - ends_um[1] / gain))
+        codes = [0.0] * 6
+        if step_V and gain:
+            codes = [np.rint((from_V - min_V) / step_V), np.rint((to_V - min_V) / step_V), 1 / (gain * step_V),
+                     (offset_V - min_V) / step_V + 0.5, gain * step_V, gain * (min_V - offset_V)]
+        middle_um, reach_um = gain * ((from_V + to_V) / 2 - offset_V), abs(gain) * (to_V - from_V) / 2
+        rows.append([to_V, gain * (to_V - offset_V), middle_um, reach_um, gain, 1 / gain if gain else 0.0, offset_V, *codes])
+    return np.array([[float(rounded(value)) for value in row] for row in rows])
 
 
 def _pieces(d: np.ndarray, corners: np.ndarray, slopes: np.ndarray, offset_um: float) -> np.ndarray:
