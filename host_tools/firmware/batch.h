@@ -111,16 +111,23 @@ typedef struct {
     int32_t d, weight;
 } rdpi_q31_deadzone_t;
 typedef struct {
+    int32_t from_drive, from_x, x_per_drive, drive_per_x;
+    uint32_t x_shift, drive_shift;
+} rdpi_q31_line_t;
+typedef struct {
     uint32_t schema, digest;
     uint64_t slew_per_us, sweep_per_us;
-    uint16_t plays, deadzones, dac_bits, sweep_cycles;
+    uint16_t plays, deadzones;
+    uint8_t dac_bits, curve_pieces;
+    uint16_t sweep_cycles;
     uint8_t saturation_shift, inverse_shift, code_shift, drive_shift;
     int16_t guard_exponent;
     uint16_t min_slope_ratio;
     uint32_t guard_mantissa, rate_window_ns, rate_filter_ns;
-    int32_t min_drive, max_drive, drive_of_code_0, codes_per_drive, drive_per_code, sweep_end, sweep_forgotten;
+    int32_t min_drive, max_drive, min_x, max_x, drive_of_code_0, codes_per_drive, drive_per_code, sweep_end, sweep_forgotten;
     const rdpi_q31_play_t *play;
     const rdpi_q31_deadzone_t *saturation, *inverse_saturation;
+    const rdpi_q31_line_t *curve;
     const int32_t *memory;
 } rdpi_q31_params_t;
 typedef struct {

@@ -153,7 +153,9 @@ static rdpi_status_t rdpi_f32_check_curve(const rdpi_f32_params_t *params)
         }
         if (before != NULL) {
             rdpi_real_t x_um = rdpi_f32_x_of_drive(line, from_V);
-            rdpi_real_t slack_um = ROUNDING * (fabs(x_um) + fabs(line->gain_um_per_V) * (params->max_V - params->min_V));
+            rdpi_real_t slack_V = params->max_V - params->min_V + fabs(from_V) / 16;
+            rdpi_real_t gains = fabs(line->gain_um_per_V) + fabs(before->gain_um_per_V);
+            rdpi_real_t slack_um = ROUNDING * (fabs(x_um) + gains * slack_V);
             if (line->gain_um_per_V * before->gain_um_per_V <= 0 ||
                 fabs(x_um - rdpi_f32_x_of_drive(before, from_V)) > slack_um) {
                 return RDPI_ERR_CURVE;

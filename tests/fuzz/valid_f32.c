@@ -42,7 +42,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     params.sweep_forgotten = (rdpi_real_t)0.25;
     params.sweep_end_V = (rdpi_real_t)(min_V + span_V * take_between(0.01, 0.99));
 
-    unsigned most = params.dac_bits > 0 && params.dac_bits < 3 ? (1u << params.dac_bits) - 1u : RDPI_MAX_CURVE_PIECES;
+    unsigned most = params.dac_bits > 0 && params.dac_bits <= 3 ? (1u << params.dac_bits) - 1u : RDPI_MAX_CURVE_PIECES;
     params.curve_pieces = (uint8_t)(1 + take_u8() % most);
     for (size_t k = 0; k < params.curve_pieces; k++) {
         double share = ((double)k + take_between(0.6, 1.4)) / params.curve_pieces;

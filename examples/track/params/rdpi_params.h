@@ -160,6 +160,13 @@ static const rdpi_q31_deadzone_t rdpi_params_q31_inverse_saturation[] = {
 typedef char rdpi_params_q31_inverse_saturation_check[
     sizeof rdpi_params_q31_inverse_saturation == RDPI_PARAMS_DEADZONES * sizeof(rdpi_q31_deadzone_t) ? 1 : -1];
 
+/* input curve: from drive and x; x per drive and drive per x, times 2 to the shifts; not read if straight */
+static const rdpi_q31_line_t rdpi_params_q31_curve[] = {
+    {0, 0, 0, 0, 0, 0},
+};
+typedef char rdpi_params_q31_curve_check[
+    sizeof rdpi_params_q31_curve == RDPI_PARAMS_CURVE_PIECES * sizeof(rdpi_q31_line_t) ? 1 : -1];
+
 /* y_0 ... y_n: the plays at power up; y_0 is x */
 static const int32_t rdpi_params_q31_memory[] = {
     0, 0, 0, 0, 0, 0,
@@ -170,12 +177,13 @@ typedef char rdpi_params_q31_memory_check[
 
 static const rdpi_q31_params_t rdpi_params_q31 = {
     5u, /* schema */
-    0x420FF246u, /* digest of what follows */
+    0x27C82A86u, /* digest of what follows */
     0ull, /* slew_per_us: largest change of the output, drive units per us times 2^32; 0: unlimited */
     107605955786096ull, /* sweep_per_us: speed of the start-up sweep, likewise */
     10, /* plays */
     3, /* deadzones */
     16, /* dac_bits */
+    1, /* curve_pieces: of the input curve; 1: it is straight */
     20, /* sweep_cycles: of the start-up sweep */
     29, /* saturation_shift: of the weights of S */
     31, /* inverse_shift: of the weights of S^-1 */
@@ -188,6 +196,8 @@ static const rdpi_q31_params_t rdpi_params_q31 = {
     500000u, /* rate_filter_ns: ns: ... through a low-pass of this time constant */
     -89478443, /* min_drive: output range */
     536870656, /* max_drive */
+    -89478443, /* min_x: x there */
+    536870656, /* max_x */
     -89478443, /* drive_of_code_0 */
     1840673060, /* codes_per_drive: times 2^code_shift */
     1252717313, /* drive_per_code: times 2^drive_shift */
@@ -196,6 +206,7 @@ static const rdpi_q31_params_t rdpi_params_q31 = {
     rdpi_params_q31_play,
     rdpi_params_q31_saturation,
     rdpi_params_q31_inverse_saturation,
+    rdpi_params_q31_curve,
     rdpi_params_q31_memory,
 };
 

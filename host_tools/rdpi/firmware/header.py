@@ -57,6 +57,8 @@ Q31_TABLES = {
     "play": ("rdpi_q31_play_t", "PLAYS", "r; W at rate 0, and its change up to the guard; 2^30 is the largest W"),
     "saturation": ("rdpi_q31_deadzone_t", "DEADZONES", "S (eq. 8): d; weight"),
     "inverse_saturation": ("rdpi_q31_deadzone_t", "DEADZONES", "S^-1 (eq. 13): d; weight"),
+    "curve": ("rdpi_q31_line_t", "CURVE_PIECES",
+              "input curve: from drive and x; x per drive and drive per x, times 2 to the shifts; not read if straight"),
     "memory": ("int32_t", "PLAYS", "y_0 ... y_n: the plays at power up; y_0 is x"),
 }
 Q31_SCALARS = {
@@ -65,6 +67,7 @@ Q31_SCALARS = {
     "plays": ("", ""),
     "deadzones": ("", ""),
     "dac_bits": ("", ""),
+    "curve_pieces": ("", "of the input curve; 1: it is straight"),
     "sweep_cycles": ("", "of the start-up sweep"),
     "saturation_shift": ("", "of the weights of S"),
     "inverse_shift": ("", "of the weights of S^-1"),
@@ -77,6 +80,8 @@ Q31_SCALARS = {
     "rate_filter_ns": ("u", "ns: ... through a low-pass of this time constant"),
     "min_drive": ("", "output range"),
     "max_drive": ("", ""),
+    "min_x": ("", "x there"),
+    "max_x": ("", ""),
     "drive_of_code_0": ("", ""),
     "codes_per_drive": ("", "times 2^code_shift"),
     "drive_per_code": ("", "times 2^drive_shift"),
