@@ -124,7 +124,8 @@ typedef struct {
     int16_t guard_exponent;
     uint16_t min_slope_ratio;
     uint32_t guard_mantissa, rate_window_ns, rate_filter_ns;
-    int32_t min_drive, max_drive, min_x, max_x, drive_of_code_0, codes_per_drive, drive_per_code, sweep_end, sweep_forgotten;
+    int32_t min_drive, max_drive, min_x, max_x;
+    int32_t drive_of_code_0, codes_per_drive, drive_per_code, sweep_end, sweep_forgotten;
     const rdpi_q31_play_t *play;
     const rdpi_q31_deadzone_t *saturation, *inverse_saturation;
     const rdpi_q31_line_t *curve;

@@ -241,11 +241,22 @@ def test_a_model_beyond_fixed_point_has_floats_alone_and_says_why(model: Model, 
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.parametrize("gain", [-0.1, 0.1])
+def test_a_bent_input_curve_is_a_table(model: Model, compiled: Callable, gain: float) -> None:
+    points = ((-20.2, -20.2), *((10.0 * k, 10 * k + 0.002 * k**3) for k in range(4, 11)), (120.3, 123.0))
+    model = replace(model, gain_um_per_V=gain, offset_V=50.1, drive=replace(model.drive, curve_V=points))
+    text = render(model)
+    assert "#define RDPI_PARAMS_CURVE_PIECES 8" in text and max(map(len, text.splitlines())) <= 120
+    for main in (INIT, INIT_Q31):
+        done = compiled(main, {"rdpi_params.h": text})
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_the_digest_is_the_crc_of_the_fields_in_their_order(seed: int) -> None:
     single = parameters.f32(random_model(seed, plays=seed, deadzones=seed % 3))
-    data = struct.pack("<2H2BH13f", single.plays, single.deadzones, single.dac_bits, single.curve_pieces, single.sweep_cycles,
-                       *(getattr(single, field) for field in SCALARS))
+    data = struct.pack("<2H2BH13f", single.plays, single.deadzones, single.dac_bits, single.curve_pieces,
+                       single.sweep_cycles, *(getattr(single, field) for field in SCALARS))
     data += b"".join(getattr(single, field).astype("<f4").tobytes() for field in TABLES)
     assert firmware.digest(single) == zlib.crc32(data)
 
