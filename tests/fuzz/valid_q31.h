@@ -8,6 +8,7 @@ typedef struct {
     params_t params;
     rdpi_q31_play_t play[RDPI_MAX_PLAYS];
     rdpi_q31_deadzone_t saturation[RDPI_MAX_DEADZONES], inverse[RDPI_MAX_DEADZONES];
+    rdpi_q31_line_t curve[RDPI_MAX_CURVE_PIECES];
     int32_t memory[RDPI_MAX_PLAYS];
     uint32_t sample_time_ns;
 } valid_q31_t;
@@ -45,6 +46,26 @@ static void take_stage(rdpi_q31_deadzone_t *term, size_t count)
     }
 }
 
+/* Up to RDPI_MAX_CURVE_PIECES pieces of slopes 1/8 to 1 between x and drive. */
+static void take_curve(valid_q31_t *self)
+{
+    params_t *params = &self->params;
+    int64_t x = params->min_drive, end = (int64_t)params->max_drive - params->min_drive;
+    unsigned pieces = 1u + take_u8() % RDPI_MAX_CURVE_PIECES;
+    if (pieces == 1 || end <= 1024) {
+        return;
+    }
+    params->curve_pieces = (uint8_t)pieces;
+    for (unsigned k = 0; k < pieces; k++) {
+        int64_t from = end * k / pieces, to = end * (k + 1) / pieces;
+        self->curve[k].from_drive = (int32_t)(params->min_drive + from);
+        self->curve[k].from_x = (int32_t)x;
+        x += take_whole((to - from) / 8, to - from);
+    }
+    params->max_x = (int32_t)x;
+    derive_curve(params, self->curve);
+}
+
 static void take_valid(valid_q31_t *self)
 {
     params_t *params = &self->params;
@@ -79,11 +100,16 @@ static void take_valid(valid_q31_t *self)
         .play = self->play,
         .saturation = self->saturation,
         .inverse_saturation = self->inverse,
+        .curve_pieces = 1,
+        .min_x = (int32_t)min_drive,
+        .max_x = (int32_t)max_drive,
+        .curve = self->curve,
         .memory = self->memory,
     };
     params->dac_bits += params->dac_bits > 0; /* not 1: a step of 2^30 has no format */
     derive_codes(params, take_u8() % 2);
-    int64_t r = 0, y = take_whole(min_drive, max_drive);
+    take_curve(self);
+    int64_t r = 0, y = take_whole(params->min_x, params->max_x);
     for (size_t i = 0; i < params->plays; i++) {
         int64_t gap = i > 0 ? take_whole(1, RDPI_Q31_MAX_DRIVE / RDPI_MAX_PLAYS) : 0;
         int64_t slope = take_whole(RDPI_Q31_MIN_SLOPE, RDPI_Q31_ONE);
