@@ -30,7 +30,7 @@ void rdpi_batch_predict(const rdpi_f32_t *self, const rdpi_real_t *drive_V, cons
 void rdpi_batch_forward(rdpi_f32_t *self, const rdpi_real_t *drive_V, const rdpi_real_t *rate_um_per_s, size_t samples,
                         rdpi_real_t *displacement_um);
 
-/* rdpi_f32_chain_step over an array, and rdpi_f32_chain_sweep until it ends, as rdpi_batch_step and rdpi_batch_sweep. */
+/* As rdpi_batch_step and rdpi_batch_sweep, of an operator and its chain. */
 void rdpi_batch_chain_step(rdpi_f32_chain_t *self, const rdpi_real_t *ahead_um, size_t samples, rdpi_real_t *drive_V,
                            rdpi_real_t *rate_um_per_s, uint32_t *flags, uint32_t *dac_code);
 size_t rdpi_batch_chain_sweep(rdpi_f32_chain_t *self, size_t samples, rdpi_real_t *drive_V, uint32_t *dac_code);

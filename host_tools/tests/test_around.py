@@ -18,7 +18,7 @@ from rdpi.fit.around import lines
 from rdpi.fit.hypothesis import Setting
 from rdpi.fit.identify import Fit
 from rdpi.model import Model
-from rdpi.simulate import chain
+from rdpi.simulate import ALL, chain, inverse_of
 
 # Smaller than a sample of 1 ms, one sample, and several.
 PUT: dict[str, dict[str, float]] = {
@@ -164,17 +164,18 @@ def test_nothing_to_find_in_exact_recordings() -> None:
 
 
 def test_the_drive_of_the_model_is_the_recorded_one() -> None:
-    """And not what a lag makes of it; header and inverse are those of the operator alone."""
+    """And not what a lag makes of it; an inverse that compensates nothing is that of the operator alone."""
     found, alone = fitted("lag"), fitted("lag", effects="none")
     assert found.model.effects
     assert (found.model.drive.min_V, found.model.drive.max_V) == (alone.model.drive.min_V, alone.model.drive.max_V)
     reference = changed(drives()[0], reference_um=5 + 2 * np.sin(np.arange(len(drives()[0])) / 50))
-    one, other = (chain.follow(model, reference, engine="f64")[0].drive_V for model in (found.model, alone.model))
+    one, other = (chain.follow(model, reference, engine="f64", by=inverse_of(model, leave_out=(ALL,)))[0].drive_V
+                  for model in (found.model, alone.model))
     assert one == pytest.approx(other)
 
 
 def test_an_inverse_without_compensation_has_the_operator_alone() -> None:
-    """Until the firmware compensates effects, what the operator can take up of them must stay in it."""
+    """What the operator can take up of effects must stay in it where none is compensated."""
     found, alone = fitted(*TOGETHER), fitted(*TOGETHER, effects="none")
     inverse = found.model.uncompensated()
     assert inverse.effects == []

@@ -17,19 +17,19 @@ TYPES_H = (ROOT / "lib" / "include" / "rdpi" / "types.h").read_text()
 
 def test_flags_are_those_of_the_library() -> None:
     found = {name.lower(): int(bit) for name, bit in re.findall(r"RDPI_FLAG_(\w+) = (\d+)u", TYPES_H)}
-    assert len(found) == 5 and found == FLAGS
+    assert len(found) == 6 and found == FLAGS
 
 
 def test_flags_are_counted() -> None:
-    counts = flag_counts(np.array([0, 1, 3, 16, 31, 0x100], np.uint32))
-    assert counts == {"guard": 3, "range": 2, "slew": 1, "input": 1, "missed": 2}
+    counts = flag_counts(np.array([0, 1, 3, 16, 31, 32, 0x100], np.uint32))
+    assert counts == {"guard": 3, "range": 2, "slew": 1, "input": 1, "missed": 2, "lead": 1}
     assert all(type(count) is int for count in counts.values())
     assert flag_counts(np.zeros(0, np.uint32)) == dict.fromkeys(FLAGS, 0)
 
 
 def test_defaults_are_those_of_the_library() -> None:
-    found = re.findall(r"#define (RDPI_MAX_(?:PLAYS|DEADZONES|WINDOW)) (\d+)", TYPES_H)
-    assert len(found) == 3 and {name: int(size) for name, size in found} == builds.DEFAULTS
+    found = re.findall(r"#define (RDPI_MAX_(?:PLAYS|DEADZONES|WINDOW|POLES)) (\d+)", TYPES_H)
+    assert len(found) == 4 and {name: int(size) for name, size in found} == builds.DEFAULTS
 
 
 @pytest.mark.parametrize(("plays", "deadzones", "rate_hz", "options"), [

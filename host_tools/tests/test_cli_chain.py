@@ -148,21 +148,77 @@ def test_header(folder: Path, rdpi: Callable) -> None:
     assert named["digest"] == result["digest"] != result_of(rdpi, "header", "static.json", "-o", "other.h")[0]["digest"]
 
 
-@pytest.mark.parametrize("command", [("header", "static.json", "-o", "out.h"),
-                                     ("compensate", "static.json", "reference.csv", "-o", "drive.csv")])
-def test_effects_that_the_inverse_does_not_have(command: tuple[str, ...], folder: Path, rdpi: Callable) -> None:
-    """One line each; and none for a model without effects."""
-    assert "not compensated" not in rdpi(*command).output
-    with_them = [{"name": "delay", "parameters": {"delay_s": {"value": 0.0005, "ci95": None, "unit": "s"}}},
-                 {"name": "creep", "parameters": {"percent_per_decade": 2}},
-                 {"name": "quantisation", "stage": "DAC", "parameters": {"step": 0.1, "origin": 0.0, "dither": 0}}]
-    change_model(effects=with_them)
-    done = rdpi(*command)
-    assert done.exit_code == 0, done.output
-    end = " is not compensated: the inverse does not have this effect yet"
-    assert [line for line in done.output.splitlines() if "not compensated" in line] == [
-        f"note: quantisation at stage DAC (step 0.1 V){end}", f"note: delay at stage timing (delay_s 0.0005 s){end}",
-        f"note: creep at stage actuator (percent_per_decade 2 %){end}"]
+EFFECTS = [{"name": "delay", "parameters": {"delay_s": {"value": 0.0005, "ci95": None, "unit": "s"}}, "origin": "fit"},
+           {"name": "creep", "parameters": {"percent_per_decade": 2}},
+           {"name": "cross_coupling", "column": "other_axis_V", "parameters": {"um_per_V": 0.25}},
+           {"name": "quantisation", "stage": "DAC", "parameters": {"step": 0.1, "origin": 0.0, "dither": 0}}]
+COMMANDS_OF_INVERSE = [("header", "static.json", "-o", "out.h"),
+                       ("compensate", "static.json", "reference.csv", "-o", "drive.csv")]
+
+
+@pytest.mark.parametrize("command", COMMANDS_OF_INVERSE)
+def test_one_line_for_each_effect(command: tuple[str, ...], folder: Path, rdpi: Callable) -> None:
+    """And none for a model without effects."""
+    assert " at stage " not in rdpi(*command).output
+    change_model(effects=EFFECTS)
+    result, text = result_of(rdpi, *command)
+    lines = [line for line in text.splitlines() if " at stage " in line]
+    assert [line.partition(" (")[0] for line in lines] == [
+        "quantisation at stage DAC", "delay at stage timing", "creep at stage actuator",
+        "cross_coupling at stage environment"]
+    assert "left out: " in lines[0] and "compensated by the lead, which looks 500 us ahead; nothing shows" in lines[1]
+    assert [one["firmware"] for one in result["effects"]] == ["left out", "compensated", "compensated", "compensated"]
+    assert all(one["why"] in line for one, line in zip(result["effects"], lines))
+
+
+@pytest.mark.parametrize("command", COMMANDS_OF_INVERSE)
+def test_options_say_what_is_compensated(command: tuple[str, ...], folder: Path, rdpi: Callable) -> None:
+    change_model(effects=EFFECTS)
+    _, text = result_of(rdpi, *command, "--leave-out", "delay", "--leave-out", "creep")
+    assert text.count("left out: as asked") == 2
+    assert "delay at stage timing (delay_s 0.0005 s): left out: as asked" in text
+    none, text = result_of(rdpi, *command, "--effects", "none")
+    assert text.count("left out: as asked") == 4 and {one["firmware"] for one in none["effects"]} == {"left out"}
+    _, text = result_of(rdpi, *command, "--sensor-delay", "0.0002")
+    assert "which looks 300 us ahead" in text and "without preview" not in text
+    _, text = result_of(rdpi, *command, "--no-preview")
+    table = text.partition("without preview, ")[2].splitlines()[2:]
+    assert table[0].split() == ["1", "0.314", "%", "5.17e-07", "%"]
+    for options, words in ((("--leave-out", "lag"), "does not hold this effect"),
+                           (("--effects", "none", "--leave-out", "delay"), "--effects none leaves all effects out"),
+                           (("--sensor-lag", "0.01"), "later than all")):
+        done = rdpi(*command, *options)
+        assert done.exit_code == 2 and words in " ".join(done.output.split())
+
+
+def test_the_header_of_a_chain(folder: Path, rdpi: Callable) -> None:
+    plain, _ = result_of(rdpi, "header", "static.json", "-o", "plain.h")
+    assert "#define RDPI_PARAMS_CHAIN 0" in Path("plain.h").read_text() and plain["chain"] is False
+    change_model(effects=EFFECTS)
+    whole, _ = result_of(rdpi, "header", "static.json", "-o", "whole.h")
+    text = Path("whole.h").read_text()
+    assert "#define RDPI_PARAMS_CHAIN 1" in text and whole["chain"] is True and whole["digest"] != plain["digest"]
+    assert "#define RDPI_PARAMS_OTHER_AXIS_V_UM(value) ((value) * (0.25))" in text
+    assert "    9, /* poles */" in text and "500000u, /* delay_ns: ns: delay */" in text
+    none, _ = result_of(rdpi, "header", "static.json", "-o", "none.h", "--effects", "none")
+    assert Path("none.h").read_bytes() == Path("plain.h").read_bytes() and none["digest"] == plain["digest"]
+    later, _ = result_of(rdpi, "header", "static.json", "-o", "later.h", "--no-preview", "--name", "x_axis")
+    text = Path("later.h").read_text()
+    assert "rdpi_f32_chain_params_t x_axis_chain = {" in text and "rdpi_q31_chain_params_t x_axis_chain_q31 = {" in text
+    assert "    0, /* preview: 1: the caller" in text and later["digest"] not in (whole["digest"], plain["digest"])
+
+
+def test_the_drive_of_a_chain(folder: Path, rdpi: Callable) -> None:
+    """It comes early by the delay; the file is its own future."""
+    change_model(effects=EFFECTS[:1])
+    result, _ = result_of(rdpi, "compensate", "static.json", "reference.csv", "-o", "early.csv", "--engine", "f64")
+    result_of(rdpi, "compensate", "static.json", "reference.csv", "-o", "plain.csv", "--engine", "f64", "--effects",
+              "none")
+    early, plain = (read_recording(name, required=("time_s", "command_V")).command_V
+                    for name in ("early.csv", "plain.csv"))
+    assert result["lead_count"] == 0
+    late = np.interp(np.arange(len(early)) - 0.5, np.arange(len(early)), early)
+    assert np.abs(late - plain)[5:].max() < 0.3 * np.abs(early - plain)[5:].max()
 
 
 def test_header_takes_the_start_up_sweep(folder: Path, rdpi: Callable) -> None:

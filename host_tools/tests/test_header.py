@@ -22,8 +22,8 @@ from rdpi import firmware
 from rdpi.firmware._f32 import lib
 from rdpi.errors import BadInput
 from rdpi.firmware import FixedPoint, parameters
-from rdpi.firmware.header import (Q31_SCALARS, Q31_TABLES, SCALARS, SCHEMA, TABLES, _check_name, comment, literal,
-                                  render, write_header)
+from rdpi.firmware.header import (CHAIN_SCALARS, Q31_CHAIN_SCALARS, Q31_SCALARS, Q31_TABLES, SCALARS, SCHEMA, TABLES,
+                                  _check_name, comment, literal, render, write_header)
 from rdpi.model import Drive, Memory, Model, Rate, operators, read_model, write_model
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -324,6 +324,81 @@ def test_a_library_that_is_too_small_is_an_error(model: Model, compiled: Callabl
     name, size = flag.split("=")
     assert done.returncode == 1 and f"define {name} as {int(size) + 1} or more" in done.stderr
     assert compiled(INIT, {"rdpi_params.h": render(model)}, f"-D{name}={int(size) + 1}").returncode == 0
+
+
+AROUND = firmware.Chain(1.1e-3, 3.3e-4, 1.7e-7, 0.7, False, 0.9, ((0.07, 4e-3), (-0.01, 0.3), (0.03, 1000.0)))
+INIT_CHAIN = """
+#include <stdio.h>
+#include "rdpi_params.h"
+int main(void)
+{
+    static rdpi_f32_chain_t axis;
+    static rdpi_q31_chain_t axis_q31;
+    int wrong = -(int)rdpi_f32_chain_init(&axis, &rdpi_chain, 1e-4f);
+    wrong += -(int)rdpi_q31_chain_init(&axis_q31, &rdpi_chain_q31, 100000u);
+    printf("%d %lu %lu\\n", RDPI_PARAMS_CHAIN, (unsigned long)axis.preview_samples, (unsigned long)rdpi_chain.poles);
+    return wrong;
+}
+"""
+
+
+@pytest.mark.parametrize(("chain", "printed"), [
+    (AROUND, "1 0 3"), (replace(AROUND, preview=True), "1 12 3"), (firmware.Chain(), "0 0 0")])
+@pytest.mark.parametrize("compiler", [STRICT_C, STRICT_CXX], ids=["C99", "C++11"])
+def test_a_chain_compiles_without_warnings_and_init_takes_it(model: Model, compiled: Callable, compiler: list[str],
+                                                             chain: firmware.Chain, printed: str) -> None:
+    done = compiled(INIT_CHAIN, {"rdpi_params.h": render(model, chain=chain)}, compiler=compiler)
+    assert (done.returncode, done.stderr, done.stdout.strip()) == (0, "", printed)
+
+
+def test_the_compiler_reads_the_numbers_of_a_chain_back(model: Model, compiled: Callable) -> None:
+    single = firmware.Firmware(model, 1e-3, "f32", AROUND).chain
+    integers = FixedPoint(model, 1e-3, AROUND).chain
+    fields = list(CHAIN_SCALARS)[2:]
+    done = compiled("""
+        #include <stdio.h>
+        #include <string.h>
+        #include "rdpi_params.h"
+        static void bits(float value)
+        {
+            unsigned int word;
+            memcpy(&word, &value, sizeof word);
+            printf("%u ", word);
+        }
+        int main(void)
+        {
+            """ + " ".join(f"bits(rdpi_chain.{name});" for name in fields) + """
+            for (int i = 0; i < 3; i++) { bits(rdpi_chain_pole[i].share); bits(rdpi_chain_pole[i].time_constant_s); }
+            """ + " ".join(f'printf("%lld ", (long long)rdpi_chain_q31.{name});' for name in Q31_CHAIN_SCALARS) + """
+            for (int i = 0; i < 3; i++) {
+                printf("%d ", (int)rdpi_chain_q31_pole[i].share);
+                printf("%lld ", (long long)rdpi_chain_q31_pole[i].time_constant_ns);
+            }
+            return 0;
+        }""", {"rdpi_params.h": render(model, chain=AROUND)})
+    expected = [*bits(np.array([getattr(single, name) for name in fields])), *bits(single.pole.ravel()),
+                *(getattr(integers, name) for name in Q31_CHAIN_SCALARS), *np.ravel(integers.pole)]
+    assert done.stderr == "" and [int(word) for word in done.stdout.split()] == expected
+
+
+def test_a_changed_number_of_a_chain_is_an_error(model: Model, compiled: Callable) -> None:
+    text = render(model, chain=AROUND)
+    for old, new in (("1000000000000ull}", "1000000000001ull}"), (f"{literal(0.07)},", f"{literal(0.08)},")):
+        assert text.count(old) == 1
+        assert compiled(INIT_CHAIN, {"rdpi_params.h": text.replace(old, new)}).returncode == -lib.RDPI_ERR_DIGEST
+
+
+def test_a_library_with_too_few_poles_is_an_error(model: Model, compiled: Callable) -> None:
+    done = compiled(INIT_CHAIN, {"rdpi_params.h": render(model, chain=AROUND)}, "-DRDPI_MAX_POLES=2")
+    assert done.returncode == 1 and "define RDPI_MAX_POLES as 3 or more" in done.stderr
+
+
+def test_addends_are_macros(model: Model, compiled: Callable) -> None:
+    text = render(model, addends=[("other_axis_V", -0.25), ("temperature_degC", 0.5)])
+    done = compiled('#include <stdio.h>\n#include "rdpi_params.h"\nint main(void) { printf("%g %g", '
+                    "RDPI_PARAMS_OTHER_AXIS_V_UM(2 + 2), RDPI_PARAMS_TEMPERATURE_DEGC_UM(3)); return 0; }",
+                    {"rdpi_params.h": text})
+    assert (done.stdout, done.stderr) == ("-1 1.5", "")
 
 
 def test_an_array_that_lost_a_value_is_an_error(model: Model, compiled: Callable) -> None:

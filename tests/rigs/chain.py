@@ -13,8 +13,8 @@ recovered  Rigs with one of delay, lag, relaxation, creep and resonance, and wit
            were not fitted, over that of the same rig without them; where the model names exactly these effects, how
            many of the 95 % intervals hold the true value. Per family, and under it all others: thresholds that were
            chosen on the others are scored on the family.
-tracked    The same rigs tracked by `rdpi compensate`, which compensates what the model holds: error over that of the same
-           rig without the effects and with a model of its own. "true": that model and the rig's true effects, which
+tracked    The same rigs tracked by `rdpi compensate`, which compensates what the model holds: error over that of the
+           same rig without the effects and with a model of its own. "true": that model and the rig's true effects, which
            the inverse cannot beat; "fitted": a model of recordings with the effects; "none": that with --effects none.
            Below, sines of several frequencies: error with and without preview.
 law        The paper's law on tests/bench, without and behind 0.5 ms of delay: the delay that is found, and the slopes'
@@ -328,8 +328,8 @@ def _predicted(model: Path, folder: Path) -> dict[str, float]:
 
 def _inverse(model_path: Path, run_path: Path) -> dict[str, float]:
     """rms in % of the command's range, constant removed, of the drive that the double-precision inverse of the model's
-    operator gives for the recorded displacement. Against the recorded command, shifted by the model's delays; and against what reaches the
-    operator when the whole chain of the model is driven with it.
+    operator gives for the recorded displacement. Against the recorded command, shifted by the model's delays; and
+    against what reaches the operator when the whole chain of the model is driven with it.
     """
     from rdpi.data import read_recording
     from rdpi.model import read_model
@@ -372,7 +372,8 @@ def failures(results: Sequence[dict[str, Any]]) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter,
-                                     usage="%(prog)s [options] {plain,recovered,tracked,law,picma} [-- options of rdpi fit]")
+                                     usage="%(prog)s [options] {plain,recovered,tracked,law,picma} "
+                                           "[-- options of rdpi fit]")
     parser.add_argument("what", choices=["plain", "recovered", "tracked", "law", "picma"])
     parser.add_argument("--rigs", type=int, default=2, help="per family, and per number of effects (default 2)")
     parser.add_argument("--seed", type=int, default=1, help="of the first rig (default 1)")

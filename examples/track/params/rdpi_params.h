@@ -110,13 +110,13 @@ static const rdpi_f32_params_t rdpi_params = {
 /* The chain around it, for rdpi_f32_chain_init. */
 static const rdpi_f32_chain_params_t rdpi_chain = {
     4u, /* schema */
-    0x7F4F5707u, /* digest of what follows */
+    0x04CD2019u, /* digest of what follows */
     0, /* poles */
     1, /* preview: 1: the caller knows the future, and passes it; 0: it is extrapolated */
     0.00000000f, /* delay_s: s: delay */
     0.00000000f, /* lead_s: s: alpha of the lead */
     0.00000000f, /* lead_s2: s^2: beta of the lead */
-    4.00000000f, /* max_lead_um: um: the most that the lead adds */
+    1.00000000f, /* max_lead_um: um: the most that the lead adds */
     1.00000000f, /* direct: share of a move that comes at once */
     &rdpi_params,
     NULL,
@@ -219,11 +219,11 @@ static const rdpi_q31_params_t rdpi_params_q31 = {
 /* The chain around it, for rdpi_q31_chain_init. */
 static const rdpi_q31_chain_params_t rdpi_chain_q31 = {
     4u, /* schema */
-    0x91B97C42u, /* digest of what follows */
+    0x4EF484F9u, /* digest of what follows */
     0ull, /* lead_ns2: ns^2: beta of the lead */
     0u, /* delay_ns: ns: delay */
     0u, /* lead_ns: ns: alpha of the lead */
-    234157856, /* max_lead: the most that the lead adds */
+    58539464, /* max_lead: the most that the lead adds */
     1073741824, /* direct: times 2^30: share of a move that comes at once */
     0, /* poles */
     1, /* preview: 1: the caller knows the future, and passes it; 0: it is extrapolated */

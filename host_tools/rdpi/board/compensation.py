@@ -60,8 +60,8 @@ def compensate(model: Model, run: Recording, column: str = "reference_um", engin
     if sweep:
         memory, why_unknown = start_up.memory_after(by.model, float(steps.drive_V[0]))
         metadata = {**metadata, "memory": memory}
-    return Compensation(_columns(by.model, run, reference_um, steps), metadata, steps, flag_counts(steps.flags), offset_um,
-                        (float(asked_um.min()), float(asked_um.max())), score, why_unknown)
+    return Compensation(_columns(by.model, run, reference_um, steps), metadata, steps, flag_counts(steps.flags),
+                        offset_um, (float(asked_um.min()), float(asked_um.max())), score, why_unknown)
 
 
 def _columns(model: Model, run: Recording, reference_um: np.ndarray, steps: Steps) -> dict[str, np.ndarray]:

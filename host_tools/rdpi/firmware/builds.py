@@ -7,7 +7,8 @@ import math
 from ..model import Model
 from .chain import Chain
 
-DEFAULTS = {"RDPI_MAX_PLAYS": 16, "RDPI_MAX_DEADZONES": 8, "RDPI_MAX_WINDOW": 16, "RDPI_MAX_POLES": 12}  # lib/include/rdpi/types.h
+DEFAULTS = {"RDPI_MAX_PLAYS": 16, "RDPI_MAX_DEADZONES": 8, "RDPI_MAX_WINDOW": 16,
+            "RDPI_MAX_POLES": 12}  # lib/include/rdpi/types.h
 USUAL_SAMPLE_S = 1e-6  # no firmware takes samples faster, so that a shorter limit need not be told
 
 

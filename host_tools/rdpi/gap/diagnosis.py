@@ -20,7 +20,6 @@ from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE
 from . import document, thresholds
 from .augmented import AugmentedModel
-from .candidates import Candidate
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
 from .sections import GapDocument, Offset, Verdict
@@ -59,18 +58,21 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     notes += [*decision.notes, *_remarks_on_what_is_left(selection, verdict, offset, noise, axes)]
     found = document.build(selection, decision.gap, verdict, known, axes, noise, offset, notes)
     spectrum = localise.along_frequency(runs, after, decision.coords, known, noise) if state.chosen else None
-    improved = replace(state.model, effects=_entries(model, state.chosen, found, bool(earlier)),
+    improved = replace(state.model, effects=_entries(model, selection, found, bool(earlier)),
                        offset_um=model.offset_um + offset.added)
     progress(1.0)
     return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords), spectrum)
 
 
-def _entries(model: Model, chosen: Sequence[Candidate], found: GapDocument, paired: bool) -> list[Any]:
+def _entries(model: Model, selection: Selection, found: GapDocument, paired: bool) -> list[Any]:
     """The list `effects` of the improved model: one that has changed in its old place, others at the end."""
     entries = list(model.effects)
-    for candidate, one in zip(chosen, found.effects):
+    state = selection.accepted
+    for candidate, one in zip(state.chosen, found.effects):
+        shown = state.dataset.monitored or candidate.effect.shows_stage
         entry = records.EffectEntry(name=one.name, stage=one.stage, column=one.column, parameters=one.parameters,
-                                    origin="gap", new=True if paired else None, was=one.was)
+                                    origin="gap", stage_shown=True if shown else None, new=True if paired else None,
+                                    was=one.was)
         place = effects.place(model, candidate.effect)
         if place is None:
             entries.append(entry.to_json())

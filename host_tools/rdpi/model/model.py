@@ -112,7 +112,8 @@ class Model(Document):
     drive: Drive = json_key("what may be output")
     memory: Memory = json_key("state of the plays at the first sample; without it, all are 0", needed=False)
     fit: dict[str, Any] = json_key("the recordings of the fit", holds=FitRecord, default_factory=dict)
-    effects: list[Any] = json_key("effects that act beside the operator, which only the simulation knows",
+    effects: list[Any] = json_key("effects that act beside the operator; `rdpi header` says what the firmware does "
+                                  "about each",
                                   holds=list[EffectEntry], default_factory=list)
     passport: Any = json_key("what the model misses of the recordings of its fit; null: not known",
                              holds=Passport | None, default=None)

@@ -31,6 +31,8 @@ class EffectEntry(Document):
     parameters: dict[str, float | EffectParameter | None] = json_key(
         "parameters by name: an object, or its value alone")
     origin: Literal["fit", "gap"] | None = json_key("the command that found these values", omitted=True)
+    stage_shown: bool | None = json_key("true: the recordings showed the stage, by monitor_V or by their values; else "
+                                        "the actuator's may as well be the sensor's", omitted=True)
     new: bool | None = json_key("true: `rdpi gap --earlier` found these values; in the earlier recordings it acted "
                                 "with those of `was`, or did not act", omitted=True)
     was: dict[str, float | None] | None = json_key("values before `rdpi gap` found them changed, by parameter",

@@ -168,8 +168,8 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
            remove_offset: bool = False, sweep: bool = False, by: Inverse | None = None) -> tuple[Steps, float]:
     """The drive that makes the actuator follow a column of `run`, sample by sample as the firmware computes it.
 
-    `by` says what of the model's effects is compensated; None: inverse_of(model). Where the firmware needs the reference
-    ahead of time, the column's own future is that; its last value holds at the end.
+    `by` says what of the model's effects is compensated; None: inverse_of(model). Where the firmware needs the
+    reference ahead of time, the column's own future is that; its last value holds at the end.
 
     Before the first sample the plays are as the metadata `memory` says: reset, a decaying sweep ended at the first
     reference; unknown, estimated if the run also has command and displacement, else the model's own. With `sweep` they

@@ -207,14 +207,16 @@ def _chain(model: Model, used: Sequence[Treatment], preview: bool) -> Chain:
     for alpha, beta in (one.lead for one in used):
         lead_s, lead_s2 = lead_s + alpha, lead_s2 + beta + lead_s * alpha
     direct, poles = in_series([(one.direct, one.poles) for one in used])
-    return Chain(delay_s, lead_s, lead_s2, _most_um(model, delay_s + lead_s + math.sqrt(lead_s2)), preview, direct,
-                 poles)
+    late_s = delay_s + lead_s + math.sqrt(lead_s2)
+    if not late_s:
+        return Chain(direct=direct, poles=poles)
+    return Chain(delay_s, lead_s, lead_s2, _most_um(model, late_s), preview, direct, poles)
 
 
 def _most_um(model: Model, late_s: float) -> float:
-    """The most that the lead may add for what comes so much later: of the stroke, and at the speed of the slew limit."""
+    """The most that the lead may add for what comes so much later: by the stroke, and by the slew limit."""
     most_um = MOST_LEAD * model.stroke_um
-    if model.drive.slew_V_per_s is not None and late_s > 0:
+    if model.drive.slew_V_per_s is not None:
         steepest = abs(model.gain_um_per_V) * float(np.max(model.slopes) * np.max(np.cumsum(model.deadzone_weights)))
         most_um = min(most_um, steepest * model.drive.slew_V_per_s * late_s)
     return most_um

@@ -44,7 +44,7 @@ class RateDependence(Effect):
         return z_um + np.minimum(rate / top, 2.0) ** values["exponent"] * growth
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
-        # Slopes that change with the rate do so about the control input 0. The effect acts about the middle of the range.
+        # Slopes that change with the rate do so about the control input 0, the effect about the middle of the range.
         return left_out("folded into the slopes' rates, it would move the zero with the rate; identify the model again "
                         "with recordings at several rates")
 

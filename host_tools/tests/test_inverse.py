@@ -1,0 +1,398 @@
+"""The inverse of the whole chain: what is compensated, folded or left out, and that it comes out again in front."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from models import random_model
+
+from rdpi import firmware
+from rdpi.data import Recording
+from rdpi.errors import BadInput
+from rdpi.firmware import Chain, ahead
+from rdpi.model import Drive, Model, Rate
+from rdpi.simulate import ALL, Inverse, chain, effects, inverse_of, numpy_inverse
+from rdpi.simulate.effects import CATALOGUE, Sensor
+from rdpi.simulate.inverse import APART, in_series
+
+STEP_S = 1e-4
+SIZES: dict[str, dict[str, float]] = {
+    "input_curve": {"quadratic": 0.1, "cubic": 0.05, "low_V": -1.0, "high_V": 1.0}, "initial_memory": {
+        "position_um": 1.0}, "rate_dependence": {"widening": 0.1, "change": 0.05, "exponent": 1.0},
+    "hysteresis_change": {"scale": 0.2, "shape": 0.1}, "relaxation": {"share": 0.06, "time_constant_s": 0.004},
+    "creep": {"percent_per_decade": 3.0}, "gain_change": {"factor": 1.1}, "backlash": {"width_um": 0.1},
+    "resonance": {"f0_hz": 600.0, "damping": 0.03}, "cross_coupling": {"um_per_V": 0.02},
+    "thermal_drift": {"um_per_s": 0.01, "um_per_degC": 0.3},
+    "periodic_disturbance": {one.name: 1.0 for one in CATALOGUE["periodic_disturbance"].parameters},
+    "static_nonlinearity": {"linear": 0.02, "quadratic": 0.03, "cubic": -0.02}, "slew_limit": {"V_per_s": 1e4},
+    "lag": {"time_constant_s": 5e-4}, "rail_saturation": {"V_min": -1e6, "V_max": 1e6}, "delay": {"delay_s": 1.23e-3},
+    "quantisation": {"step": 0.01, "origin": 0.0, "dither": 0.0}}
+
+
+def entry(name: str, **more: Any) -> dict[str, Any]:
+    return {"name": name, "parameters": dict(SIZES[name])} | more
+
+
+def model_with(*names: str | dict[str, Any], **changes: Any) -> Model:
+    """A model without rate law whose control input is never negative."""
+    model = random_model(5, plays=6, falling=False)
+    low_um = min(float(model.x_of(end_V)) for end_V in (model.drive.min_V, model.drive.max_V))
+    model = replace(model, offset_V=model.offset_V + low_um / model.gain_um_per_V, rate=Rate(max_um_per_s=1e5))
+    middle_um = float(model.x_of((model.drive.min_V + model.drive.max_V) / 2))
+    memory = replace(model.memory, x_um=middle_um, plays_um=np.full(len(model.slopes), middle_um))
+    made = replace(model, memory=memory, effects=[one if isinstance(one, dict) else entry(one) for one in names],
+                   **changes)
+    made.validate()
+    return made
+
+
+def reference(inverse: Inverse, samples: int = 3000) -> np.ndarray:
+    """Two sines that stay within the range, and begin at rest: plays remember a start with a jolt."""
+    low, high = chain.reachable_um(inverse.model)
+    t = np.arange(samples) * STEP_S
+    fade = (1 - np.cos(np.pi * np.minimum(t / 0.04, 1))) / 2
+    return low + (high - low) * (0.5 + 0.1 * fade * (np.sin(2 * np.pi * 10 * t) + np.sin(2 * np.pi * 25 * t)))
+
+
+def returned(model: Model, inverse: Inverse, engine: str = "f64") -> tuple[np.ndarray, np.ndarray]:
+    """A reference, and what the model says the actuator makes of the drive for it; rest of the start left out."""
+    wanted = reference(inverse)
+    time_s = np.arange(len(wanted)) * STEP_S
+    run = Recording("r.csv", {"memory": "reset"}, {"time_s": time_s, "reference_um": wanted})
+    drive_V = chain.follow(model, run, engine=engine, by=inverse)[0].drive_V.astype(float)
+    driven = Recording("d.csv", {"memory": "reset"}, {"time_s": time_s, "command_V": drive_V})
+    part = slice(500, -100)
+    return wanted[part], chain.simulate(model, [driven])[0].predicted_um[part]
+
+
+def miss(model: Model, inverse: Inverse, engine: str = "f64") -> float:
+    """rms error as a share of the reference."""
+    wanted, found = returned(model, inverse, engine)
+    return float(np.sqrt(np.mean((found - wanted) ** 2)) / np.ptp(wanted))
+
+
+# --- the forward chain after the inverse is the reference ----------------------------------------------------------
+
+@pytest.mark.parametrize("names", [(), ("relaxation",), ("creep",), ("relaxation", "creep"), ("gain_change",),
+                                   ("hysteresis_change",), ("gain_change", "creep", "hysteresis_change")])
+def test_what_has_an_exact_inverse_comes_back(names: tuple[str, ...]) -> None:
+    model = model_with(*names)
+    found = inverse_of(model)
+    assert {one.how for one in found.told} <= {"compensated", "folded"}
+    assert miss(model, found) < 1e-9
+    if names:
+        assert miss(model, inverse_of(model, leave_out=(ALL,))) > 3e-4
+
+
+@pytest.mark.parametrize(("names", "most"), [(("delay",), 1e-4), (("lag",), 2e-3), (("resonance",), 1e-4),
+                                             (("delay", "lag", "resonance"), 6e-3),
+                                             (("delay", "lag", "resonance", "relaxation", "creep"), 6e-3)])
+@pytest.mark.parametrize("preview", [True, False])
+@pytest.mark.parametrize("engine", ["numpy", "f64", "f32", "q31"])
+def test_what_a_lead_makes_up_for(names: tuple[str, ...], most: float, preview: bool, engine: str) -> None:
+    model = model_with(*names)
+    found = inverse_of(model, preview=preview)
+    assert miss(model, found, engine) < most * (1 if preview else 5)
+    left = miss(model, inverse_of(model, leave_out=(ALL,)))
+    assert left > 3 * miss(model, found, engine)
+
+
+def test_a_curve_is_folded_and_its_error_told() -> None:
+    model = model_with(entry("static_nonlinearity", stage="actuator"))
+    found = inverse_of(model)
+    assert found.told[0].how == "folded" and len(found.model.deadzones_um) == 8
+    told = float(found.told[0].why.partition("off by up to ")[2].partition(" %")[0]) / 100
+    wanted, back = returned(model, found)
+    assert np.max(np.abs(back - wanted)) <= 1.05 * told * model.stroke_um
+    assert miss(model, found) < 0.25 * miss(model, inverse_of(model, leave_out=(ALL,)))
+
+
+def test_a_curve_below_0_is_left_out() -> None:
+    model = replace(random_model(3, falling=False), effects=[entry("static_nonlinearity", stage="actuator")])
+    (told,) = inverse_of(model).told
+    assert told.how == "left out" and "would be off by" in told.why
+    falling = {"name": "static_nonlinearity", "parameters": {"linear": -1.5, "quadratic": 0.0, "cubic": 0.0}}
+    (told,) = inverse_of(model_with(falling)).told
+    assert told.how == "left out" and "does not increase" in told.why
+
+
+# --- the reference in NumPy against the library --------------------------------------------------------------------
+
+EVERYTHING = Chain(1.26e-3, 4e-4, 1e-7, 2.0, True, 0.93, ((0.05, 3e-3), (0.02, 0.5), (-0.01, 20.0), (0.02, 900.0)))
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("preview", [True, False])
+def test_numpy_and_the_library_agree_whatever_happens(seed: int, preview: bool) -> None:
+    """Clips, slew, codes, guard, NaN, missed samples, jumps."""
+    model = random_model(seed, slew=seed % 2 == 0, dac_bits=None if seed % 3 else 16, window=3, filter_s=3e-4)
+    random = np.random.default_rng(seed)
+    wanted = model.offset_um + 4 * np.cumsum(random.normal(size=400)) / 20
+    wanted[100:200] += 5.0
+    wanted[random.integers(0, 400, 12)] = np.nan
+    wanted[250:253] = np.inf
+    around = replace(EVERYTHING, preview=preview)
+    exact = numpy_inverse.step(model, around, wanted, STEP_S)[0]
+    library = firmware.Firmware(model, STEP_S, "f64", around)
+    found = library.step(wanted)
+    span_V = model.drive.max_V - model.drive.min_V
+    assert found.drive_V == pytest.approx(exact.drive_V, abs=1e-6 * span_V + (span_V / 65535 if seed % 3 == 0 else 0))
+    assert np.mean(found.flags == exact.flags) > 0.99
+    seen = np.bitwise_or.reduce(exact.flags)
+    assert seen & operators_flags("input", "missed", "lead") == operators_flags("input", "missed", "lead")
+    assert library.preview_samples == around.preview_samples(STEP_S) == (14 if preview else 0)
+
+
+def operators_flags(*names: str) -> int:
+    return sum(firmware.FLAGS[name] for name in names)
+
+
+@pytest.mark.parametrize("engine", ["f32", "q31"])
+def test_the_flashed_ones_follow(engine: str) -> None:
+    model = model_with()
+    wanted = reference(inverse_of(model))
+    exact = numpy_inverse.step(model, EVERYTHING, wanted, STEP_S)[0]
+    found = firmware.engine(model, STEP_S, engine, EVERYTHING).step(wanted)
+    assert found.drive_V == pytest.approx(exact.drive_V, abs=1e-3 * (model.drive.max_V - model.drive.min_V))
+
+
+def test_a_chain_that_does_nothing_changes_no_bit() -> None:
+    model = random_model(2, dac_bits=16)
+    wanted = reference(inverse_of(model), 500)
+    for name in firmware.ENGINES:
+        plain, chained = (firmware.engine(model, STEP_S, name, one).step(wanted) for one in (None, Chain()))
+        assert all(np.array_equal(*pair) for pair in zip(plain, chained))
+
+
+@pytest.mark.parametrize("name", firmware.ENGINES)
+def test_the_sweep_and_the_memory_settle_the_chain(name: str) -> None:
+    model = model_with()
+    one, other = (firmware.engine(model, STEP_S, name, EVERYTHING) for _ in range(2))
+    one.sweep()
+    other.step(reference(inverse_of(model)))
+    other.memory_um = one.memory_um
+    wanted = one.predict(np.array([model.start_V()]), np.zeros(1))[0] + np.zeros(50)
+    assert one.step(wanted).drive_V == pytest.approx(other.step(wanted).drive_V, abs=1e-4)
+
+
+def test_missed_samples_reach_the_chain() -> None:
+    model = model_with()
+    wanted = reference(inverse_of(model), 60)
+    held = wanted.copy()
+    held[30:33] = np.nan
+    for name in firmware.ENGINES:
+        one, other = (firmware.engine(model, STEP_S, name, EVERYTHING) for _ in range(2))
+        expected = one.step(held).drive_V[33:]
+        other.step(held[:30])
+        other.missed(3)
+        # In single precision, slow poles move in turns: not in the same order after a gap.
+        near_V = 5e-5 * (model.drive.max_V - model.drive.min_V) if name == "f32" else 0
+        assert other.step(held[33:]).drive_V == pytest.approx(expected, rel=1e-12, abs=near_V)
+
+
+@pytest.mark.parametrize(("samples", "expected"), [(0, [1, 2, 3, 4]), (1, [2, 3, 4, 4]), (3, [4, 4, 4, 4]),
+                                                   (9, [4, 4, 4, 4])])
+def test_the_file_is_its_own_future(samples: int, expected: list[float]) -> None:
+    assert ahead(np.array([1.0, 2.0, 3.0, 4.0]), samples).tolist() == expected
+
+
+# --- what the host makes of the model's effects --------------------------------------------------------------------
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_effect_says_what_the_firmware_does(name: str) -> None:
+    (told,) = inverse_of(model_with(entry(name))).told
+    assert told.how in ("compensated", "folded", "left out") and told.why
+    assert str(told).startswith(f"{name} at stage ") and f": {told.how}" in str(told)
+    assert told.to_json() == {"name": name, "stage": told.acting.effect.stage, "firmware": told.how, "why": told.why}
+
+
+def test_leads_add_up() -> None:
+    found = inverse_of(model_with("delay", "lag", "resonance")).chain
+    tau, w = 5e-4, 2 * np.pi * 600
+    assert found.delay_s == 1.23e-3 and found.lead_s == pytest.approx(tau + 0.06 / w)
+    assert found.lead_s2 == pytest.approx(1 / w**2 + tau * 0.06 / w)
+    assert found.preview and not inverse_of(model_with("delay"), preview=False).chain.preview
+    assert not inverse_of(model_with()).chain.acts
+
+
+def test_banks_in_series_are_one_bank() -> None:
+    banks = [(0.95, [(0.05, 4e-3)]), (1.0, [(0.01, 0.1), (0.02, 1.0), (-0.01, 10.0)]), (0.9, [(0.2, 0.03)])]
+    direct, poles = in_series(banks)
+    for s in (0.0, 0.3j, 5j, 400j, 2 + 30j, 1e9j):
+        each = [one + sum(share / (1 + time_s * s) for share, time_s in lags) for one, lags in banks]
+        assert direct + sum(share / (1 + time_s * s) for share, time_s in poles) == pytest.approx(np.prod(each))
+
+
+def test_poles_of_one_time_are_set_apart() -> None:
+    direct, poles = in_series([(1.0, [(0.05, 0.1)]), (1.0, [(0.03, 0.1)]), (1.0, [(0.03, 0.1 * APART)])])
+    times_s = sorted(time_s for _, time_s in poles)
+    assert direct == 1 and min(np.divide(times_s[1:], times_s[:-1])) > APART * (1 - 1e-6)
+    assert sum(share for share, _ in poles) + direct == pytest.approx(1.05 * 1.03**2)
+
+
+def test_limits_of_the_amplifier_become_those_of_the_drive() -> None:
+    model = model_with("slew_limit", {"name": "rail_saturation", "parameters": {"V_min": -1e6, "V_max": 0.0}},
+                       drive=Drive(-20.0, 20.0, 2e4, sweep_V_per_s=1.5e4, sweep_end_V=3.0))
+    drive = inverse_of(model).model.drive
+    assert (drive.min_V, drive.max_V, drive.slew_V_per_s) == (-20.0, 0.0, 1e4)
+    assert (drive.sweep_V_per_s, drive.sweep_end_V) == (1e4, 0.0)
+    inverse_of(model).model.validate()
+    coded = replace(model, drive=replace(model.drive, dac_bits=16))
+    rails = next(one for one in inverse_of(coded).told if one.acting.effect.name == "rail_saturation")
+    assert rails.how == "left out" and "codes span" in rails.why
+    assert inverse_of(coded).model.drive.max_V == 20.0
+
+
+def test_the_lead_has_a_limit() -> None:
+    model = model_with("lag")
+    assert inverse_of(model).chain.max_lead_um == 0.25 * model.stroke_um
+    slow = replace(model, drive=replace(model.drive, slew_V_per_s=1.0))
+    assert 0 < inverse_of(slow).chain.max_lead_um < 1e-2 * model.stroke_um
+
+
+def test_a_fold_that_makes_no_operator_is_left_out() -> None:
+    model = model_with("hysteresis_change")
+    model.effects[0]["parameters"] = {"scale": 5.0, "shape": 2.0}
+    found = inverse_of(replace(model, rate=Rate(max_um_per_s=1e5, min_slope_ratio=0.5)))
+    for one in found.told:
+        assert one.how == "folded" or "makes no operator" in one.why
+    found.model.validate()
+
+
+def test_the_rate_law_is_that_of_the_changed_gain() -> None:
+    model = random_model(8, plays=5)
+    found = inverse_of(replace(model, effects=[entry("gain_change", stage="actuator")])).model
+    ratio = found.slopes_at(1.1 * 50.0) / model.slopes_at(50.0)
+    assert ratio == pytest.approx(np.ones(6)) and found.rate.max_um_per_s <= 1.1 * model.rate.max_um_per_s
+
+
+@pytest.mark.parametrize(("column", "name", "added"), [
+    ("other_axis_V", "cross_coupling", [0.04, 0.06, 0.1]), ("temperature_degC", "thermal_drift", [0.0, 0.3, 0.9])])
+def test_what_the_application_subtracts(column: str, name: str, added: list[float]) -> None:
+    found = inverse_of(model_with(entry(name, column=column)))
+    assert found.told[0].how == "compensated" and column in found.told[0].why
+    run = Recording("r.csv", {}, {"time_s": np.arange(3.0), column: np.array([2.0, 3.0, 5.0])})
+    assert found.added_um(run) == pytest.approx(added)
+    assert not found.added_um(Recording("r.csv", {}, {"time_s": np.arange(3.0)})).any()
+
+
+# --- sensor, stages, leaving out -----------------------------------------------------------------------------------
+
+def test_a_stage_that_nothing_shows_is_said_to_be_assumed() -> None:
+    for more, assumed in (({"origin": "fit"}, True), ({}, True), ({"stage": "timing"}, False),
+                          ({"origin": "gap", "stage": "timing", "stage_shown": True}, False)):
+        (told,) = inverse_of(model_with(entry("delay", **more))).told
+        assert told.how == "compensated" and ("nothing shows whether" in told.why) == assumed
+
+
+def test_the_sensors_are_left_out_where_they_are_known_to_be_its() -> None:
+    for more in ({}, {"origin": "gap", "stage_shown": True}):
+        found = inverse_of(model_with(entry("delay", stage="sensor", **more)))
+        assert found.told[0].how == "left out" and "sensor's" in found.told[0].why and not found.chain.acts
+    found = inverse_of(model_with(entry("delay", stage="sensor", origin="gap")))
+    assert found.told[0].how == "compensated" and found.chain.delay_s == 1.23e-3
+
+
+@pytest.mark.parametrize(("sensor", "delay_s", "lag_s"), [
+    (Sensor(2.3e-4, 0.0), 1e-3, 5e-4), (Sensor(0.0, 2e-4), 1.23e-3, 3e-4), (Sensor(1.33e-3, 1e-4), 0.0, 3e-4),
+    (Sensor(0.0, 6e-4), 1.13e-3, 0.0)])
+def test_the_data_sheet_of_the_sensor(sensor: Sensor, delay_s: float, lag_s: float) -> None:
+    found = inverse_of(model_with(entry("delay", origin="fit"), entry("lag", origin="fit")), sensor=sensor).chain
+    assert (found.delay_s, found.lead_s) == pytest.approx((delay_s, lag_s), abs=1e-12)
+
+
+@pytest.mark.parametrize(("sensor", "words"), [
+    (Sensor(2e-3, 0.0), "later than all"), (Sensor(-1.0, 0.0), "--sensor-delay -1"),
+    (Sensor(0.0, float("nan")), "--sensor-lag nan")])
+def test_sensors_that_cannot_be(sensor: Sensor, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        inverse_of(model_with(entry("delay", origin="fit"), entry("lag", origin="fit")), sensor=sensor)
+
+
+def test_a_stage_that_is_known_is_not_the_sensors() -> None:
+    with pytest.raises(BadInput, match="later than all"):
+        inverse_of(model_with(entry("delay", stage="timing")), sensor=Sensor(1e-4, 0.0))
+
+
+def test_leaving_out() -> None:
+    model = model_with("delay", "creep")
+    found = inverse_of(model, leave_out=["delay"])
+    assert [(one.acting.effect.name, one.how) for one in found.told] == [("delay", "left out"), ("creep",
+                                                                                                  "compensated")]
+    assert not found.chain.leads and found.chain.poles and not found.alone
+    with pytest.raises(BadInput, match="--leave-out lag: .* does not hold this effect, but delay, creep"):
+        inverse_of(model, leave_out=["lag"])
+    with pytest.raises(BadInput, match="--leave-out wobble: there is no such effect"):
+        inverse_of(model, leave_out=["wobble"])
+
+
+def test_the_operator_alone_is_for_an_inverse_that_leaves_all_out() -> None:
+    other = random_model(11, plays=6, falling=False)
+    model = replace(model_with("delay", "creep"), operator_alone=replace(
+        model_with(), slopes=1.01 * model_with().slopes).alone())
+    for leave_out in ((ALL,), ("delay", "creep")):
+        found = inverse_of(model, leave_out=leave_out)
+        assert found.alone and found.lines[-1].endswith("as if nothing stood around it")
+        assert found.model.slopes == pytest.approx(1.01 * model.slopes) and not found.chain.acts
+    some = inverse_of(model, leave_out=["delay"])
+    assert not some.alone and some.model.slopes == pytest.approx(model.slopes)
+    assert some.lines[-1].endswith("it takes up nothing of those that are left out")
+    assert len(inverse_of(model).lines) == 2 and not inverse_of(other).lines
+
+
+# --- what a lead costs ---------------------------------------------------------------------------------------------
+
+def test_what_no_preview_costs() -> None:
+    model = model_with("delay", "lag")
+    with_it, without = inverse_of(model).costs(), inverse_of(model, preview=False).costs()
+    assert [row[0] for row in with_it][:3] == [1, 2, 5] and not inverse_of(model_with("creep")).costs()
+    for (_, left, led), (_, same, extrapolated) in zip(with_it, without):
+        assert led < left == same and led < extrapolated < left
+    hz, left, _ = with_it[0]
+    late = np.exp(-2j * np.pi * hz * 1.23e-3) / (1 + 2j * np.pi * hz * 5e-4)
+    assert left == pytest.approx(abs(1 - late))
+
+
+@pytest.mark.parametrize(("numbers", "words"), [
+    ({"delay_s": -1.0}, "delay_s: is -1"), ({"lead_s2": float("nan")}, "lead_s2"),
+    ({"max_lead_um": 0.0}, "max_lead_um"),
+    ({"direct": 0.0}, "a share of 0 comes at once"), ({"direct": 0.5, "poles": ((-0.6, 1.0),)}, "-0.1 in the end"),
+    ({"poles": ((0.1, 0.0),)}, "time constants must be positive")])
+def test_chains_that_have_no_inverse(numbers: dict[str, Any], words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        Chain(**numbers)
+
+
+@pytest.mark.parametrize(("around", "words"), [
+    (Chain(delay_s=0.6), "half a second"), (Chain(direct=0.5, poles=((-0.3, 1.0),)), "at least a quarter"),
+    (Chain(poles=((1.5, 1.0),)), "two moves in all")])
+def test_chains_beyond_fixed_point(around: Chain, words: str) -> None:
+    with pytest.raises(BadInput, match=f"no fixed point: .*{words}"):
+        firmware.FixedPoint(model_with(), STEP_S, around)
+
+
+def test_an_emulated_board_has_no_chain_yet() -> None:
+    run = Recording("r.csv", {}, {"time_s": np.arange(30) * STEP_S, "reference_um": np.zeros(30)})
+    with pytest.raises(BadInput, match="--effects none"):
+        chain.follow(model_with("delay"), run, engine=lambda model, reference: None)
+
+
+def test_columns_of_other_axes_are_subtracted_from_the_reference() -> None:
+    model = model_with(entry("cross_coupling"))
+    wanted = reference(inverse_of(model), 400)
+    other_V = 5 * np.sin(np.arange(400) / 50)
+    columns = {"time_s": np.arange(400) * STEP_S, "reference_um": wanted, "other_axis_V": other_V}
+    drive_V = chain.follow(model, Recording("r.csv", {"memory": "reset"}, columns), engine="f64")[0].drive_V
+    plain = {"time_s": columns["time_s"], "reference_um": wanted - 0.02 * other_V}
+    expected = chain.follow(replace(model, effects=[]), Recording("r.csv", {"memory": "reset"}, plain), engine="f64")
+    assert drive_V == pytest.approx(expected[0].drive_V)
+
+
+def test_effects_alone_do_not_change_what_stands_in_the_model() -> None:
+    model = model_with("gain_change", "creep")
+    before = model.digest(), effects.entries(effects.acting(model))
+    inverse_of(model)
+    assert (model.digest(), effects.entries(effects.acting(model))) == before
