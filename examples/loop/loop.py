@@ -117,16 +117,21 @@ class Emulated(Loop):
         self.settings: dict[str, float] = {}  # of the virtual actuator that are not the kind's own
         self.powered_up = 0
 
-    def record(self, folder: Path, application: str, name: str) -> Path:
-        self.powered_up += 1  # every time with another memory
+    def power_up(self, name: str) -> subprocess.Popen:
+        """Start the actuator, every time with another memory. It moves after a line on its standard input."""
+        self.powered_up += 1
         actuator = subprocess.Popen(
             self.command("python", ROOT / "tests/bench/lockstep.py", self.kind, "--socket", f"{name}.sock", "--dac",
                          self.dac, "--rate", str(self.rate_hz), "--log", f"{name}.npy", "--seed",
                          str(self.powered_up), *(f"--set={key}={value:g}" for key, value in self.settings.items())),
             cwd=self.out, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        actuator.stdout.readline()  # it listens
+        return actuator
+
+    def record(self, folder: Path, application: str, name: str) -> Path:
+        actuator = self.power_up(name)
         board = recorder = None
         try:
-            actuator.stdout.readline()  # it listens
             board = subprocess.Popen(
                 self.command("qemu-system-arm", "-M", MACHINES[self.preset], "-icount", "shift=4", "-display", "none",
                              "-monitor", "none", "-serial", "pty", "-serial", f"unix:{name}.sock", "-kernel",

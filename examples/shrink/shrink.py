@@ -14,7 +14,9 @@ import argparse
 import json
 import math
 import signal
+import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +27,7 @@ sys.path[:0] = [str(ROOT / "examples" / "loop"), str(ROOT / "tests" / "bench")]
 
 import bench  # noqa: E402
 import loop  # noqa: E402
+from rdpi.board import telemetry  # noqa: E402
 from rdpi.data import read_recording  # noqa: E402
 
 # What appears on the bench, as fields of bench.Bench.
@@ -39,7 +42,43 @@ DAC = "16:0:100"
 
 
 class Board(loop.Emulated):
+    """Its telemetry goes into a file, which takes every byte at once: what is compared must be whole."""
+
     rate_hz = 5_000  # half of loop's: half the time
+
+    def record(self, folder: Path, application: str, name: str) -> Path:
+        stream = self.out / f"{name}.raw"
+        stream.write_bytes(b"")
+        actuator = self.power_up(name)
+        try:
+            words = self.command("qemu-system-arm", "-M", loop.MACHINES[self.preset], "-icount", "shift=4,sleep=off",
+                                 "-display", "none", "-monitor", "none", "-serial", f"file:{stream.name}", "-serial",
+                                 f"unix:{name}.sock", "-kernel", folder / application)
+            with subprocess.Popen(words, cwd=self.out) as board:
+                try:
+                    actuator.stdin.write("go\n")
+                    actuator.stdin.flush()
+                    wait(board, stream)
+                finally:
+                    board.kill()
+        finally:
+            actuator.stdin.close()
+            actuator.wait(timeout=loop.PATIENCE_S)
+        self.do("rdpi", "import", "--telemetry", stream, "-o", f"{name}.csv")
+        return self.out / f"{name}.csv"
+
+
+def wait(board: subprocess.Popen, stream: Path) -> None:
+    """Until the board says that it has come to its end."""
+    decoder, heard = telemetry.Decoder(stream.name), time.monotonic()
+    with open(stream, "rb") as file:
+        while decoder.info is None or decoder.info.state < telemetry.FINISHED:
+            if data := file.read():
+                decoder.feed(data)
+                heard = time.monotonic()
+            elif board.poll() is not None or time.monotonic() - heard > loop.PATIENCE_S:
+                sys.exit("shrink: the board fell silent")
+            time.sleep(0.1)
 
 
 class Shrink(NamedTuple):
