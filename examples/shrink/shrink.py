@@ -171,7 +171,7 @@ def main() -> None:
                         help="default: all, one after the other")
     parser.add_argument("--preset", choices=loop.MACHINES, default="qemu-m4f", help="the board (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "shrink", help="folder of the results")
-    parser.add_argument("--duration", type=loop.number(0), default=8.0,
+    parser.add_argument("--duration", type=loop.number(0), default=4.0,
                         help="of the commissioning drive, s (default: %(default)s)")
     parser.add_argument("--seconds", type=loop.number(bench.SETTLED_S), default=2.0,
                         help="of the profile (default: %(default)s)")
