@@ -59,8 +59,7 @@ def build(model: str) -> Path:
     """Header of the model, and the firmware example compiled with it for the host; all share one build folder."""
     folder, shared = OUT / model.removesuffix(".json"), OUT / "build"
     folder.mkdir(exist_ok=True)
-    # examples/track has no chain in front of its operator yet
-    run("rdpi", "header", model, "-o", folder / "rdpi_params.h", "--effects", "none", quiet=True)
+    run("rdpi", "header", model, "-o", folder / "rdpi_params.h", quiet=True)
     run("cmake", "-S", ROOT, "-B", shared, f"-DRDPI_PARAMS_DIR={folder}", "-DRDPI_BUILD_TESTS=OFF",
         "-DCMAKE_BUILD_TYPE=Release", quiet=True)
     run("cmake", "--build", shared, "--target", "track", quiet=True)

@@ -44,6 +44,8 @@ PATIENCE_S = 300.0
 class Loop:
     """One folder of results, one board; subclasses say how an image gets to run and where its telemetry comes out."""
 
+    rate_hz = RATE_HZ
+
     def __init__(self, out: Path, preset: str, dac: str, sensor: tuple[float, float], options: list[str]) -> None:
         self.out, self.preset, self.dac = out, preset, dac
         self.options = [f"-DRDPI_UM_PER_COUNT={sensor[0]!r}", f"-DRDPI_COUNT_0_UM={sensor[1]!r}", *options]
@@ -83,10 +85,9 @@ class Loop:
         """Track a reference with the model's inverse, after the start-up sweep, and record it."""
         headers = self.out / name
         headers.mkdir(exist_ok=True)
-        # examples/track has no chain in front of its operator yet
-        self.do("rdpi", "header", model, "-o", headers / "rdpi_params.h", "--effects", "none")
+        self.do("rdpi", "header", model, "-o", headers / "rdpi_params.h")
         self.do("rdpi", "profile", reference, "-o", headers / "rdpi_profile.h")
-        image = self.build("track", name, f"-DRDPI_PARAMS_DIR={headers}", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}")
+        image = self.build("track", name, f"-DRDPI_PARAMS_DIR={headers}", f"-DRDPI_TRACK_RATE_HZ={self.rate_hz}")
         return self.record(image, "track", name)
 
     def record(self, folder: Path, application: str, name: str) -> Path:
@@ -113,17 +114,24 @@ class Emulated(Loop):
     def __init__(self, out: Path, preset: str, dac: str, kind: str) -> None:
         super().__init__(out, preset, dac, lockstep.counts_scale(bench.make(kind, adc_bits=16)), ["-DRDPI_BENCH=ON"])
         self.kind = kind
+        self.settings: dict[str, float] = {}  # of the virtual actuator that are not the kind's own
         self.powered_up = 0
 
-    def record(self, folder: Path, application: str, name: str) -> Path:
-        self.powered_up += 1  # every time with another memory
+    def power_up(self, name: str) -> subprocess.Popen:
+        """Start the actuator, every time with another memory. It moves after a line on its standard input."""
+        self.powered_up += 1
         actuator = subprocess.Popen(
             self.command("python", ROOT / "tests/bench/lockstep.py", self.kind, "--socket", f"{name}.sock", "--dac",
-                         self.dac, "--rate", str(RATE_HZ), "--log", f"{name}.npy", "--seed", str(self.powered_up)),
+                         self.dac, "--rate", str(self.rate_hz), "--log", f"{name}.npy", "--seed",
+                         str(self.powered_up), *(f"--set={key}={value:g}" for key, value in self.settings.items())),
             cwd=self.out, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        actuator.stdout.readline()  # it listens
+        return actuator
+
+    def record(self, folder: Path, application: str, name: str) -> Path:
+        actuator = self.power_up(name)
         board = recorder = None
         try:
-            actuator.stdout.readline()  # it listens
             board = subprocess.Popen(
                 self.command("qemu-system-arm", "-M", MACHINES[self.preset], "-icount", "shift=4", "-display", "none",
                              "-monitor", "none", "-serial", "pty", "-serial", f"unix:{name}.sock", "-kernel",
