@@ -603,6 +603,16 @@ def test_the_zero_moves_where_recordings_agree_that_it_did() -> None:
     assert not some.document.offset_um.moved and name_of(some) == "delay"
 
 
+def test_the_zero_of_an_unknown_memory_counts_only_if_there_is_no_other() -> None:
+    late, stroke_um = later(entry("delay", delay_s=0.0034)), commissioned().stroke_um
+    others = [0.0] * (len(late) - 1)
+    lost = [marked(late[0], memory="unknown"), *late[1:]]
+    near = diagnose(commissioned(), moved(lost, 0.1 * stroke_um, *others)).document.offset_um
+    assert near.added == 0 and near.high > 0.09 * stroke_um
+    far = diagnose(commissioned(), moved(lost, 0.0, *[0.05 * stroke_um for _ in others])).document.offset_um
+    assert far.added == pytest.approx(0.05 * stroke_um, abs=0.005 * stroke_um) and far.low < 0.01 * stroke_um
+
+
 def test_a_single_recordings_zero_moves_if_it_moved_far() -> None:
     """Its scatter is not known; a usual one stands for it."""
     late = later(entry("delay", delay_s=0.0034))[:1]

@@ -143,20 +143,23 @@ def _offset(selection: Selection, known: Passport | None) -> Offset:
     """Mean of what each recording's displacement misses with all that act, beyond what the earlier one missed; no
     other figure counts it.
 
-    The improved model's zero moves by their mean only where they agree: where it exceeds what zeros scatter by, here
-    and where the model was identified. Memory, creep and the room move the zero of one recording and not of the next.
+    The improved model's zero moves by their mean where they agree: where it exceeds what zeros scatter by, here and
+    where the model was identified. Creep and the room move one recording's zero and not the next one's. That of a
+    recording of unknown memory holds what its plays remember: it counts only if there is no other.
     """
-    state = selection.with_starts
+    state, model = selection.with_starts, selection.given.model
     now = [one.mean_residual_um(state.acting()) for one in state.by_command.model_runs]
     then = [0.0] * len(now)
     if state.by_command.earlier:
         then = [one.mean_residual_um(state.by_command.acting_then) for one in state.by_command.earlier.model_runs]
-    zeros, model = np.subtract(now, then), selection.given.model
-    before = None if state.by_command.earlier else known  # a pair has lost what the passport's recordings scatter by
-    agree = abs(np.mean(zeros)) > thresholds.ZERO_AGREES * _scatter_um(model, before, zeros)
+        known = None  # what its recordings scatter by, a pair has lost
+    zeros = np.subtract(now, then)
+    sure = np.array([run.memory != "unknown" for run in state.recordings])
+    told = zeros[sure] if any(sure) else zeros
+    agree = abs(np.mean(told)) > thresholds.ZERO_AGREES * _scatter_um(model, known, told)
     least = max(thresholds.ZERO * rms(selection.before_um), thresholds.MUCH_ZERO * model.stroke_um)
     return Offset(mean=float(np.mean(zeros)), low=float(min(zeros)), high=float(max(zeros)),
-                  added=float(np.mean(zeros)) if agree and state.chosen else 0.0,
+                  added=float(np.mean(told)) if agree and state.chosen else 0.0,
                   moved=bool(agree and min(abs(zeros)) > least))
 
 

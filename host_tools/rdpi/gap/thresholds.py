@@ -58,7 +58,7 @@ CORRELATED = 30  # [samples] of the residual that count as one: what the model m
 REACH = 0.5  # [change] share of a candidate's change, as far as its Jacobian is taken to hold; judged
 
 # --- has the zero moved?
-ZERO_AGREES = 2.5  # [scatter] of zeros, from which their mean is carried over to the improved model; rigs
+ZERO_AGREES = 4.0  # [scatter] of zeros, from which their mean is carried over to the improved model; rigs
 ZERO_SCATTER = 0.004  # [stroke] that zeros scatter by, worth one recording; rigs
 
 # --- what is worth a remark? No verdict depends on these.
