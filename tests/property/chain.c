@@ -233,7 +233,8 @@ static void run_long(unsigned long samples)
     actuator_t identity = {
         .play = {{.r_um = 0, .slope = 1}},
         .saturation = {{0, 1}},
-        .params = {.plays = 1, .deadzones = 1, .gain_um_per_V = 1, .max_um_per_s = 10000000,
+        .curve = {{.gain_um_per_V = 1}},
+        .params = {.plays = 1, .deadzones = 1, .curve_pieces = 1, .max_um_per_s = 10000000,
                    .min_slope_ratio = (rdpi_real_t)0.5, .min_V = -300, .max_V = 300, .sweep_V_per_s = 1000,
                    .sweep_cycles = 1},
     };

@@ -78,7 +78,7 @@ void test_init_takes_as_many_poles_as_the_maximum_and_no_more(void)
 
 void test_init_refuses_what_the_operator_refuses(void)
 {
-    given.params.gain_um_per_V = 0;
+    given.curve[0].gain_um_per_V = 0;
     refused(RDPI_ERR_GAIN);
     setUp();
     actuator_derive(&given);
