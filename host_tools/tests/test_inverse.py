@@ -173,6 +173,23 @@ def test_the_flashed_ones_follow(engine: str) -> None:
     assert found.drive_V == pytest.approx(exact.drive_V, abs=1e-3 * (model.drive.max_V - model.drive.min_V))
 
 
+@pytest.mark.parametrize("engine", ["numpy", "f64"])
+def test_what_follows_a_clip_is_exact_again(engine: str) -> None:
+    """Creep follows what was output, not what was asked for."""
+    model = model_with("creep", "relaxation")
+    found = inverse_of(model)
+    low, high = chain.reachable_um(found.model)
+    t = np.arange(1500) * STEP_S
+    wanted = (low + high) / 2 + 0.8 * (high - low) * np.sin(2 * np.pi * 20 * t) * np.exp(-t / 0.05)
+    run = Recording("r.csv", {"memory": "reset"}, {"time_s": t, "reference_um": wanted})
+    steps = chain.follow(model, run, engine=engine)[0]
+    clipped = steps.flags & operators_flags("range") > 0
+    driven = Recording("d.csv", {"memory": "reset"}, {"time_s": t, "command_V": steps.drive_V})
+    missed = np.abs(chain.simulate(model, [driven])[0].predicted_um - wanted)
+    assert 50 < np.count_nonzero(clipped) < 700 and not clipped[-500:].any()
+    assert missed[~clipped].max() < 1e-9 * (high - low) and missed[clipped].max() > 0.01 * (high - low)
+
+
 def test_a_chain_that_does_nothing_changes_no_bit() -> None:
     model = random_model(2, dac_bits=16)
     wanted = reference(inverse_of(model), 500)
