@@ -30,7 +30,8 @@ static RDPI_F32_SHARED const rdpi_f32_line_t *rdpi_f32_line_of_x(const rdpi_f32_
 static inline const rdpi_f32_line_t *rdpi_f32_line_of_code(const rdpi_f32_params_t *params, const rdpi_f32_line_t *line,
                                                            rdpi_real_t code)
 {
-    return code >= line->to_code && code < params->last_code ? &line[1] : line;
+    bool next = code >= line->to_code && line != &params->curve[params->curve_pieces - 1u];
+    return next ? &line[1] : line;
 }
 
 static inline rdpi_real_t rdpi_f32_x_of_drive(const rdpi_f32_line_t *line, rdpi_real_t drive_V)

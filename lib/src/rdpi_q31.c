@@ -195,7 +195,9 @@ static void output(rdpi_q31_t *self, int32_t from)
         self->drive = rdpi_q31_clamp(rdpi_q31_drive_of_code(params, code), params->min_drive, params->max_drive);
     }
     self->x = rdpi_q31_x_in_range(params, rdpi_q31_x_of_drive(params, self->drive));
-    rdpi_q31_bank_move(&self->bank, params, from, self->x);
+    if (!rdpi_q31_bank_try_slide(&self->bank, self->x)) {
+        rdpi_q31_bank_move(&self->bank, params, from, self->x);
+    }
 }
 
 /* Outputs the drive of an x in range, as far as the slew limit allows. */

@@ -154,19 +154,22 @@ struct Actuator {
     std::unique_ptr<rdpi_f32_play_t[]> play;
     std::unique_ptr<rdpi_f32_deadzone_t[]> saturation;
     std::unique_ptr<rdpi_f32_piece_t[]> inverse;
+    std::unique_ptr<rdpi_f32_line_t[]> curve; // as many pieces as S^-1 has
     std::unique_ptr<Number[]> memory;
     rdpi_f32_params_t params{};
 
     explicit Actuator(unsigned plays, unsigned deadzones)
         : play(new rdpi_f32_play_t[plays]), saturation(new rdpi_f32_deadzone_t[deadzones]),
-          inverse(new rdpi_f32_piece_t[deadzones]), memory(new Number[plays])
+          inverse(new rdpi_f32_piece_t[deadzones]), curve(new rdpi_f32_line_t[deadzones]), memory(new Number[plays])
     {
         params.plays = static_cast<std::uint16_t>(plays);
         params.deadzones = static_cast<std::uint16_t>(deadzones);
+        params.curve_pieces = static_cast<std::uint8_t>(deadzones);
         params.sweep_cycles = 2;
         params.play = play.get();
         params.saturation = saturation.get();
         params.inverse_saturation = inverse.get();
+        params.curve = curve.get();
         params.memory_um = memory.get();
     }
 };
@@ -189,6 +192,8 @@ static void check_state(const rdpi_f32_t &self, const char *function, unsigned e
         const rdpi_f32_piece_t *first = params->inverse_saturation;
         check(self.latest_piece >= first && self.latest_piece < first + params->deadzones, function,
               "quick without a piece", plays, engaged);
+        check(self.line >= params->curve && self.line < params->curve + params->curve_pieces, function,
+              "quick without a piece of the input curve", plays, engaged);
     }
     for (unsigned i = 0; i < plays; i++) { // or the search for the last play engaged might not end
         const Number &y = self.bank.y_um[i];
@@ -220,6 +225,7 @@ static rdpi_f32_t instance(const Actuator &actuator, const State &state)
     rdpi_f32_t self{};
     self.params = &actuator.params;
     self.latest_piece = actuator.params.inverse_saturation + state.piece;
+    self.line = actuator.params.curve + state.piece;
     self.sweep_turns = static_cast<std::uint16_t>(state.turns);
     self.missed = static_cast<std::uint8_t>(state.missed);
     self.quick = state.quick;
@@ -299,7 +305,7 @@ static void from_all(unsigned plays, unsigned deadzones, unsigned bits)
 {
     Actuator actuator(plays, deadzones);
     actuator.params.schema = RDPI_PARAMS_SCHEMA;
-    actuator.params.dac_bits = static_cast<std::uint16_t>(bits);
+    actuator.params.dac_bits = static_cast<std::uint8_t>(bits);
     actuator.params.digest = rdpi_f32_digest(&actuator.params);
     from_init(actuator);
     State state{};

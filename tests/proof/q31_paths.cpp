@@ -326,7 +326,8 @@ struct Actuator {
         std::memset(static_cast<void *>(&params), 0, sizeof params);
         params.plays = static_cast<std::uint16_t>(plays);
         params.deadzones = 1;
-        params.dac_bits = static_cast<std::uint16_t>(bits);
+        params.dac_bits = static_cast<std::uint8_t>(bits);
+        params.curve_pieces = 1;
         params.sweep_cycles = 3;
         params.code_shift = 40;
         params.drive_shift = 20;
@@ -341,6 +342,8 @@ struct Actuator {
                             &params.codes_per_drive, &params.drive_per_code}) {
             *member = any32(INT32_MIN, INT32_MAX);
         }
+        params.min_x = params.min_drive; // the input curve is straight: init sees to it
+        params.max_x = params.max_drive;
     }
 
     // What holds of those that init accepts.
