@@ -1,5 +1,6 @@
 #include "rdpi/f32_chain.h"
 
+#include <math.h>   /* NAN */
 #include <tgmath.h> /* fabs of whichever type rdpi_real_t is; compilers inline it */
 
 #include "crc.h"
@@ -181,6 +182,17 @@ static RDPI_F32_SELDOM rdpi_real_t step_creep(rdpi_f32_chain_t *self, rdpi_real_
     return clipped ? step_after_clip(self, z_um) : move_and_step(self, z_um);
 }
 
+/* A reference that cannot be used. Creep goes on where the drive is held. */
+static RDPI_F32_SELDOM rdpi_real_t refuse(rdpi_f32_chain_t *self)
+{
+    if (self->usual != LEAD) {
+        self->creep.h_um = output_um(self);
+        (void)rdpi_f32_creep_move(&self->creep);
+    }
+    end_usual(self);
+    return rdpi_f32_step(&self->axis, (rdpi_real_t)NAN);
+}
+
 static rdpi_real_t step_behind_lead(rdpi_f32_chain_t *self, rdpi_real_t z_um)
 {
     return self->usual == LEAD ? rdpi_f32_step(&self->axis, z_um) : step_creep(self, z_um);
@@ -203,8 +215,7 @@ static RDPI_F32_SELDOM rdpi_real_t step_general(rdpi_f32_chain_t *self, rdpi_rea
     rdpi_f32_lead_t *lead = &self->lead;
     unsigned missed = self->axis.missed;
     if (!is_usable(ahead_um)) {
-        self->way = GENERAL;
-        return step_behind_lead(self, ahead_um);
+        return refuse(self);
     }
     self->way = self->params->preview != 0u ? self->usual : GENERAL;
     if (self->first || missed > RDPI_MAX_MISSED) {
@@ -245,6 +256,11 @@ static RDPI_F32_SELDOM rdpi_real_t step_lead(rdpi_f32_chain_t *self, rdpi_real_t
     return lead_usually(&self->lead, ahead_um, &z_um) ? rdpi_f32_step(&self->axis, z_um) : step_general(self, ahead_um);
 }
 
+static RDPI_F32_SELDOM rdpi_real_t step_creep_alone(rdpi_f32_chain_t *self, rdpi_real_t reference_um)
+{
+    return is_usable(reference_um) ? step_creep(self, reference_um) : refuse(self);
+}
+
 static RDPI_F32_SELDOM rdpi_real_t step_lead_creep(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
 {
     rdpi_real_t z_um;
@@ -263,7 +279,7 @@ rdpi_real_t rdpi_f32_chain_step(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
     if (way == LEAD_CREEP) {
         return step_lead_creep(self, ahead_um);
     }
-    return way == CREEP ? step_creep(self, ahead_um) : step_general(self, ahead_um);
+    return way == CREEP ? step_creep_alone(self, ahead_um) : step_general(self, ahead_um);
 }
 
 void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks)

@@ -48,6 +48,15 @@ def test_a_target_missed_by_one_is_seen(key: tuple[str, str], change: dict[str, 
     assert any(f"{key[1]}, n = 9: {field} is" in line for line in missed(results))
 
 
+@pytest.mark.parametrize("engine", instructions.CHAINS)
+def test_a_target_of_the_chain_missed_by_one_is_seen(engine: str) -> None:
+    results = met()
+    target = instructions.CHAIN_TARGETS.get(engine, results["f32", "M4F"]["9"].mean + instructions.PLAIN_MORE)
+    for mean, lines in ((target, 0), (target + 1, 1)):
+        results[engine, "M4F"]["9"] = replace(results[engine, "M4F"]["9"], mean=mean)
+        assert len(missed(results)) == lines
+
+
 @pytest.mark.parametrize("field", ["mean", "worst"])
 def test_a_ratio_missed_is_seen(field: str) -> None:
     results = met()

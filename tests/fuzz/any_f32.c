@@ -1,5 +1,5 @@
 /* Whatever the parameters are, rdpi_f32_init refuses them or everything that it accepts keeps its promises. */
-#include "f32.h"
+#include "f32_chain.h"
 
 static void *take_array(size_t count, size_t size)
 {
@@ -67,7 +67,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     if (status == RDPI_OK) {
         CHECK(complete && params.schema == RDPI_PARAMS_SCHEMA);
         double stroke_um = fabs((double)params.gain_um_per_V * (params.max_V - params.min_V));
-        call_everything(&self, fmax(params.offset_um - stroke_um, -1e30), fmin(params.offset_um + stroke_um, 1e30));
+        double low_um = fmax(params.offset_um - stroke_um, -1e30), high_um = fmin(params.offset_um + stroke_um, 1e30);
+        if (size % 2 == 0) {
+            call_everything(&self, low_um, high_um);
+        } else {
+            any_chain(&params, sample_time_s, low_um, high_um);
+        }
     }
     free(play);
     free(saturation);

@@ -1,5 +1,5 @@
 /* Parameters that are valid by construction are accepted, and keep their promises for any samples and calls. */
-#include "f32.h"
+#include "f32_chain.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
@@ -75,6 +75,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     CHECK(status == RDPI_OK);
     double reach_um = 2 * (fabs(gain * (offset_V - min_V)) + stroke_um);
-    call_everything(&self, params.offset_um - reach_um, params.offset_um + reach_um);
+    if (size % 2 == 0) {
+        call_everything(&self, params.offset_um - reach_um, params.offset_um + reach_um);
+    } else {
+        valid_chain(&params, (rdpi_real_t)sample_time_s, params.offset_um - reach_um, params.offset_um + reach_um);
+    }
     return 0;
 }

@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 WORK = ROOT / "build" / "size"
 BEGIN, END = "<!-- tests/size/size.py -->", "<!-- end -->"
 FLAGS = "-std=c99 -Os -mthumb -ffunction-sections -fdata-sections -DRDPI_MAX_PLAYS=10 -DRDPI_MAX_WINDOW=1"
+FLAGS += " -DRDPI_MAX_POLES=5"
 CORES = {
     "M4F": "-mcpu=cortex-m4 -mfpu=fpv4-sp-d16 -mfloat-abi=hard",
     "M7": "-mcpu=cortex-m7 -mfpu=fpv5-d16 -mfloat-abi=hard",
@@ -78,7 +79,7 @@ def registers(part: str) -> int:
 
 
 def measure(library: str, core: str) -> dict[str, int]:
-    """`library` is f32 or q31."""
+    """`library` is f32, f32_chain or q31."""
     folder = WORK / f"{library}-{core}"
     folder.mkdir(parents=True, exist_ok=True)
     gcc = ["arm-none-eabi-gcc", *FLAGS.split(), *CORES[core].split(), f"-I{ROOT / 'lib' / 'include'}"]
@@ -110,7 +111,7 @@ def table() -> tuple[str, list[str]]:
     lines = [f"| bytes, arm-none-eabi-gcc {version} -Os | {' | '.join(COLUMNS)} |"]
     lines.append("|---|" + "---:|" * len(COLUMNS))
     broken = []
-    for library in ("f32", "q31"):
+    for library in ("f32", "f32_chain", "q31"):
         for core in CORES:
             cells = [f"rdpi_{library}, {core}"]
             for column, figure in measure(library, core).items():

@@ -199,6 +199,22 @@ void test_creep_goes_on_while_references_are_refused(void)
     WITHIN(1e-5 + late_um(8), 8, crept(step(8)));
 }
 
+void test_references_that_cannot_be_used_are_refused_even_if_creep_would_bring_them_near(void)
+{
+    const rdpi_real_t bad[] = {NAN, INFINITY, -INFINITY, (rdpi_real_t)1000001};
+    params.direct = 4;
+    add_pole(0.5, 1);
+    start();
+    WITHIN(1e-3, 2, step(8));
+    for (size_t k = 0; k < sizeof bad / sizeof bad[0]; k++) {
+        WITHIN(1e-3, 2, step((double)bad[k]));
+        TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_INPUT, chain.axis.flags);
+        (void)rdpi_f32_chain_sweep(&chain); /* in between */
+        (void)rdpi_f32_forward(&chain.axis, 2, 0);
+    }
+    WITHIN(0.01, 2, step(8));
+}
+
 void test_a_reference_that_creep_brings_beyond_the_largest_is_refused(void)
 {
     params.direct = (rdpi_real_t)0.5;
