@@ -43,7 +43,7 @@ void test_fast_poles_are_undone_to_rounding(void)
     params.direct = (rdpi_real_t)0.75;
     add_pole(0.125, 0.0625);
     add_pole(-0.25, 0.001);
-    add_pole(0.0625, 1e-5);
+    add_pole(0.0625, 1e-9);
     add_pole(0.25, 0.9);
     start_at(0);
     TEST_ASSERT_EQUAL_UINT32(0, chain.preview_samples);

@@ -143,15 +143,20 @@ void rdpi_f32_chain_settle(rdpi_f32_chain_t *self);
  * - The lead adds max_lead_um at most, and then reports RDPI_FLAG_LEAD. It looks at three references, so nothing rings
  *   on after a jump.
  * - Where the drive was clipped, creep follows what was really output.
- * - A reference that is not usable holds the last drive. Creep goes on.
+ * - A reference that is not usable holds the last drive. Creep goes on. The same holds if lead and creep bring a
+ *   reference beyond RDPI_MAX_REFERENCE_UM.
+ * - After missed or refused samples, the lead takes their references to lie on a straight line. After more than
+ *   RDPI_MAX_MISSED of them, the next reference is a first one. A first one has no lead.
  *
  * Amortised O(m + poles), at most O(n + m + poles). ISR safe. */
 rdpi_real_t rdpi_f32_chain_step(rdpi_f32_chain_t *self, rdpi_real_t ahead_um);
 
-/** As rdpi_f32_missed. Creep goes on for the time of the missed samples. */
+/** As rdpi_f32_missed. Creep goes on for the time of the missed samples, however many they are. O(n + m + poles). ISR
+ * safe. */
 void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks);
 
-/** As rdpi_f32_sweep. With its last sample come rdpi_f32_forget_sweep and rdpi_f32_chain_settle. */
+/** As rdpi_f32_sweep. With its last sample come rdpi_f32_forget_sweep and rdpi_f32_chain_settle. If the calls stop half
+ * way, call rdpi_f32_chain_settle before the next step. */
 bool rdpi_f32_chain_sweep(rdpi_f32_chain_t *self);
 
 #ifdef __cplusplus
