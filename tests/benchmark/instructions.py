@@ -65,12 +65,16 @@ MORE_CLIMBS = 1000  # where the table has targets
 
 SIZES = (4, 9, 16, 32, 64)  # n: plays beside the identity
 CHAINS = ("f32_plain", "f32_lead", "f32_creep")  # n = 9 only
+CHAINS_Q31 = tuple(name.replace("f32", "q31") for name in CHAINS)
 PER_PLAY, LATE, OPTIONS = "worst per play", "9, samples missed: worst", "9, all options"  # heads of further columns
 ROWS = [("f32", "M4F"), ("formula", "M4F"), ("formula_linear", "M4F"), ("f32", "M7"), ("q31", "M3"), ("q31", "M0"),
-        ("q31", "M4F"), ("f32", "M3"), ("f32", "M0"), *((engine, "M4F") for engine in CHAINS)]  # fmt: skip
+        ("q31", "M4F"), ("f32", "M3"), ("f32", "M0"), *((engine, "M4F") for engine in CHAINS),
+        *((engine, core) for core in ("M3", "M0") for engine in CHAINS_Q31)]  # fmt: skip
 NAMES = {"f32": "rdpi_f32", "q31": "rdpi_q31", "formula": "formula", "formula_linear": "formula, O(n)",
          "f32_plain": "rdpi_f32_chain without effects", "f32_lead": "rdpi_f32_chain, lead",
-         "f32_creep": "rdpi_f32_chain, lead + creep (5 poles)"}
+         "f32_creep": "rdpi_f32_chain, lead + creep (5 poles)",
+         "q31_plain": "rdpi_q31_chain without effects", "q31_lead": "rdpi_q31_chain, lead",
+         "q31_creep": "rdpi_q31_chain, lead + creep (5 poles)"}
 TARGETS = {("f32", "M4F"): (100, 260), ("q31", "M3"): (160, 500), ("q31", "M0"): (600, 2200)}  # mean, worst, n = 9
 CHAIN_TARGETS = {"f32_lead": 125, "f32_creep": 180}  # mean
 PLAIN_MORE = 3  # than the operator alone
@@ -209,7 +213,9 @@ def measure(case: Case) -> Result:
 
 def columns(engine: str, core: str) -> dict[str, Case]:
     """What the table shows of one engine on one core, by the head of the column."""
-    if engine in CHAINS or (engine == "f32" and core in ("M3", "M0")):  # without hardware for it: that it works, not how it grows
+    if engine in CHAINS_Q31:
+        return {"9": Case(core, engine, 9, climbs=20)}
+    if engine in CHAINS or (engine == "f32" and core in ("M3", "M0")):  # no hardware for it: that it works, not how it grows
         return {"9": Case(core, engine, 9)}
     few, many = (Case.climbs, MORE_CLIMBS) if engine in ("f32", "q31") else (10, 10)  # the formula: one is like another
     every = {str(n): Case(core, engine, n, climbs=many if n == 9 else few) for n in SIZES}

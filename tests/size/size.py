@@ -79,7 +79,7 @@ def registers(part: str) -> int:
 
 
 def measure(library: str, core: str) -> dict[str, int]:
-    """`library` is f32, f32_chain or q31."""
+    """`library` is f32, f32_chain, q31 or q31_chain."""
     folder = WORK / f"{library}-{core}"
     folder.mkdir(parents=True, exist_ok=True)
     gcc = ["arm-none-eabi-gcc", *FLAGS.split(), *CORES[core].split(), f"-I{ROOT / 'lib' / 'include'}"]
@@ -111,7 +111,7 @@ def table() -> tuple[str, list[str]]:
     lines = [f"| bytes, arm-none-eabi-gcc {version} -Os | {' | '.join(COLUMNS)} |"]
     lines.append("|---|" + "---:|" * len(COLUMNS))
     broken = []
-    for library in ("f32", "f32_chain", "q31"):
+    for library in ("f32", "f32_chain", "q31", "q31_chain"):
         for core in CORES:
             cells = [f"rdpi_{library}, {core}"]
             for column, figure in measure(library, core).items():

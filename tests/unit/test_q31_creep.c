@@ -330,6 +330,7 @@ void test_the_sweep_ends_with_creep_settled_and_its_share_forgotten(void)
     rdpi_q31_t alone;
     actuator.params.plays = 2;
     actuator.play[0].slope = ONE / 2;
+    actuator.play[0].slope_rate = ONE / 4;
     actuator.play[1] = (rdpi_q31_play_t){10 * U, ONE, 0};
     actuator.params.sweep_forgotten = ONE / 4;
     fast_poles();
