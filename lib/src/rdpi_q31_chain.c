@@ -113,7 +113,7 @@ static void report_lead(rdpi_q31_t *axis)
 }
 
 /* The step of a chain that does something. */
-static RDPI_Q31_SELDOM int32_t step(rdpi_q31_chain_t *self, int32_t ahead)
+static RDPI_Q31_SELDOM int32_t step_chain(rdpi_q31_chain_t *self, int32_t ahead)
 {
     rdpi_q31_t *axis = &self->axis;
     rdpi_q31_creep_t *creep = &self->creep;
@@ -139,7 +139,7 @@ static RDPI_Q31_SELDOM int32_t step(rdpi_q31_chain_t *self, int32_t ahead)
 
 int32_t rdpi_q31_chain_step(rdpi_q31_chain_t *self, int32_t ahead)
 {
-    return self->plain ? rdpi_q31_step(&self->axis, ahead) : step(self, ahead);
+    return self->plain ? rdpi_q31_step(&self->axis, ahead) : step_chain(self, ahead);
 }
 
 void rdpi_q31_chain_missed(rdpi_q31_chain_t *self, uint32_t ticks)
