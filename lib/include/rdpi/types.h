@@ -79,8 +79,8 @@ typedef enum {
                                      or they were generated for another RDPI_REAL */
     RDPI_ERR_SIZE = -18,        /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW),
                                      another RDPI_REAL or another alignment than the library */
-    RDPI_ERR_CURVE = -20        /**< the input curve does not have 1 to RDPI_MAX_CURVE_PIECES pieces, or these are out of
-                                     order, leave a gap, do not all rise or all fall, or do not end at codes */
+    RDPI_ERR_CURVE = -20        /**< the input curve does not have 1 to RDPI_MAX_CURVE_PIECES pieces, or these are out
+                                     of order, leave a gap, do not all rise or all fall, or do not end at codes */
 } rdpi_status_t;
 
 /** What happened in the latest step. The bits are OR-ed. */
