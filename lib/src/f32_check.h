@@ -148,7 +148,8 @@ static rdpi_status_t rdpi_f32_check_curve(const rdpi_f32_params_t *params)
     rdpi_real_t from_V = params->min_V, from_code = 0;
     for (size_t i = 0; i < params->curve_pieces; i++) {
         const rdpi_f32_line_t *line = &params->curve[i];
-        if (line->to_V <= from_V || line->from_code != from_code || (line->to_code <= from_code && params->dac_bits > 0)) {
+        bool no_code = params->dac_bits > 0 && line->to_code <= from_code;
+        if (line->to_V <= from_V || line->from_code != from_code || no_code) {
             return RDPI_ERR_CURVE;
         }
         if (before != NULL) {

@@ -228,9 +228,9 @@ static RDPI_F32_HOT void set_edge(rdpi_f32_t *self, rdpi_real_t side)
     }
 }
 
-/* Whether x turns round, but is still rounded to the code that is output. That code must not be at an end of the range or
- * between two pieces, and x must be before the first corner on the way back, which is 2 r_1 off. rdpi_f32_bank_walk and `output` would then
- * give the same code. */
+/* Whether x turns round, but is still rounded to the code that is output. That code must not be at an end of the range
+ * or between two pieces, and x must be before the first corner on the way back, which is 2 r_1 off. rdpi_f32_bank_walk
+ * and `output` would then give the same code. */
 static inline bool turns_within_code(const rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
     const rdpi_f32_params_t *params = self->params;

@@ -45,7 +45,8 @@ static rdpi_status_t init_q31(void *self)
     static const int32_t memory = 0;
     rdpi_q31_params_t params = {
         .schema = RDPI_PARAMS_SCHEMA, .sweep_per_us = (uint64_t)1 << 50, .plays = 1, .deadzones = 1,
-        .curve_pieces = 1, .sweep_cycles = 10, .max_x = 1 << 28, .saturation_shift = 30, .inverse_shift = 30, .guard_exponent = -31, .min_slope_ratio = 1,
+        .curve_pieces = 1, .sweep_cycles = 10, .max_x = 1 << 28,
+        .saturation_shift = 30, .inverse_shift = 30, .guard_exponent = -31, .min_slope_ratio = 1,
         .guard_mantissa = (uint32_t)1 << 31, .min_drive = 0, .max_drive = 1 << 28, .play = &play,
         .saturation = &straight, .inverse_saturation = &straight, .memory = &memory};
     params.digest = rdpi_q31_digest(&params);

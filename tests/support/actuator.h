@@ -65,7 +65,8 @@ static inline void actuator_derive_inverse(const rdpi_f32_deadzone_t *saturation
 static inline void actuator_derive_curve(rdpi_f32_params_t *params, rdpi_f32_line_t *curve)
 {
     long double span = (long double)params->max_V - params->min_V, low = (long double)params->min_V;
-    bool codes = params->dac_bits > 0 && params->dac_bits <= RDPI_MAX_DAC_BITS && curve[0].gain_um_per_V != 0 && span > 0;
+    bool codes = params->dac_bits > 0 && params->dac_bits <= RDPI_MAX_DAC_BITS && curve[0].gain_um_per_V != 0;
+    codes = codes && span > 0;
     long double last = codes ? (long double)((1uL << params->dac_bits) - 1u) : 0;
     long double V_per_code = codes ? span / last : 0;
     params->last_code = (rdpi_real_t)last;

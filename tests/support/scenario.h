@@ -111,7 +111,8 @@ static inline void random_curve(actuator_t *actuator, double rest_V, double from
     for (int i = 1; i < pieces; i++) {
         curve[i].gain_um_per_V = (rdpi_real_t)(gain_um_per_V * log_uniform(0.5, 2));
         curve[i - 1].to_V = (rdpi_real_t)(low_V + (high_V - low_V) * (i + uniform(-0.3, 0.3)) / pieces);
-        x_um += fmax(rest_V - (double)curve[i - 1].to_V, 0) * (double)(curve[i].gain_um_per_V - curve[i - 1].gain_um_per_V);
+        double bend = (double)(curve[i].gain_um_per_V - curve[i - 1].gain_um_per_V);
+        x_um += bend * fmax(rest_V - (double)curve[i - 1].to_V, 0);
     }
     curve[0].offset_V = (rdpi_real_t)(rest_V + x_um / gain_um_per_V);
 }

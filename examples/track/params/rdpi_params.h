@@ -67,7 +67,7 @@ static const rdpi_f32_piece_t rdpi_params_inverse_saturation[] = {
 typedef char rdpi_params_inverse_saturation_check[
     sizeof rdpi_params_inverse_saturation == RDPI_PARAMS_DEADZONES * sizeof(rdpi_f32_piece_t) ? 1 : -1];
 
-/* input curve: to V, um; middle, reach, um; gain, um/V, and 1 / gain; offset_V; codes from, to; x to code and back */
+/* input curve: to V, um; middle, reach, um; gain, um/V, 1 / gain; offset_V; codes from, to; x and codes */
 static const rdpi_f32_line_t rdpi_params_curve[] = {
     {120.000000f, 15.0000000f, 6.25000000f, 8.75000000f, 0.125000000f, 8.00000000f, 0.00000000f,
     0.00000000f, 65535.0000f, 3744.85718f, 9362.64258f, 0.000267032883f, -2.50000000f},
@@ -181,7 +181,7 @@ static const rdpi_q31_deadzone_t rdpi_params_q31_inverse_saturation[] = {
 typedef char rdpi_params_q31_inverse_saturation_check[
     sizeof rdpi_params_q31_inverse_saturation == RDPI_PARAMS_DEADZONES * sizeof(rdpi_q31_deadzone_t) ? 1 : -1];
 
-/* input curve: from drive and x; x per drive and drive per x, times 2 to the shifts; not read if straight */
+/* input curve: from drive and x; x per drive and inverse, times 2 to the shifts; not read if straight */
 static const rdpi_q31_line_t rdpi_params_q31_curve[] = {
     {0, 0, 0, 0, 0, 0},
 };

@@ -35,7 +35,7 @@ TABLES = {
     "inverse_saturation": ("rdpi_f32_piece_t", "DEADZONES",
                            "S^-1 (eq. 13): references from and to, um; slope; intercept, um"),
     "curve": ("rdpi_f32_line_t", "CURVE_PIECES",
-              "input curve: to V, um; middle, reach, um; gain, um/V, and 1 / gain; offset_V; codes from, to; x to code and back"),
+              "input curve: to V, um; middle, reach, um; gain, um/V, 1 / gain; offset_V; codes from, to; x and codes"),
     "memory_um": ("rdpi_real_t", "PLAYS", "y_0 ... y_n, um: the plays at power up; y_0 is x"),
 }
 SCALARS = {
@@ -80,7 +80,7 @@ Q31_TABLES = {
     "saturation": ("rdpi_q31_deadzone_t", "DEADZONES", "S (eq. 8): d; weight"),
     "inverse_saturation": ("rdpi_q31_deadzone_t", "DEADZONES", "S^-1 (eq. 13): d; weight"),
     "curve": ("rdpi_q31_line_t", "CURVE_PIECES",
-              "input curve: from drive and x; x per drive and drive per x, times 2 to the shifts; not read if straight"),
+              "input curve: from drive and x; x per drive and inverse, times 2 to the shifts; not read if straight"),
     "memory": ("int32_t", "PLAYS", "y_0 ... y_n: the plays at power up; y_0 is x"),
 }
 Q31_SCALARS = {

@@ -88,7 +88,8 @@ def _codes(min_V: float, max_V: float, bits: int, dtype: type) -> dict[str, floa
     if not (bits and max_V > min_V):
         return {"last_code": 0.0, "V_per_code": 0.0}
     last = 2**bits - 1
-    step_V = dtype(np.float64(max_V - min_V) / last)  # with which the last code is inside the range, rounded once or twice
+    # The last code is inside the range with it, rounded once or twice.
+    step_V = dtype(np.float64(max_V - min_V) / last)
     while step_V > 0 and max(min_V + last * float(step_V), dtype(min_V) + dtype(last) * step_V) > max_V:
         step_V = np.nextafter(step_V, dtype(0))
     return {"last_code": last, "V_per_code": step_V}
@@ -109,7 +110,8 @@ def _curve(model: Model, min_V: float, max_V: float, rounded: Callable[[float], 
             codes = [np.rint((from_V - min_V) / step_V), np.rint((to_V - min_V) / step_V), 1 / (gain * step_V),
                      (offset_V - min_V) / step_V + 0.5, gain * step_V, gain * (min_V - offset_V)]
         middle_um, reach_um = gain * ((from_V + to_V) / 2 - offset_V), abs(gain) * (to_V - from_V) / 2
-        rows.append([to_V, gain * (to_V - offset_V), middle_um, reach_um, gain, 1 / gain if gain else 0.0, offset_V, *codes])
+        rows.append([to_V, gain * (to_V - offset_V), middle_um, reach_um, gain, 1 / gain if gain else 0.0, offset_V,
+                     *codes])
     return np.array([[float(rounded(value)) for value in row] for row in rows])
 
 

@@ -6,7 +6,8 @@ from . import operators, records
 from .curves import along, guarded, intercepts, inverse_saturation
 from .documents import Document, json_key, schema
 from .file import read_model, write_model
-from .limits import LARGEST, MAX_CURVE_PIECES, MAX_DAC_BITS, MAX_OFFSET, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, TOLERANCE
+from .limits import (LARGEST, MAX_CURVE_PIECES, MAX_DAC_BITS, MAX_OFFSET, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES,
+                     TOLERANCE)
 from .model import Drive, Memory, Model, Rate
 from .operators import MAX_REFERENCE_UM
 from .records import Passport

@@ -63,8 +63,8 @@ class Drive(Document):
                                            "or the slew limit if that is slower", "V/s", default=None)
     sweep_end_V: float | None = json_key("drive at which the start-up sweep ends; null: the one that holds the memory",
                                          "V", default=None)
-    # The input curve that the firmware inverts, and no key of the file: points in V at the output and in V at the plays,
-    # the ends of the range first and last. None: straight, the same V at both.
+    # The input curve that the firmware inverts, and no key of the file: points in V at the output and in V at the
+    # plays, the ends of the range first and last. None: straight, the same V at both.
     curve_V: tuple[tuple[float, float], ...] = ()
 
     def at_plays(self, output_V: np.ndarray | float) -> np.ndarray | float:

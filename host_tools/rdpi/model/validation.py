@@ -32,13 +32,13 @@ def check_curve(drive: Drive, where: str) -> None:
         return
     points = np.array(drive.curve_V, float)
     if points.ndim != 2 or points.shape[1] != 2 or not 2 <= len(points) <= MAX_CURVE_PIECES + 1:
-        raise BadInput(f"{where}: drive.curve_V: must be 2 to {MAX_CURVE_PIECES + 1} points, each in V at the output and "
-                       "V at the plays")
+        raise BadInput(f"{where}: drive.curve_V: must be 2 to {MAX_CURVE_PIECES + 1} points, each in V at the output "
+                       "and V at the plays")
     if not np.all(np.abs(points) <= LARGEST) or np.any(np.diff(points, axis=0) <= 0):
         raise BadInput(f"{where}: drive.curve_V: must be finite and increase in both columns")
     if (points[0, 0], points[-1, 0]) != (drive.min_V, drive.max_V):
-        raise BadInput(f"{where}: drive.curve_V: is from {points[0, 0]:g} to {points[-1, 0]:g} V; must be over the range "
-                       f"of the drive, {drive.min_V:g} to {drive.max_V:g} V")
+        raise BadInput(f"{where}: drive.curve_V: is from {points[0, 0]:g} to {points[-1, 0]:g} V; must be over the "
+                       f"range of the drive, {drive.min_V:g} to {drive.max_V:g} V")
 
 
 def check_values(model: Model, where: str) -> None:

@@ -82,8 +82,8 @@ typedef struct {
 
 /** One straight piece of the input curve, which leads from the drive to the input x of the plays. The pieces are in the
  * order of the drive. The first begins at min_V. A piece ends at a code, if there are codes: half a code to either side
- * of that end is rounded to this code. Beyond the ends of the table, the first or the last piece goes on. Without codes,
- * the last six numbers are 0. */
+ * of that end is rounded to this code. Beyond the ends of the table, the first or the last piece goes on. Without
+ * codes, the last six numbers are 0. */
 typedef struct {
     rdpi_real_t to_V;           /**< the highest drive on it, where the next piece begins; of the last piece, max_V */
     rdpi_real_t to_um;          /**< x at to_V */
@@ -216,7 +216,8 @@ rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi
 
 /** Checks `params`, and prepares `self` for one step every `sample_time_s`, in the state that rdpi_f32_reset makes.
  * `params` and its arrays must outlive `self`. Some numbers are derived from others: V_per_um, to_um, the
- * intercepts, the inverse of the saturation, and the numbers that make codes. Only the digest vouches that these fit the others.
+ * intercepts, the inverse of the saturation, and the numbers that make codes. Only the digest vouches that these fit
+ * the others.
  *
  * The function is inline, so that it knows how its caller was compiled. If the library was compiled differently, it
  * returns RDPI_ERR_SIZE, and has neither read nor written anything.

@@ -12,8 +12,8 @@
  *   reference      displacement = offset_um + reference * um_per_reference; the reach of the actuator is about +-2^30
  *   drive          V = offset_V + drive * V_per_drive; |drive| <= RDPI_Q31_MAX_DRIVE = 2^29. Where the gain is negative
  *                  so is V_per_drive.
- *   x, y, r        the operator's input, states and thresholds, <= RDPI_Q31_MAX_DRIVE. Where the input curve is straight,
- *                  the drive is x itself; else x rises with the drive.
+ *   x, y, r        the operator's input, states and thresholds, <= RDPI_Q31_MAX_DRIVE. Where the input curve is
+ *                  straight, the drive is x itself; else x rises with the drive.
  *   slope          the largest W_i at rest or at the guard is RDPI_Q31_ONE = 2^30, the smallest >= 2^24
  *   rate           RDPI_Q31_ONE is the guard
  *   v              bank output, x times slope over 2^30
