@@ -72,15 +72,22 @@ typedef struct {
     rdpi_real_t from_um, to_um, slope, intercept_um;
 } rdpi_f32_piece_t;
 typedef struct {
+    rdpi_real_t to_V, to_um, middle_um, reach_um, gain_um_per_V, V_per_um, offset_V, from_code, to_code;
+    rdpi_real_t codes_per_um, code_of_x_0, um_per_code, x_of_code_0_um;
+} rdpi_f32_line_t;
+typedef struct {
     uint32_t schema, digest;
-    uint16_t plays, deadzones, dac_bits, sweep_cycles;
-    rdpi_real_t gain_um_per_V, V_per_um, offset_V, offset_um;
+    uint16_t plays, deadzones;
+    uint8_t dac_bits, curve_pieces;
+    uint16_t sweep_cycles;
+    rdpi_real_t offset_um;
     rdpi_real_t rate_window_s, rate_filter_s, max_um_per_s, min_slope_ratio;
     rdpi_real_t min_V, max_V, slew_V_per_s, sweep_V_per_s, sweep_end_V, sweep_forgotten;
-    rdpi_real_t last_code, codes_per_um, code_of_x_0, um_per_code, x_of_code_0_um, V_per_code;
+    rdpi_real_t last_code, V_per_code;
     const rdpi_f32_play_t *play;
     const rdpi_f32_deadzone_t *saturation;
     const rdpi_f32_piece_t *inverse_saturation;
+    const rdpi_f32_line_t *curve;
     const rdpi_real_t *memory_um;
 } rdpi_f32_params_t;
 typedef struct {
@@ -137,16 +144,24 @@ typedef struct {
     int32_t d, weight;
 } rdpi_q31_deadzone_t;
 typedef struct {
+    int32_t from_drive, from_x, x_per_drive, drive_per_x;
+    uint32_t x_shift, drive_shift;
+} rdpi_q31_line_t;
+typedef struct {
     uint32_t schema, digest;
     uint64_t slew_per_us, sweep_per_us;
-    uint16_t plays, deadzones, dac_bits, sweep_cycles;
+    uint16_t plays, deadzones;
+    uint8_t dac_bits, curve_pieces;
+    uint16_t sweep_cycles;
     uint8_t saturation_shift, inverse_shift, code_shift, drive_shift;
     int16_t guard_exponent;
     uint16_t min_slope_ratio;
     uint32_t guard_mantissa, rate_window_ns, rate_filter_ns;
-    int32_t min_drive, max_drive, drive_of_code_0, codes_per_drive, drive_per_code, sweep_end, sweep_forgotten;
+    int32_t min_drive, max_drive, min_x, max_x;
+    int32_t drive_of_code_0, codes_per_drive, drive_per_code, sweep_end, sweep_forgotten;
     const rdpi_q31_play_t *play;
     const rdpi_q31_deadzone_t *saturation, *inverse_saturation;
+    const rdpi_q31_line_t *curve;
     const int32_t *memory;
 } rdpi_q31_params_t;
 typedef struct {

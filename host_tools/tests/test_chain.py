@@ -388,3 +388,16 @@ def test_follow_keeps_the_estimated_start_inside_the_drive() -> None:
     assert run.command_V[0] == pytest.approx(66)
     steps, _ = chain.follow(narrow, run, "displacement_um", "f64")
     assert steps.drive_V.max() <= 60 and steps.drive_V[0] == pytest.approx(60)
+
+
+@pytest.mark.parametrize("gain_um_per_V", [1e-3, 4.0, -4e3])
+def test_any_gain_is_simulated(gain_um_per_V: float) -> None:
+    """The control input is bounded too, not the drive alone."""
+    model = paper_model()
+    scale = model.gain_um_per_V / gain_um_per_V
+    drive = Drive(*sorted(scale * np.array([model.drive.min_V, model.drive.max_V])))
+    other = replace(model, gain_um_per_V=gain_um_per_V, offset_V=scale * model.offset_V, drive=drive)
+    _, run = run_after(0.5)
+    scaled = replace(run, columns={**run.columns, "command_V": scale * run.command_V})
+    (found,), (expected,) = chain.simulate(other, [scaled], "model"), chain.simulate(model, [run], "model")
+    assert found.predicted_um == pytest.approx(expected.predicted_um, abs=1e-6)

@@ -293,6 +293,7 @@ def test_a_monitor_tells_the_stage(name: str, stage: str, values: dict[str, floa
     shares = found.document.where.stages
     assert getattr(shares, "before_monitor" if stage != "sensor" else "after_monitor") > 0.9
     assert shares.before_monitor + shares.after_monitor == pytest.approx(1)
+    assert [one["stage_shown"] for one in found.improved.effects] == [True] * len(found.document.effects)
 
 
 @pytest.mark.parametrize("slow_s", [0.03, 0.1])
@@ -313,6 +314,7 @@ def test_the_monitor_of_an_amplifier_too_slow_for_the_drive(slow_s: float) -> No
 def test_without_a_monitor_the_stage_stays_a_set() -> None:
     where = diagnosed("effect").document.where
     assert where.stages is None and set(where.stage.split(" or ")) == {"timing", "sensor"}
+    assert not any("stage_shown" in one for one in diagnosed("effect").improved.effects)
 
 
 def test_the_gap_and_its_shares() -> None:

@@ -241,11 +241,22 @@ def test_a_model_beyond_fixed_point_has_floats_alone_and_says_why(model: Model, 
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.parametrize("gain", [-0.1, 0.1])
+def test_a_bent_input_curve_is_a_table(model: Model, compiled: Callable, gain: float) -> None:
+    points = ((-20.2, -20.2), *((10.0 * k, 10 * k + 0.002 * k**3) for k in range(4, 11)), (120.3, 123.0))
+    model = replace(model, gain_um_per_V=gain, offset_V=50.1, drive=replace(model.drive, curve_V=points))
+    text = render(model)
+    assert "#define RDPI_PARAMS_CURVE_PIECES 8" in text and max(map(len, text.splitlines())) <= 120
+    for main in (INIT, INIT_Q31):
+        done = compiled(main, {"rdpi_params.h": text})
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_the_digest_is_the_crc_of_the_fields_in_their_order(seed: int) -> None:
     single = parameters.f32(random_model(seed, plays=seed, deadzones=seed % 3))
-    data = struct.pack("<4H20f", single.plays, single.deadzones, single.dac_bits, single.sweep_cycles,
-                       *(getattr(single, field) for field in SCALARS))
+    data = struct.pack("<2H2BH13f", single.plays, single.deadzones, single.dac_bits, single.curve_pieces,
+                       single.sweep_cycles, *(getattr(single, field) for field in SCALARS))
     data += b"".join(getattr(single, field).astype("<f4").tobytes() for field in TABLES)
     assert firmware.digest(single) == zlib.crc32(data)
 
@@ -260,7 +271,7 @@ def test_what_follows_from_other_fields_follows_from_them_as_rounded(model: Mode
         np.testing.assert_allclose(theirs, values * r - at_corner, rtol=1e-6, atol=1e-7 * np.abs(values).max())
     for gain in np.random.default_rng(1).normal(size=50):
         numbers = parameters.f32(replace(model, gain_um_per_V=gain))
-        assert numbers.V_per_um == np.float32(1 / float(np.float32(gain)))
+        assert numbers.curve[0, 5] == np.float32(1 / float(np.float32(gain)))
     v = np.linspace(-3, 9, 50)
     z = operators.saturation(v, *single.saturation.T.astype(float))
     low, high, slope, intercept = single.inverse_saturation.T.astype(float)
@@ -270,10 +281,11 @@ def test_what_follows_from_other_fields_follows_from_them_as_rounded(model: Mode
     np.testing.assert_allclose(slope[piece] * z + intercept[piece], v, atol=2e-6)
     numbers = parameters.f32(replace(model, drive=replace(model.drive, dac_bits=16)))
     code = np.arange(0, 2**16, 1001)
-    x_um = numbers.um_per_code * code + numbers.x_of_code_0_um
+    codes_per_um, code_of_x_0, um_per_code, x_of_code_0_um = numbers.curve[0, 9:].astype(float)
+    x_um = um_per_code * code + x_of_code_0_um
     volt = numbers.V_per_code * code + numbers.min_V
     np.testing.assert_allclose(x_um, model.x_of(volt), rtol=0, atol=5e-6)
-    np.testing.assert_allclose(numbers.codes_per_um * x_um + numbers.code_of_x_0, code + 0.5, atol=0.02)
+    np.testing.assert_allclose(codes_per_um * x_um + code_of_x_0, code + 0.5, atol=0.02)
     assert numbers.last_code == 2**16 - 1
     last_V = numbers.min_V + numbers.last_code * numbers.V_per_code
     assert last_V <= numbers.max_V and last_V == pytest.approx(numbers.max_V, rel=1e-6)
@@ -423,7 +435,7 @@ def test_two_actuators_in_one_firmware(model: Model, compiled: Callable) -> None
     done = compiled("""
         #include "x.h"
         #include "y.h"
-        int main(void) { return x_axis.gain_um_per_V > y_axis.gain_um_per_V && X_AXIS_PLAYS == Y_AXIS_PLAYS ? 0 : 1; }
+        int main(void) { return x_axis.curve[0].gain_um_per_V > y_axis.curve[0].gain_um_per_V && X_AXIS_PLAYS == Y_AXIS_PLAYS ? 0 : 1; }
         """, {"x.h": render(model, name="x_axis"), "y.h": render(other, name="y_axis")})
     assert (done.returncode, done.stderr) == (0, "")
     assert "rdpi_params" not in render(model, name="x_axis").replace("rdpi_f32_params_t", "").lower().replace(

@@ -26,8 +26,11 @@
 #define MAX_SWEEP_CYCLES 10000u
 
 /* The part of the struct that holds nothing but numbers, without those that make codes. */
-#define NUMBERS_BEGIN offsetof(rdpi_f32_params_t, gain_um_per_V)
+#define NUMBERS_BEGIN offsetof(rdpi_f32_params_t, offset_um)
 #define NUMBERS_END (offsetof(rdpi_f32_params_t, sweep_forgotten) + sizeof(rdpi_real_t))
+
+/* The same of a piece of the input curve. */
+#define LINE_NUMBERS_END offsetof(rdpi_f32_line_t, codes_per_um)
 
 /* The part that the digest covers. It ends with the numbers that make codes. */
 #define DIGEST_BEGIN offsetof(rdpi_f32_params_t, plays)
@@ -65,8 +68,11 @@ static rdpi_status_t rdpi_f32_check_pointers(uint64_t layout, const rdpi_f32_t *
         params->deadzones > RDPI_MAX_DEADZONES) {
         return RDPI_ERR_COUNT;
     }
+    if (params->curve_pieces < 1 || params->curve_pieces > RDPI_MAX_CURVE_PIECES) {
+        return RDPI_ERR_CURVE;
+    }
     if (params->play == NULL || params->saturation == NULL || params->inverse_saturation == NULL ||
-        params->memory_um == NULL) {
+        params->curve == NULL || params->memory_um == NULL) {
         return RDPI_ERR_NULL;
     }
     return RDPI_OK;
@@ -75,6 +81,13 @@ static rdpi_status_t rdpi_f32_check_pointers(uint64_t layout, const rdpi_f32_t *
 static bool rdpi_f32_check_numbers(const rdpi_f32_params_t *params)
 {
     const unsigned char *bytes = (const unsigned char *)params;
+    for (size_t i = 0; i < params->curve_pieces; i++) {
+        const unsigned char *line = (const unsigned char *)&params->curve[i];
+        if (!rdpi_f32_all_within(MAX_NUMBER, line, LINE_NUMBERS_END) ||
+            !rdpi_f32_all_within(MAX_CODE_NUMBER, line + LINE_NUMBERS_END, sizeof *params->curve - LINE_NUMBERS_END)) {
+            return false;
+        }
+    }
     return rdpi_f32_all_within(MAX_NUMBER, bytes + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN) &&
            rdpi_f32_all_within(MAX_CODE_NUMBER, bytes + NUMBERS_END, DIGEST_END - NUMBERS_END) &&
            rdpi_f32_all_within(MAX_NUMBER, params->play, params->plays * sizeof *params->play) &&
@@ -127,6 +140,34 @@ static rdpi_status_t rdpi_f32_check_saturation(const rdpi_f32_params_t *params)
     return RDPI_OK;
 }
 
+/* Whether the pieces of the input curve follow each other from min_V to max_V and from code 0 to the last, all rise or
+ * all fall, and leave no gap in x. */
+static rdpi_status_t rdpi_f32_check_curve(const rdpi_f32_params_t *params)
+{
+    const rdpi_f32_line_t *before = NULL;
+    rdpi_real_t from_V = params->min_V, from_code = 0;
+    for (size_t i = 0; i < params->curve_pieces; i++) {
+        const rdpi_f32_line_t *line = &params->curve[i];
+        if (line->to_V <= from_V || line->from_code != from_code || (line->to_code <= from_code && params->dac_bits > 0)) {
+            return RDPI_ERR_CURVE;
+        }
+        if (before != NULL) {
+            rdpi_real_t x_um = rdpi_f32_x_of_drive(line, from_V);
+            rdpi_real_t slack_V = params->max_V - params->min_V + fabs(from_V) / 16;
+            rdpi_real_t gains = fabs(line->gain_um_per_V) + fabs(before->gain_um_per_V);
+            rdpi_real_t slack_um = ROUNDING * (fabs(x_um) + gains * slack_V);
+            if (line->gain_um_per_V * before->gain_um_per_V <= 0 ||
+                fabs(x_um - rdpi_f32_x_of_drive(before, from_V)) > slack_um) {
+                return RDPI_ERR_CURVE;
+            }
+        }
+        before = line;
+        from_V = line->to_V;
+        from_code = line->to_code;
+    }
+    return from_V == params->max_V && from_code == params->last_code ? RDPI_OK : RDPI_ERR_CURVE;
+}
+
 static rdpi_status_t rdpi_f32_check_drive(const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
 {
     if (params->max_V - params->min_V < MIN_SPAN_V || params->slew_V_per_s < 0 ||
@@ -148,7 +189,7 @@ static rdpi_status_t rdpi_f32_check_drive(const rdpi_f32_params_t *params, rdpi_
  * infinity beside a finite state. */
 static rdpi_status_t rdpi_f32_check_memory(const rdpi_f32_params_t *params, const rdpi_real_t *y_um)
 {
-    rdpi_real_t drive_V = rdpi_f32_drive_of_x(params, y_um[0]);
+    rdpi_real_t drive_V = rdpi_f32_drive_of_x(rdpi_f32_line_of_x(params, y_um[0]), y_um[0]);
     rdpi_real_t slack_V = ROUNDING * (params->max_V - params->min_V);
     bool possible = drive_V >= params->min_V - slack_V && drive_V <= params->max_V + slack_V;
     for (size_t i = 1; i < params->plays; i++) {
@@ -166,6 +207,7 @@ static uint32_t rdpi_f32_checksum(const rdpi_f32_params_t *params)
     crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
     crc = rdpi_crc32(crc, params->saturation, params->deadzones * sizeof *params->saturation);
     crc = rdpi_crc32(crc, params->inverse_saturation, params->deadzones * sizeof *params->inverse_saturation);
+    crc = rdpi_crc32(crc, params->curve, params->curve_pieces * sizeof *params->curve);
     return rdpi_crc32(crc, params->memory_um, params->plays * sizeof *params->memory_um);
 }
 
@@ -179,8 +221,10 @@ static rdpi_status_t rdpi_f32_check_params(rdpi_f32_t *self, const rdpi_f32_para
     if (!rdpi_f32_check_numbers(params)) {
         return RDPI_ERR_NOT_FINITE;
     }
-    if (params->gain_um_per_V == 0) {
-        return RDPI_ERR_GAIN;
+    for (size_t i = 0; i < params->curve_pieces; i++) {
+        if (params->curve[i].gain_um_per_V == 0) {
+            return RDPI_ERR_GAIN;
+        }
     }
     if (params->max_um_per_s <= 0) {
         return RDPI_ERR_RATE;
@@ -197,6 +241,9 @@ static rdpi_status_t rdpi_f32_check_params(rdpi_f32_t *self, const rdpi_f32_para
     }
     if (status == RDPI_OK) {
         status = rdpi_f32_check_drive(params, sample_time_s);
+    }
+    if (status == RDPI_OK) {
+        status = rdpi_f32_check_curve(params);
     }
     return status == RDPI_OK ? rdpi_f32_check_memory(params, params->memory_um) : status;
 }

@@ -1,23 +1,53 @@
-/* Conversions between the drive, the input x of the plays, and DAC codes. */
+/* Conversions between the drive, the input x of the plays, and DAC codes: the input curve. Its pieces are searched from
+ * the first, because few steps search. */
 #ifndef RDPI_F32_DRIVE_H
 #define RDPI_F32_DRIVE_H
 
 #include "f32_math.h"
 
-static rdpi_real_t rdpi_f32_x_of_drive(const rdpi_f32_params_t *params, rdpi_real_t drive_V)
+/* The piece on which a drive lies. */
+static RDPI_F32_SHARED const rdpi_f32_line_t *rdpi_f32_line_of_drive(const rdpi_f32_params_t *params,
+                                                                     rdpi_real_t drive_V)
 {
-    return params->gain_um_per_V * (drive_V - params->offset_V);
+    const rdpi_f32_line_t *line = params->curve;
+    for (unsigned left = params->curve_pieces; left > 1u && drive_V > line->to_V; left--) {
+        line++;
+    }
+    return line;
 }
 
-static rdpi_real_t rdpi_f32_drive_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
+/* The piece on which an x lies. Where the gain is negative, x falls from piece to piece. */
+static RDPI_F32_SHARED const rdpi_f32_line_t *rdpi_f32_line_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
 {
-    return rdpi_f32_fma(x_um, params->V_per_um, params->offset_V);
+    const rdpi_f32_line_t *line = params->curve;
+    for (unsigned left = params->curve_pieces; left > 1u && (x_um - line->to_um) * line->gain_um_per_V > 0; left--) {
+        line++;
+    }
+    return line;
 }
 
-/* The code nearest to an x inside the range, to rounding. 0 without codes. */
-static RDPI_F32_SHARED uint32_t rdpi_f32_code_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
+/* The piece on which a code lies that an x on `line` has been rounded to: the next one at the end of `line`. */
+static inline const rdpi_f32_line_t *rdpi_f32_line_of_code(const rdpi_f32_params_t *params, const rdpi_f32_line_t *line,
+                                                           rdpi_real_t code)
 {
-    rdpi_real_t code = rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0);
+    return code >= line->to_code && code < params->last_code ? &line[1] : line;
+}
+
+static inline rdpi_real_t rdpi_f32_x_of_drive(const rdpi_f32_line_t *line, rdpi_real_t drive_V)
+{
+    return line->gain_um_per_V * (drive_V - line->offset_V);
+}
+
+static inline rdpi_real_t rdpi_f32_drive_of_x(const rdpi_f32_line_t *line, rdpi_real_t x_um)
+{
+    return rdpi_f32_fma(x_um, line->V_per_um, line->offset_V);
+}
+
+/* The code nearest to an x on `line` and inside the range, to rounding. 0 without codes. */
+static RDPI_F32_SHARED uint32_t rdpi_f32_code_of_x(const rdpi_f32_params_t *params, const rdpi_f32_line_t *line,
+                                                   rdpi_real_t x_um)
+{
+    rdpi_real_t code = rdpi_f32_fma(x_um, line->codes_per_um, line->code_of_x_0);
     return (uint32_t)rdpi_f32_clamp(code, 0, params->last_code);
 }
 

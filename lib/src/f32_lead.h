@@ -9,7 +9,7 @@
  *   preview, the latest reference u is n + 1 samples ahead:  z = u - d + a (d + d') / (2 T) + b (d - d') / T^2
  *   no preview, n = 0 and f = D:                             z = u + a (3 d - d') / (2 T) + b (d - d') / T^2
  *
- * Both are z = u - behind d + (per_step d + per_before d'). What stands in brackets is the lead; it is limited. */
+ * What comes after u - d or u is per_step d + per_before d'. It is limited. */
 #ifndef RDPI_F32_LEAD_H
 #define RDPI_F32_LEAD_H
 
@@ -48,7 +48,6 @@ static inline bool rdpi_f32_lead_init(rdpi_f32_lead_t *lead, const rdpi_f32_chai
     }
     lead->per_step = slope / 2 + bend;
     lead->per_before = slope / 2 - bend;
-    lead->behind = params->preview != 0u ? 1 : 0;
     lead->max_um = params->max_lead_um;
     return true;
 }
@@ -59,13 +58,11 @@ static inline rdpi_real_t rdpi_f32_lead_at(const rdpi_f32_lead_t *lead, rdpi_rea
     return rdpi_f32_fma(lead->per_step, step_um, lead->per_before * lead->before_um);
 }
 
-/* Takes the reference `ahead_um`, `step_um` above the one before it, and returns z with `add_um` for the lead. */
-static inline rdpi_real_t rdpi_f32_lead_take(rdpi_f32_lead_t *lead, rdpi_real_t ahead_um, rdpi_real_t step_um,
-                                             rdpi_real_t add_um)
+/* Takes the reference `ahead_um`, `step_um` above the one before it. */
+static inline void rdpi_f32_lead_take(rdpi_f32_lead_t *lead, rdpi_real_t ahead_um, rdpi_real_t step_um)
 {
     lead->latest_um = ahead_um;
     lead->before_um = step_um;
-    return ahead_um + rdpi_f32_fma(-lead->behind, step_um, add_um);
 }
 
 #endif

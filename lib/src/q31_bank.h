@@ -61,7 +61,7 @@ static inline void rdpi_q31_bank_slide(rdpi_q31_bank_t *bank, int32_t way)
 static inline void rdpi_q31_bank_advance(rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params, int32_t x)
 {
     const int32_t side = rdpi_q31_bank_side(bank->falling);
-    int32_t room = side * ((bank->falling ? params->min_drive : params->max_drive) - x);
+    int32_t room = side * ((bank->falling ? params->min_x : params->max_x) - x);
     while (bank->engaged + 1u < params->plays) {
         int32_t corner = bank->y[bank->engaged + 1u] + side * bank->last_engaged[1].r, ahead = side * (corner - x);
         if (ahead >= 0) {
@@ -142,7 +142,7 @@ static RDPI_Q31_HOT int32_t rdpi_q31_bank_walk_one_way(rdpi_q31_bank_t *bank, co
                                                        int64_t excess, int32_t rate, const bool falling)
 {
     const int32_t side = rdpi_q31_bank_side(falling);
-    const int32_t end = falling ? params->min_drive : params->max_drive;
+    const int32_t end = falling ? params->min_x : params->max_x;
     if (falling != bank->falling) {
         rdpi_q31_bank_turn(bank, params);
     }

@@ -28,8 +28,11 @@ static rdpi_status_t rdpi_q31_check_pointers(uint64_t layout, const rdpi_q31_t *
         params->deadzones > RDPI_MAX_DEADZONES) {
         return RDPI_ERR_COUNT;
     }
+    if (params->curve_pieces < 1u || params->curve_pieces > RDPI_MAX_CURVE_PIECES) {
+        return RDPI_ERR_CURVE;
+    }
     if (params->play == NULL || params->saturation == NULL || params->inverse_saturation == NULL ||
-        params->memory == NULL) {
+        (params->curve == NULL && params->curve_pieces > 1u) || params->memory == NULL) {
         return RDPI_ERR_NULL;
     }
     return RDPI_OK;
@@ -113,6 +116,40 @@ static rdpi_status_t rdpi_q31_check_drive(const rdpi_q31_params_t *params)
     return RDPI_OK;
 }
 
+/* Whether two numbers are the same but for rounding. */
+static bool rdpi_q31_meet(int32_t a, int32_t b)
+{
+    return a - b <= 2 && b - a <= 2;
+}
+
+/* Whether the pieces of the input curve follow each other from one end of the range to the other, rise, and leave no
+ * gap. The drives and their x are checked before they are subtracted. */
+static rdpi_status_t rdpi_q31_check_curve(const rdpi_q31_params_t *params)
+{
+    const rdpi_q31_line_t *line = params->curve;
+    if (!rdpi_q31_in_format(params->min_x) || !rdpi_q31_in_format(params->max_x) || params->min_x >= params->max_x) {
+        return RDPI_ERR_CURVE;
+    }
+    if (params->curve_pieces == 1u) {
+        return params->min_x == params->min_drive && params->max_x == params->max_drive ? RDPI_OK : RDPI_ERR_CURVE;
+    }
+    if (line->from_drive != params->min_drive || line->from_x != params->min_x) {
+        return RDPI_ERR_CURVE;
+    }
+    for (unsigned left = params->curve_pieces; left > 0u; left--) {
+        int32_t to_drive = left > 1u ? line[1].from_drive : params->max_drive;
+        int32_t to_x = left > 1u ? line[1].from_x : params->max_x;
+        if (to_drive <= line->from_drive || to_drive > params->max_drive || to_x <= line->from_x ||
+            to_x > params->max_x || line->x_per_drive < 1 || line->drive_per_x < 1 || line->x_shift - 1u > 61u ||
+            line->drive_shift - 1u > 61u || !rdpi_q31_meet(rdpi_q31_line_x(line, to_drive), to_x) ||
+            !rdpi_q31_meet(rdpi_q31_line_drive(line, to_x), to_drive)) {
+            return RDPI_ERR_CURVE;
+        }
+        line++;
+    }
+    return RDPI_OK;
+}
+
 /* Whether one history can lead to these states, with a drive inside the range. */
 static rdpi_status_t rdpi_q31_check_memory(const rdpi_q31_params_t *params, const int32_t *y)
 {
@@ -123,7 +160,7 @@ static rdpi_status_t rdpi_q31_check_memory(const rdpi_q31_params_t *params, cons
             return RDPI_ERR_MEMORY;
         }
     }
-    return y[0] < params->min_drive || y[0] > params->max_drive ? RDPI_ERR_MEMORY : RDPI_OK;
+    return y[0] < params->min_x || y[0] > params->max_x ? RDPI_ERR_MEMORY : RDPI_OK;
 }
 
 /* rdpi_q31_digest, whatever the layout of the caller. */
@@ -134,6 +171,9 @@ static uint32_t rdpi_q31_checksum(const rdpi_q31_params_t *params)
     crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
     crc = rdpi_crc32(crc, params->saturation, deadzones);
     crc = rdpi_crc32(crc, params->inverse_saturation, deadzones);
+    if (params->curve_pieces > 1u) {
+        crc = rdpi_crc32(crc, params->curve, params->curve_pieces * sizeof *params->curve);
+    }
     return rdpi_crc32(crc, params->memory, params->plays * sizeof *params->memory);
 }
 
@@ -158,6 +198,9 @@ static rdpi_status_t rdpi_q31_check_params(const rdpi_q31_params_t *params)
     }
     if (status == RDPI_OK) {
         status = rdpi_q31_check_drive(params);
+    }
+    if (status == RDPI_OK) {
+        status = rdpi_q31_check_curve(params);
     }
     return status == RDPI_OK ? rdpi_q31_check_memory(params, params->memory) : status;
 }

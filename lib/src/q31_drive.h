@@ -1,4 +1,4 @@
-/* Conversions between the drive and DAC codes in fixed point. The drive is the input x of the plays. */
+/* Conversions between the input x of the plays, the drive and DAC codes in fixed point. */
 #ifndef RDPI_Q31_DRIVE_H
 #define RDPI_Q31_DRIVE_H
 
@@ -14,6 +14,57 @@ static bool rdpi_q31_in_format(int32_t drive)
 static int32_t rdpi_q31_in_range(const rdpi_q31_params_t *params, int32_t drive)
 {
     return drive < params->min_drive ? params->min_drive : (drive > params->max_drive ? params->max_drive : drive);
+}
+
+/* The x, or the end of the range that it is beyond. */
+static int32_t rdpi_q31_x_in_range(const rdpi_q31_params_t *params, int32_t x)
+{
+    return x < params->min_x ? params->min_x : (x > params->max_x ? params->max_x : x);
+}
+
+/* way 2^-shift factor, rounded. Scaling and overflow: |way| <= 2^30, so that the product stays within 2^61. */
+static int64_t rdpi_q31_scale(int32_t way, int32_t factor, uint32_t shift)
+{
+    return (rdpi_q31_mul(way, factor) + ((int64_t)1 << (shift - 1u))) >> shift;
+}
+
+/* On one piece of the input curve. Scaling and overflow: saturates at +-RDPI_Q31_MAX_DRIVE. */
+static int32_t rdpi_q31_line_x(const rdpi_q31_line_t *line, int32_t drive)
+{
+    return rdpi_q31_clamp(line->from_x + rdpi_q31_scale(drive - line->from_drive, line->x_per_drive, line->x_shift),
+                          -RDPI_Q31_MAX_DRIVE, RDPI_Q31_MAX_DRIVE);
+}
+
+static int32_t rdpi_q31_line_drive(const rdpi_q31_line_t *line, int32_t x)
+{
+    return rdpi_q31_clamp(line->from_drive + rdpi_q31_scale(x - line->from_x, line->drive_per_x, line->drive_shift),
+                          -RDPI_Q31_MAX_DRIVE, RDPI_Q31_MAX_DRIVE);
+}
+
+/* The input curve, at a drive in its format. */
+static int32_t rdpi_q31_x_of_drive(const rdpi_q31_params_t *params, int32_t drive)
+{
+    const rdpi_q31_line_t *line = params->curve;
+    if (params->curve_pieces == 1u) {
+        return drive;
+    }
+    for (unsigned left = params->curve_pieces; left > 1u && drive >= line[1].from_drive; left--) {
+        line++;
+    }
+    return rdpi_q31_line_x(line, drive);
+}
+
+/* Its inverse, at an x in the range. */
+static int32_t rdpi_q31_drive_of_x(const rdpi_q31_params_t *params, int32_t x)
+{
+    const rdpi_q31_line_t *line = params->curve;
+    if (params->curve_pieces == 1u) {
+        return x;
+    }
+    for (unsigned left = params->curve_pieces; left > 1u && x >= line[1].from_x; left--) {
+        line++;
+    }
+    return rdpi_q31_in_range(params, rdpi_q31_line_drive(line, x));
 }
 
 static int64_t rdpi_q31_drive_of_code(const rdpi_q31_params_t *params, int64_t code)

@@ -4,12 +4,20 @@
 
 #include "q31_blend.h"
 #include "q31_rate.h"
+#include "rdpi/q31_chain.h"
 
 /* a / b as a ratio, whatever the sign of a. Where a is 0, no other ratio is smaller. */
 static inline rdpi_q31_scaled_t rdpi_q31_lead_ratio(int64_t a, uint64_t b)
 {
     rdpi_q31_scaled_t none = {0, 65};
     return a == 0 ? none : rdpi_q31_ratio(a < 0 ? 0u - (uint64_t)a : (uint64_t)a, b);
+}
+
+/* The shift with which both ratios have 30 bits at most. */
+static inline int rdpi_q31_lead_shift(int exponent, int other)
+{
+    int shift = (exponent < other ? exponent : other) - 2;
+    return shift < 63 ? shift : 63;
 }
 
 /* A ratio with the sign of `a`, times 2^shift. */
@@ -35,17 +43,13 @@ static inline bool rdpi_q31_lead_init(rdpi_q31_chain_t *self, const rdpi_q31_cha
     }
     rdpi_q31_scaled_t sum = rdpi_q31_lead_ratio(a, 2u * (uint64_t)T);
     rdpi_q31_scaled_t change = rdpi_q31_lead_ratio(b, (uint64_t)T * T);
-    int shift = (sum.exponent < change.exponent ? sum.exponent : change.exponent) - 2;
-    shift = shift < 63 ? shift : 63;
-    if (shift < 1) {
-        return false;
-    }
+    int shift = rdpi_q31_lead_shift(sum.exponent, change.exponent);
     lead->shift = (uint8_t)shift;
     lead->per_sum = rdpi_q31_lead_factor(sum, shift, a);
     lead->per_change = rdpi_q31_lead_factor(change, shift, b);
     self->leads = params->delay_ns > 0u || params->lead_ns > 0u || params->lead_ns2 > 0u;
     self->preview_samples = self->leads && params->preview > 0u ? samples + 1u : 0u;
-    return true;
+    return shift >= 1;
 }
 
 /* Takes a reference, and returns it with the lead added. Sets `limited` if the lead would have been more than max_lead.

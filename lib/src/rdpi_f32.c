@@ -60,7 +60,8 @@ static void put_drive(rdpi_f32_t *self, rdpi_real_t drive_V)
 {
     self->drive_V = rdpi_f32_clamp(drive_V, self->params->min_V, self->params->max_V);
     self->ramp_V = self->drive_V;
-    self->dac_code = rdpi_f32_code_of_x(self->params, self->bank.y_um[0]);
+    rdpi_real_t x_um = self->bank.y_um[0];
+    self->dac_code = rdpi_f32_code_of_x(self->params, rdpi_f32_line_of_x(self->params, x_um), x_um);
     self->sweep_turns = 0;
     end_quick(self);
 }
@@ -70,7 +71,7 @@ static void put_memory(rdpi_f32_t *self, const rdpi_real_t *y_um)
 {
     const rdpi_f32_params_t *params = self->params;
     rdpi_f32_bank_set(&self->bank, params->play, params->plays, y_um);
-    put_drive(self, rdpi_f32_drive_of_x(params, self->bank.y_um[0]));
+    put_drive(self, rdpi_f32_drive_of_x(rdpi_f32_line_of_x(params, y_um[0]), y_um[0]));
 }
 
 void rdpi_f32_reset(rdpi_f32_t *self)
@@ -160,19 +161,24 @@ static inline rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V, cons
 }
 
 /* Outputs a drive inside the range, rounded to a code if there are codes, and moves the plays there. target.x_um is the
- * x of the drive; a code has an x of its own. Returns the side to which x goes then. `quick` is that of finish_step. */
+ * x of the drive, and `line` the piece of either; a code has an x of its own. Returns the side to which x goes then.
+ * `quick` is that of finish_step. */
 static RDPI_F32_SHARED rdpi_real_t output(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_f32_target_t target,
-                                          const bool quick)
+                                          const rdpi_f32_line_t *line, const bool quick)
 {
     const rdpi_f32_params_t *params = self->params;
     if (!quick) {
         self->ramp_V = drive_V;
     }
     if (quick || params->dac_bits > 0u) {
-        self->dac_code = rdpi_f32_code_of_x(params, target.x_um);
+        self->dac_code = rdpi_f32_code_of_x(params, line, target.x_um);
         rdpi_real_t code = (rdpi_real_t)self->dac_code;
+        line = rdpi_f32_line_of_code(params, line, code);
         drive_V = rdpi_f32_fma(code, params->V_per_code, params->min_V);
-        target.x_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
+        target.x_um = rdpi_f32_fma(code, line->um_per_code, line->x_of_code_0_um);
+        if (RDPI_QUICK_STEP) {
+            self->line = line;
+        }
     }
     self->drive_V = drive_V;
     return rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
@@ -186,48 +192,49 @@ static bool next_is_quick(const rdpi_f32_t *self)
     const rdpi_f32_params_t *params = self->params;
     return self->rate_estimator.window == 1u && self->rate_estimator.keep <= 0 && params->slew_V_per_s <= 0 &&
            self->dac_code > 0u && (rdpi_real_t)self->dac_code < params->last_code &&
-           fabs(params->code_of_x_0) <= MAX_CODE_0;
+           fabs(self->line->code_of_x_0) <= MAX_CODE_0;
 }
 
 /* Sets bank.edge_um; see `quick` in rdpi_f32_t. x goes to `side`. The edge is at a code, half a code or more before the
- * next corner and before the end of the range, so that rounding to a code does not lead beyond. Where no play is
- * engaged and x is free both ways, it is three quarters of a code before. Both margins are larger than any rounding. */
+ * next corner and before the end of `line`, so that rounding to a code does not lead beyond. Where no play is engaged
+ * and x is free both ways, it is three quarters of a code before. Both margins are larger than any rounding. */
 static RDPI_F32_HOT void set_edge(rdpi_f32_t *self, rdpi_real_t side)
 {
-    const rdpi_f32_params_t *params = self->params;
+    const rdpi_f32_line_t *line = self->line;
     rdpi_f32_bank_t *bank = &self->bank;
     const rdpi_f32_play_t *next = &bank->last_engaged[1];
-    rdpi_real_t *next_um = &bank->y_um[bank->engaged + 1u];
-    bool last = bank->engaged + 1u == params->plays;
-    rdpi_real_t half = params->last_code / 2, code_um = fabs(params->um_per_code);
-    rdpi_real_t middle_um = rdpi_f32_fma(half, params->um_per_code, params->x_of_code_0_um), reach_um = half * code_um;
+    const rdpi_real_t *next_um = &bank->y_um[bank->engaged + 1u];
+    bool last = bank->engaged + 1u == self->params->plays;
+    rdpi_real_t code_um = fabs(line->um_per_code);
     if (bank->engaged > 0u) {
-        rdpi_real_t end_um = rdpi_f32_fma(side, middle_um, reach_um);
+        rdpi_real_t end_um = rdpi_f32_fma(side, line->middle_um, line->reach_um);
         if (!last) {
             rdpi_real_t corner_um = rdpi_f32_fma(side, *next_um, next->r_um);
             end_um = corner_um < end_um ? corner_um : end_um;
         }
         end_um = rdpi_f32_fma((rdpi_real_t)-0.5, code_um, end_um);
-        int32_t codes = (int32_t)(rdpi_f32_fma(side, end_um, -bank->y_um[0]) * params->codes_per_um);
+        int32_t codes = (int32_t)(rdpi_f32_fma(side, end_um, -bank->y_um[0]) * line->codes_per_um);
         rdpi_real_t code = (rdpi_real_t)self->dac_code + (rdpi_real_t)codes;
-        bank->edge_um = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
+        bank->edge_um = rdpi_f32_fma(code, line->um_per_code, line->x_of_code_0_um);
     } else {
-        if (last) { /* a single play is free in all of the range */
-            *next_um = middle_um;
-        } else {
-            reach_um -= fabs(*next_um - middle_um);
-            reach_um = reach_um < next->r_um ? reach_um : next->r_um;
+        rdpi_real_t low_um = line->middle_um - line->reach_um, high_um = line->middle_um + line->reach_um;
+        if (!last) { /* a single play is free in all of the piece */
+            rdpi_real_t lowest_um = *next_um - next->r_um, highest_um = *next_um + next->r_um;
+            low_um = lowest_um > low_um ? lowest_um : low_um;
+            high_um = highest_um < high_um ? highest_um : high_um;
         }
-        bank->edge_um = rdpi_f32_fma((rdpi_real_t)-0.75, code_um, reach_um);
+        bank->middle_um = (low_um + high_um) / 2;
+        bank->edge_um = rdpi_f32_fma((rdpi_real_t)-0.75, code_um, (high_um - low_um) / 2);
     }
 }
 
-/* Whether x turns round, but is still rounded to the code that is output. That code must not be at an end of the range,
- * and x must be before the first corner on the way back, which is 2 r_1 off. rdpi_f32_bank_walk and `output` would then
+/* Whether x turns round, but is still rounded to the code that is output. That code must not be at an end of the range or
+ * between two pieces, and x must be before the first corner on the way back, which is 2 r_1 off. rdpi_f32_bank_walk and `output` would then
  * give the same code. */
 static inline bool turns_within_code(const rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
     const rdpi_f32_params_t *params = self->params;
+    const rdpi_f32_line_t *line = self->line;
     const rdpi_f32_bank_t *bank = &self->bank;
     rdpi_real_t rise_um = rdpi_f32_bank_side(bank->falling) * climb_um;
     if (!(rise_um < 0) || bank->engaged == 0u) {
@@ -238,8 +245,8 @@ static inline bool turns_within_code(const rdpi_f32_t *self, rdpi_real_t climb_u
         return false;
     }
     rdpi_real_t x_um = climb_um / slope + bank->y_um[0], code = (rdpi_real_t)self->dac_code;
-    rdpi_real_t beyond = rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0) - code;
-    return beyond >= 0 && beyond < 1 && code > 1 && code < params->last_code - 1;
+    rdpi_real_t beyond = rdpi_f32_fma(x_um, line->codes_per_um, line->code_of_x_0) - code;
+    return beyond >= 0 && beyond < 1 && code > 1 && code > line->from_code && code < params->last_code - 1;
 }
 
 /* The end of any step: finds the x where the output of the bank has climbed by `climb_um`, and outputs it. `quick` is
@@ -249,12 +256,14 @@ static RDPI_F32_HOT rdpi_real_t finish_step(rdpi_f32_t *self, rdpi_real_t climb_
 {
     const rdpi_f32_params_t *params = self->params;
     rdpi_f32_target_t target = rdpi_f32_bank_walk(&self->bank, params->play, params->plays, rate_um_per_s, climb_um);
-    rdpi_real_t wish_V = rdpi_f32_drive_of_x(params, target.x_um);
+    const rdpi_f32_line_t *line = rdpi_f32_line_of_x(params, target.x_um);
+    rdpi_real_t wish_V = rdpi_f32_drive_of_x(line, target.x_um);
     rdpi_real_t drive_V = limit_drive(self, wish_V, quick);
     if (drive_V != wish_V) {
-        target.x_um = rdpi_f32_x_of_drive(params, drive_V);
+        line = rdpi_f32_line_of_drive(params, drive_V);
+        target.x_um = rdpi_f32_x_of_drive(line, drive_V);
     }
-    rdpi_real_t side = output(self, drive_V, target, quick);
+    rdpi_real_t side = output(self, drive_V, target, line, quick);
     if (RDPI_QUICK_STEP && !quick) {
         self->quick = next_is_quick(self);
     }
@@ -270,7 +279,7 @@ static RDPI_F32_SELDOM rdpi_real_t finish_quick_step(rdpi_f32_t *self, rdpi_real
     return finish_step(self, climb_um, rate_um_per_s, true);
 }
 
-/* Taken while `quick` is true, if x would leave bank.edge_um: a play may engage, the range may end, or x turns
+/* Taken while `quick` is true, if x would leave bank.edge_um: a play may engage, `line` may end, or x turns
  * round. */
 static RDPI_F32_SELDOM rdpi_real_t step_over_edge(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
@@ -346,7 +355,7 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
     rdpi_real_t way_um = rdpi_f32_bank_way(bank, rate_um_per_s, climb_um);
     rdpi_real_t x_um = way_um + bank->y_um[0];
-    rdpi_real_t before_edge = bank->engaged == 0u ? bank->edge_um - fabs(x_um - bank->y_um[1])
+    rdpi_real_t before_edge = bank->engaged == 0u ? bank->edge_um - fabs(x_um - bank->middle_um)
                                                   : way_um * (bank->edge_um - x_um); /* > 0: x stays before it */
     self->flags = 0;
     self->rate_estimator.z_um[0] = reference_um;
@@ -354,9 +363,10 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     if (!(before_edge > 0)) {
         return step_over_edge(self, climb_um, rate_um_per_s);
     }
-    self->dac_code = (uint32_t)rdpi_f32_fma(x_um, params->codes_per_um, params->code_of_x_0);
+    const rdpi_f32_line_t *line = self->line;
+    self->dac_code = (uint32_t)rdpi_f32_fma(x_um, line->codes_per_um, line->code_of_x_0);
     rdpi_real_t code = (rdpi_real_t)self->dac_code;
-    bank->y_um[0] = rdpi_f32_fma(code, params->um_per_code, params->x_of_code_0_um);
+    bank->y_um[0] = rdpi_f32_fma(code, line->um_per_code, line->x_of_code_0_um);
     self->drive_V = rdpi_f32_fma(code, params->V_per_code, params->min_V);
     return self->drive_V;
 }
@@ -393,8 +403,9 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     if (drive_V == turn_V) {
         self->sweep_turns--;
     }
-    rdpi_f32_target_t target = rdpi_f32_bank_target(rdpi_f32_x_of_drive(params, drive_V));
-    (void)output(self, drive_V, target, false);
+    const rdpi_f32_line_t *line = rdpi_f32_line_of_drive(params, drive_V);
+    rdpi_f32_target_t target = rdpi_f32_bank_target(rdpi_f32_x_of_drive(line, drive_V));
+    (void)output(self, drive_V, target, line, false);
     return self->sweep_turns > 0u;
 }
 
@@ -422,8 +433,8 @@ rdpi_real_t rdpi_f32_predict(const rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_r
         return (rdpi_real_t)NAN;
     }
     rdpi_real_t rate = rate_um_per_s < params->max_um_per_s ? rate_um_per_s : params->max_um_per_s;
-    rdpi_real_t v_um = rdpi_f32_bank_at(&self->bank, params->play, params->plays, rate,
-                                        rdpi_f32_x_of_drive(params, drive_V));
+    rdpi_real_t x_um = rdpi_f32_x_of_drive(rdpi_f32_line_of_drive(params, drive_V), drive_V);
+    rdpi_real_t v_um = rdpi_f32_bank_at(&self->bank, params->play, params->plays, rate, x_um);
     return rdpi_f32_saturation(params->saturation, params->deadzones, v_um) + params->offset_um;
 }
 
@@ -438,7 +449,8 @@ rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t 
         fabs(outside_V) > MAX_SPANS * (params->max_V - params->min_V)) {
         return rdpi_f32_predict(self, refuse_input(self), self->rate_um_per_s);
     }
-    rdpi_f32_target_t target = rdpi_f32_bank_target(rdpi_f32_x_of_drive(params, drive_V));
+    rdpi_real_t x_um = rdpi_f32_x_of_drive(rdpi_f32_line_of_drive(params, drive_V), drive_V);
+    rdpi_f32_target_t target = rdpi_f32_bank_target(x_um);
     (void)limit_rate(self, rate_um_per_s);
     forget_samples(self);
     (void)rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);

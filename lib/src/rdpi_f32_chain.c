@@ -12,7 +12,7 @@ enum {
     LEAD,       /* the lead before it */
     CREEP,      /* creep^-1 before it */
     LEAD_CREEP, /* both */
-    GENERAL     /* the lead has no history, or samples were missed; creep^-1 or not */
+    GENERAL     /* as LEAD or LEAD_CREEP, with no preview, no history, or missed samples */
 };
 
 /* The largest magnitude of a number, as in f32_check.h. */
@@ -160,21 +160,30 @@ static RDPI_F32_SELDOM rdpi_real_t output_um(const rdpi_f32_chain_t *self)
     return rdpi_f32_predict(axis, axis->drive_V, axis->rate_um_per_s) - self->creep.settled_um;
 }
 
-/* Creep^-1 and the operator, for what the lead has made of a reference. */
-static RDPI_F32_SHARED rdpi_real_t step_creep(rdpi_f32_chain_t *self, rdpi_real_t z_um)
+/* Creep^-1 and the operator, for what the lead has made of a reference. The states move only now to the sample before:
+ * so nothing has to be done after the step of the operator. */
+static RDPI_F32_SHARED rdpi_real_t move_and_step(rdpi_f32_chain_t *self, rdpi_real_t z_um)
 {
-    rdpi_real_t h_um = rdpi_f32_creep_solve(&self->creep, z_um);
-    rdpi_real_t drive_V = rdpi_f32_step(&self->axis, h_um + self->creep.settled_um);
-    if ((self->axis.flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW | RDPI_FLAG_INPUT)) != 0u) {
-        h_um = output_um(self);
-    }
-    rdpi_f32_creep_move(&self->creep, h_um);
-    return drive_V;
+    rdpi_real_t adds_um = rdpi_f32_creep_move(&self->creep);
+    return rdpi_f32_step(&self->axis, rdpi_f32_creep_solve(&self->creep, adds_um, z_um));
+}
+
+/* The operator has not output what the step before asked for: creep follows what it has. */
+static RDPI_F32_SELDOM rdpi_real_t step_after_clip(rdpi_f32_chain_t *self, rdpi_real_t z_um)
+{
+    self->creep.h_um = output_um(self);
+    return move_and_step(self, z_um);
+}
+
+static RDPI_F32_SELDOM rdpi_real_t step_creep(rdpi_f32_chain_t *self, rdpi_real_t z_um)
+{
+    bool clipped = (self->axis.flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW | RDPI_FLAG_INPUT)) != 0u;
+    return clipped ? step_after_clip(self, z_um) : move_and_step(self, z_um);
 }
 
 static rdpi_real_t step_behind_lead(rdpi_f32_chain_t *self, rdpi_real_t z_um)
 {
-    return self->usual == LEAD_CREEP ? step_creep(self, z_um) : rdpi_f32_step(&self->axis, z_um);
+    return self->usual == LEAD ? rdpi_f32_step(&self->axis, z_um) : step_creep(self, z_um);
 }
 
 /* The lead has reached its limit in this step. */
@@ -197,11 +206,10 @@ static RDPI_F32_SELDOM rdpi_real_t step_general(rdpi_f32_chain_t *self, rdpi_rea
         self->way = GENERAL;
         return step_behind_lead(self, ahead_um);
     }
-    self->way = self->usual;
+    self->way = self->params->preview != 0u ? self->usual : GENERAL;
     if (self->first || missed > RDPI_MAX_MISSED) {
         self->first = false;
-        lead->latest_um = ahead_um;
-        lead->before_um = 0;
+        rdpi_f32_lead_take(lead, ahead_um, 0);
     }
     rdpi_real_t step_um = (ahead_um - lead->latest_um) / (rdpi_real_t)(missed + 1u);
     if (missed > 0u) {
@@ -209,51 +217,53 @@ static RDPI_F32_SELDOM rdpi_real_t step_general(rdpi_f32_chain_t *self, rdpi_rea
     }
     rdpi_real_t wish_um = rdpi_f32_lead_at(lead, step_um);
     rdpi_real_t add_um = rdpi_f32_clamp(wish_um, -lead->max_um, lead->max_um);
-    rdpi_real_t drive_V = step_behind_lead(self, rdpi_f32_lead_take(lead, ahead_um, step_um, add_um));
+    rdpi_f32_lead_take(lead, ahead_um, step_um);
+    rdpi_real_t base_um = self->params->preview != 0u ? ahead_um - step_um : ahead_um;
+    rdpi_real_t drive_V = step_behind_lead(self, base_um + add_um);
     if (add_um != wish_um) {
         flag_lead(&self->axis);
     }
     return drive_V;
 }
 
-/* The lead on its usual way. Returns false, and has changed nothing, if step_general has to serve the reference. */
-static RDPI_F32_SHARED bool lead_usually(rdpi_f32_lead_t *lead, rdpi_real_t ahead_um, rdpi_real_t *z_um)
+/* The usual lead, with preview. Returns false, and has changed nothing, if step_general has to serve the reference. */
+static RDPI_F32_HOT bool lead_usually(rdpi_f32_lead_t *lead, rdpi_real_t ahead_um, rdpi_real_t *z_um)
 {
-    rdpi_real_t step_um = ahead_um - lead->latest_um;
+    rdpi_real_t latest_um = lead->latest_um, step_um = ahead_um - latest_um;
     rdpi_real_t add_um = rdpi_f32_lead_at(lead, step_um);
     if (!(fabs(add_um) <= lead->max_um) || !is_usable(ahead_um)) {
         return false;
     }
-    *z_um = rdpi_f32_lead_take(lead, ahead_um, step_um, add_um);
+    rdpi_f32_lead_take(lead, ahead_um, step_um);
+    *z_um = latest_um + add_um;
     return true;
 }
 
-/* With creep, or after a sample that was not usual. */
-static RDPI_F32_SELDOM rdpi_real_t step_further(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
-{
-    rdpi_real_t z_um = ahead_um;
-    if (self->way == GENERAL || (self->way == LEAD_CREEP && !lead_usually(&self->lead, ahead_um, &z_um))) {
-        return step_general(self, ahead_um);
-    }
-    return step_creep(self, z_um);
-}
-
-/* With a lead, and without creep. */
 static RDPI_F32_SELDOM rdpi_real_t step_lead(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
 {
     rdpi_real_t z_um;
-    if (!lead_usually(&self->lead, ahead_um, &z_um)) {
-        return step_general(self, ahead_um);
-    }
-    return rdpi_f32_step(&self->axis, z_um);
+    return lead_usually(&self->lead, ahead_um, &z_um) ? rdpi_f32_step(&self->axis, z_um) : step_general(self, ahead_um);
+}
+
+static RDPI_F32_SELDOM rdpi_real_t step_lead_creep(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
+{
+    rdpi_real_t z_um;
+    return lead_usually(&self->lead, ahead_um, &z_um) ? step_creep(self, z_um) : step_general(self, ahead_um);
 }
 
 rdpi_real_t rdpi_f32_chain_step(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
 {
-    if (self->way == PLAIN) {
+    unsigned way = self->way;
+    if (way == PLAIN) {
         return rdpi_f32_step(&self->axis, ahead_um);
     }
-    return self->way == LEAD ? step_lead(self, ahead_um) : step_further(self, ahead_um);
+    if (way == LEAD) {
+        return step_lead(self, ahead_um);
+    }
+    if (way == LEAD_CREEP) {
+        return step_lead_creep(self, ahead_um);
+    }
+    return way == CREEP ? step_creep(self, ahead_um) : step_general(self, ahead_um);
 }
 
 void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks)

@@ -46,7 +46,7 @@ rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi
         self->params = params;
         self->slew = per_sample(params->slew_per_us, sample_time_ns);
         self->sweep_step = per_sample(params->sweep_per_us, sample_time_ns);
-        self->direct_output = self->slew == 0 && rdpi_q31_codes_are_coarse(params);
+        self->direct_output = self->slew == 0 && params->curve_pieces == 1u && rdpi_q31_codes_are_coarse(params);
         self->latest_piece.length = 0;
         rdpi_q31_reset(self);
         if (self->sweep_step < 1) { /* it would never arrive */
@@ -70,6 +70,7 @@ static void put_drive(rdpi_q31_t *self, int32_t drive)
 {
     const rdpi_q31_params_t *params = self->params;
     self->drive = rdpi_q31_in_range(params, drive);
+    self->x = rdpi_q31_x_in_range(params, self->bank.y[0]);
     self->ramp = widen(self->drive);
     self->dac_code = params->dac_bits > 0u ? (uint32_t)rdpi_q31_code_of_drive(params, self->drive) : 0u;
     self->sweep_turns = 0;
@@ -78,7 +79,7 @@ static void put_drive(rdpi_q31_t *self, int32_t drive)
 void rdpi_q31_reset(rdpi_q31_t *self)
 {
     rdpi_q31_bank_set(&self->bank, self->params, self->params->memory);
-    put_drive(self, self->bank.y[0]);
+    put_drive(self, rdpi_q31_drive_of_x(self->params, self->bank.y[0]));
     forget_samples(self);
     self->rate = 0;
     self->flags = 0;
@@ -93,7 +94,7 @@ rdpi_status_t rdpi_q31_set_memory(rdpi_q31_t *self, const int32_t *y)
     rdpi_status_t status = self == NULL || y == NULL ? RDPI_ERR_NULL : rdpi_q31_check_memory(self->params, y);
     if (status == RDPI_OK) {
         rdpi_q31_bank_set(&self->bank, self->params, y);
-        put_drive(self, y[0]);
+        put_drive(self, rdpi_q31_drive_of_x(self->params, y[0]));
     }
     return status;
 }
@@ -144,7 +145,7 @@ static int32_t limit_rate(rdpi_q31_t *self, int32_t rate)
 static RDPI_Q31_SELDOM int32_t rate_not_direct(rdpi_q31_t *self, int32_t reference)
 {
     const rdpi_q31_params_t *params = self->params;
-    int32_t x = self->bank.y[0], inside = rdpi_q31_in_range(params, x);
+    int32_t x = self->bank.y[0], inside = rdpi_q31_x_in_range(params, x);
     if (x != inside) {
         rdpi_q31_bank_move(&self->bank, params, x, inside);
     }
@@ -193,13 +194,14 @@ static void output(rdpi_q31_t *self, int32_t from)
         /* clamped, because the last code may round past the end of the range */
         self->drive = rdpi_q31_clamp(rdpi_q31_drive_of_code(params, code), params->min_drive, params->max_drive);
     }
-    rdpi_q31_bank_move(&self->bank, params, from, self->drive);
+    self->x = rdpi_q31_x_in_range(params, rdpi_q31_x_of_drive(params, self->drive));
+    rdpi_q31_bank_move(&self->bank, params, from, self->x);
 }
 
-/* Outputs a drive in range, as far as the slew limit allows. */
-static RDPI_Q31_SELDOM void output_limited(rdpi_q31_t *self, int32_t drive)
+/* Outputs the drive of an x in range, as far as the slew limit allows. */
+static RDPI_Q31_SELDOM void output_limited(rdpi_q31_t *self, int32_t x)
 {
-    int64_t change = widen(drive) - self->ramp;
+    int64_t change = widen(rdpi_q31_drive_of_x(self->params, x)) - self->ramp;
     int64_t limited = change;
     if (self->slew > 0) {
         limited = change > self->slew ? self->slew : (change < -self->slew ? -self->slew : change);
@@ -211,10 +213,10 @@ static RDPI_Q31_SELDOM void output_limited(rdpi_q31_t *self, int32_t drive)
         self->flags |= RDPI_FLAG_SLEW;
     }
     self->ramp += limited;
-    output(self, self->drive);
+    output(self, self->x);
 }
 
-/* Outputs the code nearest to a drive in range: what `output` does, if `direct_output` holds. */
+/* Outputs the code nearest to an x in range, which is the drive: what `output` does, if `direct_output` holds. */
 static inline void output_direct(rdpi_q31_t *self, int32_t drive)
 {
     const rdpi_q31_params_t *params = self->params;
@@ -247,14 +249,14 @@ int32_t rdpi_q31_step(rdpi_q31_t *self, int32_t reference)
         return self->drive;
     }
     self->rate = rate_of_sample(self, reference);
-    int32_t drive = rdpi_q31_bank_solve(&self->bank, self->params, rdpi_q31_fresh(self->rate), v, &beyond);
+    int32_t x = rdpi_q31_bank_solve(&self->bank, self->params, rdpi_q31_fresh(self->rate), v, &beyond);
     if (beyond) {
         set_flag(self, RDPI_FLAG_RANGE, &self->clip_count);
     }
     if (self->direct_output) {
-        output_direct(self, drive);
+        output_direct(self, x);
     } else {
-        output_limited(self, drive);
+        output_limited(self, x);
     }
     return self->drive;
 }
@@ -324,7 +326,7 @@ int32_t rdpi_q31_predict(const rdpi_q31_t *self, int32_t drive, int32_t rate)
         return RDPI_Q31_NO_REFERENCE;
     }
     int32_t guarded = rate < RDPI_Q31_ONE ? rate : RDPI_Q31_ONE;
-    int32_t v = rdpi_q31_bank_at(&self->bank, params, guarded, drive);
+    int32_t v = rdpi_q31_bank_at(&self->bank, params, guarded, rdpi_q31_x_of_drive(params, drive));
     return rdpi_q31_saturation(params->saturation, params->deadzones, params->saturation_shift, INT32_MAX, v);
 }
 
@@ -339,7 +341,7 @@ int32_t rdpi_q31_forward(rdpi_q31_t *self, int32_t drive, int32_t rate)
     }
     self->rate = limit_rate(self, rate);
     forget_samples(self);
-    rdpi_q31_bank_move(&self->bank, self->params, self->bank.y[0], drive);
+    rdpi_q31_bank_move(&self->bank, self->params, self->bank.y[0], rdpi_q31_x_of_drive(self->params, drive));
     put_drive(self, drive);
     return displacement;
 }

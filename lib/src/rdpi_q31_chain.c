@@ -39,7 +39,7 @@ static rdpi_status_t check_pointers(uint64_t layout, const rdpi_q31_chain_t *sel
         return RDPI_ERR_SCHEMA;
     }
     if (params->poles > RDPI_MAX_POLES) {
-        return RDPI_ERR_CHAIN;
+        return RDPI_ERR_COUNT;
     }
     return params->poles > 0u && params->pole == NULL ? RDPI_ERR_NULL : RDPI_OK;
 }
@@ -47,16 +47,16 @@ static rdpi_status_t check_pointers(uint64_t layout, const rdpi_q31_chain_t *sel
 /* Whether what comes at once and the shares of the poles fit. */
 static bool shares_fit(const rdpi_q31_chain_params_t *params)
 {
-    int64_t magnitudes = params->direct, least = params->direct;
+    int64_t positive = 0, negative = 0;
     for (size_t i = 0; i < params->poles; i++) {
         int32_t share = params->pole[i].share;
-        magnitudes += share < 0 ? -(int64_t)share : share;
-        least += share < 0 ? share : 0;
+        positive += share > 0 ? share : 0;
+        negative += share < 0 ? share : 0;
         if (params->pole[i].time_constant_ns < 1u) {
             return false;
         }
     }
-    return magnitudes <= (int64_t)1 << 31 && least >= RDPI_Q31_MIN_DIRECT;
+    return params->direct + positive - negative <= (int64_t)1 << 31 && params->direct + negative >= RDPI_Q31_MIN_DIRECT;
 }
 
 static rdpi_status_t check_params(const rdpi_q31_chain_params_t *params)
@@ -122,7 +122,7 @@ static int32_t step(rdpi_q31_chain_t *self, int32_t ahead)
     if (usable && self->leads) {
         reference = rdpi_q31_lead_step(self, ahead, axis->missed, &limited);
     }
-    if (usable && self->params->poles > 0u) {
+    if (usable && creep->poles > 0u) {
         reference = rdpi_q31_creep_solve(creep, reference);
         creep->h = reference;
     }
@@ -133,7 +133,7 @@ static int32_t step(rdpi_q31_chain_t *self, int32_t ahead)
     if ((axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) != 0u) { /* creep follows what was really output */
         creep->h = rdpi_q31_clamp(rdpi_q31_predict(axis, drive, axis->rate), -MAX_H, MAX_H);
     }
-    rdpi_q31_creep_move(creep, self->params->poles);
+    rdpi_q31_creep_move(creep);
     return drive;
 }
 
@@ -145,8 +145,8 @@ int32_t rdpi_q31_chain_step(rdpi_q31_chain_t *self, int32_t ahead)
 void rdpi_q31_chain_missed(rdpi_q31_chain_t *self, uint32_t ticks)
 {
     rdpi_q31_missed(&self->axis, ticks);
-    for (uint32_t left = ticks < RDPI_MAX_MISSED ? ticks : RDPI_MAX_MISSED; left > 0u; left--) {
-        rdpi_q31_creep_move(&self->creep, self->params->poles);
+    if (ticks > 0u) {
+        rdpi_q31_creep_wait(&self->creep, ticks);
     }
 }
 

@@ -44,8 +44,12 @@ CORES = {  # flags, and a machine whose SysTick counts; code for the M0 runs on 
     "M3": ("-mcpu=cortex-m3", "mps2-an385"),
     "M0": ("-mcpu=cortex-m0", "mps2-an385"),
 }
+CHAIN = "lib/src/rdpi_f32.c lib/src/rdpi_f32_chain.c"
 ENGINES = {  # what is compiled, and flags
     "f32": ("lib/src/rdpi_f32.c", "-DENGINE=\"f32.h\""),
+    "f32_plain": (CHAIN, "-DENGINE=\"f32_chain.h\" -DLEADS=0 -DPOLES=0"),
+    "f32_lead": (CHAIN, "-DENGINE=\"f32_chain.h\" -DLEADS=1 -DPOLES=0"),
+    "f32_creep": (CHAIN, "-DENGINE=\"f32_chain.h\" -DLEADS=1 -DPOLES=5"),
     "q31": ("lib/src/rdpi_q31.c", "-DENGINE=\"q31.h\""),
     "formula": ("tests/benchmark/instructions/formula.c", "-DENGINE=\"formula.h\""),
     "formula_linear": ("tests/benchmark/instructions/formula.c", "-DENGINE=\"formula.h\" -DFORMULA_LINEAR"),
@@ -173,7 +177,7 @@ def build(case: Case) -> Path:
     includes = [f"-I{path}" for path in (folder, SOURCES, *(ROOT / name for name in INCLUDES))]
     image = folder / "image.elf"
     run("arm-none-eabi-gcc", *FLAGS, *CORES[case.core][0].split(), *engine_flags.split(), *defines, *includes,
-        SOURCES / "main.c", ROOT / source, BOARD / "board.c", "-T", ROOT / "port/cortex_m/cortex_m.ld", "-o", image)
+        SOURCES / "main.c", *(ROOT / name for name in source.split()), BOARD / "board.c", "-T", ROOT / "port/cortex_m/cortex_m.ld", "-o", image)
     return image
 
 

@@ -13,11 +13,13 @@ static rdpi_status_t init_any_f32(rdpi_f32_t *axis, rdpi_f32_chain_t *chain)
     static const rdpi_f32_deadzone_t straight = {.d_um = 0, .weight = 1};
     static const rdpi_f32_piece_t back = {-RDPI_MAX_REFERENCE_UM, RDPI_MAX_REFERENCE_UM, .slope = 1, .intercept_um = 0};
     static const rdpi_real_t memory_um = 0;
+    static const rdpi_f32_line_t curve = {
+        .to_V = 10, .to_um = 20, .middle_um = 10, .reach_um = 10, .gain_um_per_V = 2, .V_per_um = (rdpi_real_t)0.5};
     rdpi_f32_params_t params = {
-        .schema = RDPI_PARAMS_SCHEMA, .plays = 1, .deadzones = 1, .sweep_cycles = 10, .gain_um_per_V = 2,
-        .V_per_um = (rdpi_real_t)0.5, .max_um_per_s = 1000, .min_slope_ratio = (rdpi_real_t)0.1, .max_V = 10,
+        .schema = RDPI_PARAMS_SCHEMA, .plays = 1, .deadzones = 1, .curve_pieces = 1, .sweep_cycles = 10,
+        .max_um_per_s = 1000, .min_slope_ratio = (rdpi_real_t)0.1, .max_V = 10,
         .sweep_V_per_s = 100, .play = &play, .saturation = &straight, .inverse_saturation = &back,
-        .memory_um = &memory_um};
+        .curve = &curve, .memory_um = &memory_um};
     params.digest = rdpi_f32_digest(&params);
     rdpi_f32_chain_params_t around = {
         .schema = RDPI_PARAMS_SCHEMA, .preview = 1, .lead_s = 1, .max_lead_um = 1, .direct = 1, .axis = &params};
@@ -42,8 +44,8 @@ static rdpi_status_t init_q31(void *self)
     static const rdpi_q31_deadzone_t straight = {.d = 0, .weight = RDPI_Q31_ONE};
     static const int32_t memory = 0;
     rdpi_q31_params_t params = {
-        .schema = RDPI_PARAMS_SCHEMA, .sweep_per_us = (uint64_t)1 << 50, .plays = 1, .deadzones = 1, .sweep_cycles = 10,
-        .saturation_shift = 30, .inverse_shift = 30, .guard_exponent = -31, .min_slope_ratio = 1,
+        .schema = RDPI_PARAMS_SCHEMA, .sweep_per_us = (uint64_t)1 << 50, .plays = 1, .deadzones = 1,
+        .curve_pieces = 1, .sweep_cycles = 10, .max_x = 1 << 28, .saturation_shift = 30, .inverse_shift = 30, .guard_exponent = -31, .min_slope_ratio = 1,
         .guard_mantissa = (uint32_t)1 << 31, .min_drive = 0, .max_drive = 1 << 28, .play = &play,
         .saturation = &straight, .inverse_saturation = &straight, .memory = &memory};
     params.digest = rdpi_q31_digest(&params);

@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
-# The fixed-point library gives the same bits whatever compiles and runs it: tests/property/fixed.c on this machine with
-# both compilers, word sizes, and the portable paths, and on emulated Cortex-M and RISC-V, all with one checksum.
+# The fixed-point library gives the same bits whatever compiles and runs it: tests/property/fixed.c and chain_q31.c on
+# this machine with both compilers, word sizes, and the portable paths, and on emulated Cortex-M and RISC-V, all with
+# one checksum each.
 set -uo pipefail
 cd "$(dirname "$0")/../.." || exit
 build=build/same_bits
 mkdir -p $build
 steps=500 # of 5000 per actuator: the emulated cores have no double-precision unit for the reference
-sources=(tests/property/fixed.c lib/src/rdpi_q31.c lib/src/status.c)
-common=(-std=gnu99 -DSTEPS=$steps -Ilib/include -Ilib/src)
-expected=
+library=(lib/src/rdpi_q31.c lib/src/rdpi_q31_chain.c lib/src/status.c)
+common=(-std=gnu99 -DSTEPS=$steps -DHOURS=0.0005 -Ilib/include -Ilib/src -Itests/support)
 passed=0
 failed=0
 
@@ -48,17 +48,21 @@ rv32() { # rv32 FLAGS...
             -kernel $build/rv32.elf 2>&1 # its console
 }
 
-for compiler in gcc clang; do
-    for flags in "-m64 -O2" "-m32 -O2" "-m64 -O0" "-m32 -Os" "-m64 -O2 -DRDPI_Q31_PORTABLE"; do
-        # shellcheck disable=SC2086 # several flags
-        check "$compiler $flags" < <(host $compiler $flags)
+for program in fixed chain_q31; do
+    sources=(tests/property/$program.c "${library[@]}")
+    expected=
+    for compiler in gcc clang; do
+        for flags in "-m64 -O2" "-m32 -O2" "-m64 -O0" "-m32 -Os" "-m64 -O2 -DRDPI_Q31_PORTABLE"; do
+            # shellcheck disable=SC2086 # several flags
+            check "$program $compiler $flags" < <(host $compiler $flags)
+        done
     done
+    # Code for the M0 runs on the M3's machine as well, which has memory for the reference's history.
+    check "$program Cortex-M0 -Os" < <(core mps2-an385 4M 4M -mcpu=cortex-m0 -Os)
+    check "$program Cortex-M3 -O2" < <(core mps2-an385 4M 4M -mcpu=cortex-m3 -O2)
+    check "$program Cortex-M4F -O2" < <(core mps2-an386 4M 4M -mcpu=cortex-m4 -mfpu=fpv4-sp-d16 -mfloat-abi=hard -O2)
+    check "$program Cortex-M7 -O2" < <(core mps2-an500 4M 4M -mcpu=cortex-m7 -mfpu=fpv5-d16 -mfloat-abi=hard -O2)
+    check "$program RV32IMAC -O2" < <(rv32 -O2)
 done
-# Code for the M0 runs on the M3's machine as well, which has memory for the reference's history.
-check "Cortex-M0 -Os" < <(core mps2-an385 4M 4M -mcpu=cortex-m0 -Os)
-check "Cortex-M3 -O2" < <(core mps2-an385 4M 4M -mcpu=cortex-m3 -O2)
-check "Cortex-M4F -O2" < <(core mps2-an386 4M 4M -mcpu=cortex-m4 -mfpu=fpv4-sp-d16 -mfloat-abi=hard -O2)
-check "Cortex-M7 -O2" < <(core mps2-an500 4M 4M -mcpu=cortex-m7 -mfpu=fpv5-d16 -mfloat-abi=hard -O2)
-check "RV32IMAC -O2" < <(rv32 -O2)
 echo "same-bits: $passed passed, $failed failed"
 [ $failed = 0 ]

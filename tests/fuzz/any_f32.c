@@ -22,11 +22,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     params.schema = how & SCHEMA ? take_u32() : RDPI_PARAMS_SCHEMA;
     params.plays = how & LARGE ? take_u16() : take_u8() % (RDPI_MAX_PLAYS + 2);
     params.deadzones = how & LARGE ? take_u16() : take_u8() % (RDPI_MAX_DEADZONES + 2);
-    params.dac_bits = how & LARGE ? take_u16() : take_u8() % (RDPI_MAX_DAC_BITS + 2);
+    params.dac_bits = how & LARGE ? take_u8() : take_u8() % (RDPI_MAX_DAC_BITS + 2);
+    params.curve_pieces = how & LARGE ? take_u8() : take_u8() % (RDPI_MAX_CURVE_PIECES + 2);
     params.sweep_cycles = take_u16();
-    params.gain_um_per_V = take_any();
-    params.V_per_um = how & V_PER_UM ? take_any() : 1 / params.gain_um_per_V;
-    params.offset_V = take_any();
     params.offset_um = take_any();
     params.rate_window_s = take_any();
     params.rate_filter_s = take_any();
@@ -40,8 +38,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     rdpi_real_t sample_time_s = take_any();
 
     bool counts_fit = params.plays >= 1 && params.plays <= RDPI_MAX_PLAYS && params.deadzones >= 1 &&
-                      params.deadzones <= RDPI_MAX_DEADZONES;
+                      params.deadzones <= RDPI_MAX_DEADZONES && params.curve_pieces >= 1 &&
+                      params.curve_pieces <= RDPI_MAX_CURVE_PIECES;
     size_t plays = counts_fit ? params.plays : 0, deadzones = counts_fit ? params.deadzones : 0;
+    size_t pieces = counts_fit ? params.curve_pieces : 0;
     rdpi_f32_play_t *play = take_array(plays, sizeof *play);
     rdpi_f32_deadzone_t *saturation = take_array(deadzones, sizeof *saturation);
     rdpi_f32_piece_t *inverse = malloc(deadzones * sizeof *inverse + 1);
@@ -54,10 +54,17 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     } else if (deadzones > 0) {
         actuator_derive_inverse(saturation, params.offset_um, inverse, deadzones);
     }
-    actuator_derive_codes(&params);
+    rdpi_f32_line_t *curve = take_array(pieces, sizeof *curve);
+    if (pieces > 0) {
+        actuator_derive_curve(&params, curve);
+        for (size_t k = 0; k < pieces && how & V_PER_UM; k++) {
+            curve[k].V_per_um = take_any();
+        }
+    }
     params.play = how & NO_PLAY ? NULL : play;
     params.saturation = saturation;
     params.inverse_saturation = inverse;
+    params.curve = curve;
     params.memory_um = how & NO_MEMORY ? NULL : memory_um;
     bool complete = params.play && params.memory_um && counts_fit;
     params.digest = how & DIGEST || !complete ? take_u32() : rdpi_f32_digest(&params);
@@ -66,12 +73,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     CHECK(rdpi_status_text(status) != NULL);
     if (status == RDPI_OK) {
         CHECK(complete && params.schema == RDPI_PARAMS_SCHEMA);
-        double stroke_um = fabs((double)params.gain_um_per_V * (params.max_V - params.min_V));
+        double stroke_um = fabs((double)curve[0].gain_um_per_V * (params.max_V - params.min_V));
         call_everything(&self, fmax(params.offset_um - stroke_um, -1e30), fmin(params.offset_um + stroke_um, 1e30));
     }
     free(play);
     free(saturation);
     free(inverse);
+    free(curve);
     free(memory_um);
     return 0;
 }

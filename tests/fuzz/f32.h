@@ -46,7 +46,11 @@ static bool is_finite(number_t displacement)
 
 static bool inside_range(const params_t *params, number_t x_um)
 {
-    double drive_V = (double)x_um * (double)params->V_per_um + (double)params->offset_V;
+    const rdpi_f32_line_t *line = params->curve;
+    for (unsigned k = 1; k < params->curve_pieces && (x_um - line->to_um) * line->gain_um_per_V > 0; k++) {
+        line++;
+    }
+    double drive_V = (double)x_um * (double)line->V_per_um + (double)line->offset_V;
     return drive_V >= (double)params->min_V && drive_V <= (double)params->max_V;
 }
 

@@ -47,7 +47,7 @@ static bool is_finite(number_t displacement)
 
 static bool inside_range(const params_t *params, number_t x)
 {
-    return x >= params->min_drive && x <= params->max_drive;
+    return x >= params->min_x && x <= params->max_x;
 }
 
 static number_t take_any(void)
@@ -77,6 +77,21 @@ static void derive_codes(params_t *params, bool rising)
     if (params->dac_bits > 0) {
         params->codes_per_drive = mantissa_of((rising ? last : -last) / span, &params->code_shift);
         params->drive_per_code = mantissa_of((rising ? span : -span) / last, &params->drive_shift);
+    }
+}
+
+/* The slopes of the pieces of the input curve, from where they begin and where the range ends. */
+static void derive_curve(params_t *params, rdpi_q31_line_t *curve)
+{
+    for (size_t k = 0; k < params->curve_pieces; k++) {
+        bool last = k + 1 == params->curve_pieces;
+        double drives = (double)(last ? params->max_drive : curve[k + 1].from_drive) - curve[k].from_drive;
+        double x = (double)(last ? params->max_x : curve[k + 1].from_x) - curve[k].from_x;
+        uint8_t shift = 1;
+        curve[k].x_per_drive = mantissa_of(x / drives, &shift);
+        curve[k].x_shift = shift;
+        curve[k].drive_per_x = mantissa_of(drives / x, &shift);
+        curve[k].drive_shift = shift;
     }
 }
 

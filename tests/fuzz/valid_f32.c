@@ -7,6 +7,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     rdpi_f32_play_t play[RDPI_MAX_PLAYS];
     rdpi_f32_deadzone_t saturation[RDPI_MAX_DEADZONES];
     rdpi_f32_piece_t inverse[RDPI_MAX_DEADZONES];
+    rdpi_f32_line_t curve[RDPI_MAX_CURVE_PIECES];
     rdpi_real_t memory_um[RDPI_MAX_PLAYS];
     input = data;
     input_left = size;
@@ -22,9 +23,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         .deadzones = (uint16_t)(1 + take_u8() % RDPI_MAX_DEADZONES),
         .dac_bits = take_u8() % (RDPI_MAX_DAC_BITS + 1),
         .sweep_cycles = (uint16_t)(1 + take_u16() % 50),
-        .gain_um_per_V = (rdpi_real_t)gain,
-        .V_per_um = (rdpi_real_t)(1 / gain),
-        .offset_V = (rdpi_real_t)offset_V,
         .offset_um = (rdpi_real_t)take_between(-100, 100),
         .rate_window_s = (rdpi_real_t)(sample_time_s * take_between(0, RDPI_MAX_WINDOW)),
         .rate_filter_s = (rdpi_real_t)(take_u8() % 2 ? sample_time_s * pow(10, take_between(-2, 5)) : 0),
@@ -35,6 +33,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         .play = play,
         .saturation = saturation,
         .inverse_saturation = inverse,
+        .curve = curve,
         .memory_um = memory_um,
     };
     double sweep_V_per_s = fmin(span_V / sample_time_s * pow(10, take_between(-2, 0.5)), 1e6);
@@ -43,8 +42,23 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     params.sweep_forgotten = (rdpi_real_t)0.25;
     params.sweep_end_V = (rdpi_real_t)(min_V + span_V * take_between(0.01, 0.99));
 
+    unsigned most = params.dac_bits > 0 && params.dac_bits <= 3 ? (1u << params.dac_bits) - 1u : RDPI_MAX_CURVE_PIECES;
+    params.curve_pieces = (uint8_t)(1 + take_u8() % most);
+    for (size_t k = 0; k < params.curve_pieces; k++) {
+        double share = ((double)k + take_between(0.6, 1.4)) / params.curve_pieces;
+        curve[k].gain_um_per_V = (rdpi_real_t)(gain * (k == 0 ? 1 : take_between(0.3, 3)));
+        curve[k].to_V = (rdpi_real_t)(min_V + span_V * share);
+    }
+    curve[0].offset_V = (rdpi_real_t)offset_V;
+    actuator_derive_curve(&params, curve);
+
     double r_um = 0, stroke_um = fabs(gain) * span_V;
-    double x_um = gain * (min_V + span_V * take_between(0.01, 0.99) - offset_V);
+    rdpi_real_t rest_V = (rdpi_real_t)(min_V + span_V * take_between(0.01, 0.99));
+    const rdpi_f32_line_t *line = curve;
+    while (line != &curve[params.curve_pieces - 1] && rest_V > line->to_V) {
+        line++;
+    }
+    double x_um = (double)line->gain_um_per_V * ((double)rest_V - (double)line->offset_V);
     for (size_t i = 0; i < params.plays; i++) {
         double gap_um = i > 0 ? stroke_um * take_between(0.001, 0.2) : 0;
         double slope = take_between(0.1, 2);
@@ -66,7 +80,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         d_um += stroke_um * take_between(0.01, 0.5);
     }
     actuator_derive_inverse(saturation, params.offset_um, inverse, params.deadzones);
-    actuator_derive_codes(&params);
     params.digest = rdpi_f32_digest(&params);
 
     rdpi_status_t status = rdpi_f32_init(&self, &params, (rdpi_real_t)sample_time_s);

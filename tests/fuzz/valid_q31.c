@@ -39,6 +39,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     axis_t self;
     rdpi_q31_play_t play[RDPI_MAX_PLAYS];
     rdpi_q31_deadzone_t saturation[RDPI_MAX_DEADZONES], inverse[RDPI_MAX_DEADZONES];
+    rdpi_q31_line_t curve[RDPI_MAX_CURVE_PIECES];
     int32_t memory[RDPI_MAX_PLAYS];
     input = data;
     input_left = size;
@@ -74,11 +75,28 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         .play = play,
         .saturation = saturation,
         .inverse_saturation = inverse,
+        .curve_pieces = 1,
+        .min_x = (int32_t)min_drive,
+        .max_x = (int32_t)max_drive,
+        .curve = curve,
         .memory = memory,
     };
     params.dac_bits += params.dac_bits > 0; /* not 1: a step of 2^30 has no format */
     derive_codes(&params, take_u8() % 2);
-    int64_t r = 0, y = take_whole(min_drive, max_drive);
+    unsigned pieces = 1u + take_u8() % RDPI_MAX_CURVE_PIECES;
+    if (pieces > 1 && max_drive - min_drive > 1024) { /* slopes of 1/8 to 1 */
+        int64_t x = min_drive, end = max_drive - min_drive;
+        params.curve_pieces = (uint8_t)pieces;
+        for (unsigned k = 0; k < pieces; k++) {
+            int64_t from = end * k / pieces, to = end * (k + 1) / pieces;
+            curve[k].from_drive = (int32_t)(min_drive + from);
+            curve[k].from_x = (int32_t)x;
+            x += take_whole((to - from) / 8, to - from);
+        }
+        params.max_x = (int32_t)x;
+        derive_curve(&params, curve);
+    }
+    int64_t r = 0, y = take_whole(params.min_x, params.max_x);
     for (size_t i = 0; i < params.plays; i++) {
         int64_t gap = i > 0 ? take_whole(1, RDPI_Q31_MAX_DRIVE / RDPI_MAX_PLAYS) : 0;
         int64_t slope = take_whole(RDPI_Q31_MIN_SLOPE, RDPI_Q31_ONE);

@@ -33,14 +33,16 @@ LIMIT = Fraction(MAX, 2**20)
 # In the order of rdpi_q31_params_t from slew_per_us on: its digest is over these.
 NUMBERS = {
     "slew_per_us": ctypes.c_uint64, "sweep_per_us": ctypes.c_uint64, "plays": ctypes.c_uint16,
-    "deadzones": ctypes.c_uint16, "dac_bits": ctypes.c_uint16, "sweep_cycles": ctypes.c_uint16,
+    "deadzones": ctypes.c_uint16, "dac_bits": ctypes.c_uint8, "curve_pieces": ctypes.c_uint8,
+    "sweep_cycles": ctypes.c_uint16,
     "saturation_shift": ctypes.c_uint8, "inverse_shift": ctypes.c_uint8, "code_shift": ctypes.c_uint8,
     "drive_shift": ctypes.c_uint8, "guard_exponent": ctypes.c_int16, "min_slope_ratio": ctypes.c_uint16,
     "guard_mantissa": ctypes.c_uint32, "rate_window_ns": ctypes.c_uint32, "rate_filter_ns": ctypes.c_uint32,
-    "min_drive": ctypes.c_int32, "max_drive": ctypes.c_int32, "drive_of_code_0": ctypes.c_int32,
+    "min_drive": ctypes.c_int32, "max_drive": ctypes.c_int32, "min_x": ctypes.c_int32, "max_x": ctypes.c_int32,
+    "drive_of_code_0": ctypes.c_int32,
     "codes_per_drive": ctypes.c_int32, "drive_per_code": ctypes.c_int32, "sweep_end": ctypes.c_int32,
     "sweep_forgotten": ctypes.c_int32}
-ARRAYS = ("play", "saturation", "inverse_saturation", "memory")
+ARRAYS = ("play", "saturation", "inverse_saturation", "curve", "memory")
 
 
 class Params(ctypes.Structure):
@@ -63,6 +65,7 @@ class Actuator:
     play: list[tuple[int, int, int]]  # r, slope, slope_rate
     saturation: list[tuple[int, int]]  # d, weight
     inverse_saturation: list[tuple[int, int]]
+    curve: list[tuple[int, ...]]  # from_drive, from_x, x_per_drive, drive_per_x, x_shift, drive_shift; none: straight
     memory: list[int]
     samples: list[tuple[int, int]] = field(default_factory=list)  # missed before it, reference
 
@@ -129,17 +132,28 @@ def codes(bits: int, low: int, high: int, falling: bool) -> dict[str, int]:
     if bits == 0:
         return dict(dac_bits=0, drive_of_code_0=low, codes_per_drive=0, drive_per_code=0, code_shift=0, drive_shift=0)
 
-    def quotient(value: Fraction) -> tuple[int, int]:
-        shift = 1
-        while value * 2**shift < ONE:
-            shift += 1
-        return round(value * 2**shift), shift
-
     sign, last = -1 if falling else 1, 2**bits - 1
     (per_drive, code_shift), (per_code, drive_shift) = quotient(Fraction(last, high - low)), quotient(
         Fraction(high - low, last))
     return dict(dac_bits=bits, drive_of_code_0=high if falling else low, codes_per_drive=sign * per_drive,
                 drive_per_code=sign * per_code, code_shift=code_shift, drive_shift=drive_shift)
+
+
+def quotient(value: Fraction) -> tuple[int, int]:
+    shift = 1
+    while value * 2**shift < ONE:
+        shift += 1
+    return min(round(value * 2**shift), 2**31 - 1), shift
+
+
+def lines(points: list[tuple[int, int]]) -> list[tuple[int, ...]]:
+    """The input curve through points of drive and x."""
+    rows = []
+    for (drive, x), (to_drive, to_x) in zip(points, points[1:]):
+        slope = Fraction(to_x - x, to_drive - drive)
+        (x_per_drive, x_shift), (drive_per_x, drive_shift) = quotient(slope), quotient(1 / slope)
+        rows.append((drive, x, x_per_drive, drive_per_x, x_shift, drive_shift))
+    return rows
 
 
 def speed(per_sample: int, sample_time_ns: int) -> int:
@@ -153,7 +167,7 @@ def actuators() -> list[Actuator]:
     def add(name: str, count: int, time: int, plays: list[tuple[int, int, int]], pieces: list[tuple[int, Fraction]],
             low: int, high: int, reach: int, bits: int = 0, falling: bool = False, slew: int = 0, window: int = 0,
             filter_ns: int = 0, guard: tuple[int, int] = (2**31, -28), excursions: tuple[int, ...] = (),
-            shift: int = 30) -> None:
+            shift: int = 30, curve: tuple[tuple[int, int], ...] = ()) -> None:
         stage, inverse = saturation(pieces, shift)
         memory = [0] * len(plays)
         for x in excursions:
@@ -162,8 +176,10 @@ def actuators() -> list[Actuator]:
             slew_per_us=speed(slew, time), sweep_per_us=speed(2**19, time), plays=len(plays), deadzones=len(pieces),
             sweep_cycles=20, saturation_shift=shift, inverse_shift=shift, guard_exponent=guard[1], min_slope_ratio=1,
             guard_mantissa=guard[0], rate_window_ns=window, rate_filter_ns=filter_ns, min_drive=low, max_drive=high,
+            min_x=curve[0][1] if curve else low, max_x=curve[-1][1] if curve else high,
+            curve_pieces=max(len(curve) - 1, 1),
             sweep_end=(low + high) // 2, sweep_forgotten=0, **codes(bits, low, high, falling))
-        result.append(Actuator(name, time, numbers, plays, stage, inverse, memory, references(random, count, reach)))
+        result.append(Actuator(name, time, numbers, plays, stage, inverse, lines(list(curve)), memory, references(random, count, reach)))
 
     rising = [(i * 20000003, ONE // 4 + i * 77777777, -(ONE // 8) - i * 5555555) for i in range(10)]
     add("as the paper's: ten plays, three pieces, a strong rate law", 150, 100000, rising,
@@ -178,6 +194,11 @@ def actuators() -> list[Actuator]:
     jumping = [(0, ONE, 2**24 - ONE), (1, 2**24, ONE - 2**24), (MAX, ONE, 0)]
     add("the ends of the format", 80, 2**20, jumping, [(0, Fraction(1))], -MAX, MAX, 2**24, bits=20, window=2 * 2**20,
         guard=(2**31, -28))
+    bent = tuple((-MAX + k * (MAX // 4), -MAX + k * (MAX // 8) + k * k * (MAX // 64)) for k in range(9))
+    add("an input curve of eight pieces, falling codes", 120, 100000, rising[:6], [(0, Fraction(1))], -MAX, MAX,
+        2 * 10**8, bits=16, falling=True, curve=bent)
+    add("an input curve of two pieces, slew limit", 120, 100000, rising[:3], [(0, Fraction(1)), (10**8, half)], -MAX // 2,
+        MAX // 2, 2 * 10**8, slew=10**7, curve=((-MAX // 2, -MAX // 4), (MAX // 8, 0), (MAX // 2, MAX)))
     return result
 
 
@@ -188,7 +209,7 @@ class Exact:
     def __init__(self, actuator: Actuator) -> None:
         self.actuator, self.n = actuator, actuator.numbers
         self.y = [Fraction(y) for y in actuator.memory]
-        self.ramp = Fraction(actuator.memory[0])
+        self.ramp = self.curve(Fraction(actuator.memory[0]), 1)
         self.window = max(1, (self.n["rate_window_ns"] + actuator.sample_time_ns // 2) // actuator.sample_time_ns)
         self.blend = Fraction(1)
         if self.n["rate_filter_ns"] > 0:
@@ -197,6 +218,15 @@ class Exact:
                 self.blend = 1 - Fraction((-ratio).exp())
         self.forget()
         self.missed = 0
+
+    def curve(self, value: Fraction, of: int) -> Fraction:
+        """The input curve: of 0: x of a drive, of 1: the drive of an x."""
+        if not self.actuator.curve:
+            return value
+        points = [*((row[0], row[1]) for row in self.actuator.curve), (self.n["max_drive"], self.n["max_x"])]
+        k = sum(value >= point[of] for point in points[1:-1])
+        (start, end), other = points[k:k + 2], 1 - of
+        return start[other] + (value - start[of]) * Fraction(end[other] - start[other], end[of] - start[of])
 
     def forget(self) -> None:
         self.z: list[int] = []
@@ -230,7 +260,7 @@ class Exact:
 
     def solution(self, rate: Fraction, v: Fraction) -> Fraction:
         """The x, within a little more than the range, at which the output is v."""
-        low, high = Fraction(self.n["min_drive"] - 1), Fraction(self.n["max_drive"] + 1)
+        low, high = Fraction(self.n["min_x"] - 1), Fraction(self.n["max_x"] + 1)
         for (r, _, _), y in zip(self.actuator.play, self.y):
             for corner in (y - r, y + r):
                 if low < corner < high:
@@ -243,14 +273,15 @@ class Exact:
         rate = self.rate(z)
         v = sum(weight * (Fraction(z) if d == 0 else max(Fraction(z - d), Fraction(0)))
                 for d, weight in self.actuator.inverse_saturation) / 2 ** self.n["inverse_shift"]
-        drive = max(self.n["min_drive"], min(self.n["max_drive"], self.solution(rate, v)))
+        drive = self.curve(max(Fraction(self.n["min_x"]), min(Fraction(self.n["max_x"]), self.solution(rate, v))), 1)
         if self.n["slew_per_us"] > 0:
             slew = Fraction(self.n["slew_per_us"] * self.actuator.sample_time_ns, 1000 * 2**32)
             drive = max(self.ramp - slew, min(self.ramp + slew, drive))
         self.ramp = Fraction(drive)
         return rate, self.ramp
 
-    def move(self, x: int) -> None:
+    def move(self, drive: int) -> None:
+        x = round(self.curve(Fraction(drive), 0))
         self.y = [max(x - r, min(x + r, y)) for (r, _, _), y in zip(self.actuator.play, self.y)]
 
 
@@ -279,7 +310,7 @@ def replay(lib: ctypes.CDLL, actuator: Actuator) -> list[tuple[int, ...]]:
     """Rows missed, reference, drive, rate, dac_code, flags."""
     arrays = {name: (ctypes.c_int32 * len(actuator.flat(name)))(*actuator.flat(name)) for name in ARRAYS}
     pointers = {name: ctypes.cast(array, ctypes.POINTER(ctypes.c_int32)) for name, array in arrays.items()}
-    params, axis = Params(schema=4, digest=actuator.digest(), **actuator.numbers, **pointers), Axis()
+    params, axis = Params(schema=5, digest=actuator.digest(), **actuator.numbers, **pointers), Axis()
     status = lib.init(ctypes.byref(axis), ctypes.byref(params), ctypes.c_uint32(actuator.sample_time_ns))
     if status != 0:
         sys.exit(f"{actuator.name}: rdpi_q31_init returns {status}")
@@ -347,13 +378,15 @@ def vectors(lib: ctypes.CDLL) -> str:
         text.append(table("rdpi_q31_play_t", f"golden_q31_play_{k}", actuator.play))
         text.append(table("rdpi_q31_deadzone_t", f"golden_q31_saturation_{k}", actuator.saturation))
         text.append(table("rdpi_q31_deadzone_t", f"golden_q31_inverse_{k}", actuator.inverse_saturation))
+        if actuator.curve:
+            text.append(table("rdpi_q31_line_t", f"golden_q31_curve_{k}", actuator.curve))
         memory = wrapped(list(map(literal, actuator.memory)))
         text.append(f"static const int32_t golden_q31_memory_{k}[] = {{\n{memory}\n}};\n")
         text.append(table("golden_q31_sample_t", f"golden_q31_sample_{k}", rows))
         fields = [".schema = RDPI_PARAMS_SCHEMA", f".digest = {actuator.digest():#010x}",
                   *(f".{name} = {literal(actuator.numbers[name])}" for name in NUMBERS),
                   f".play = golden_q31_play_{k}", f".saturation = golden_q31_saturation_{k}",
-                  f".inverse_saturation = golden_q31_inverse_{k}", f".memory = golden_q31_memory_{k}"]
+                  f".inverse_saturation = golden_q31_inverse_{k}", *([f".curve = golden_q31_curve_{k}"] if actuator.curve else []), f".memory = golden_q31_memory_{k}"]
         entries.append(f'    {{"{actuator.name}", {{\n{wrapped(fields)}\n'
                        f"    }}, {actuator.sample_time_ns}, golden_q31_sample_{k}, {len(rows)}}},")
     text.append("static const golden_q31_t golden_q31[] = {\n" + "\n".join(entries) + "\n};\n")

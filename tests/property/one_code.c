@@ -109,7 +109,7 @@ static void random_model(scenario_t *scenario, int number)
 {
     random_scenario(scenario, (law_t)(number % LAWS));
     rdpi_f32_params_t *params = &scenario->actuator.params;
-    double reach_V = uniform(0.2, 1.5) * scenario->stroke_um / fabs((double)params->gain_um_per_V);
+    double reach_V = uniform(0.2, 1.5) * scenario->stroke_um / fabs((double)scenario->actuator.curve[0].gain_um_per_V);
     if (choose(4)) {
         params->rate_window_s = params->rate_filter_s = 0;
     }
@@ -118,17 +118,21 @@ static void random_model(scenario_t *scenario, int number)
     }
     if (choose(8)) {
         double shift_V = choose(8) ? uniform(-0.5, 0.5) * reach_V : uniform(-100, 100) * reach_V;
-        params->dac_bits = (uint16_t)(1 + choose(RDPI_MAX_DAC_BITS));
-        params->offset_V = (rdpi_real_t)((double)params->offset_V + (choose(4) ? 0 : 1000 * uniform(-1, 1)));
-        params->min_V = (rdpi_real_t)((double)params->offset_V - reach_V + shift_V);
-        params->max_V = (rdpi_real_t)((double)params->offset_V + reach_V + shift_V);
+        double offset_V = (double)params->sweep_end_V + (choose(4) ? 0 : 1000 * uniform(-1, 1));
+        params->dac_bits = (uint8_t)(1 + choose(RDPI_MAX_DAC_BITS));
+        params->min_V = (rdpi_real_t)(offset_V - reach_V + shift_V);
+        params->max_V = (rdpi_real_t)(offset_V + reach_V + shift_V);
+        do {
+            random_curve(&scenario->actuator, offset_V, (double)params->min_V, (double)params->max_V);
+        } while (params->curve_pieces >= 1u << params->dac_bits);
         params->sweep_end_V = (rdpi_real_t)uniform((double)params->min_V, (double)params->max_V);
         params->sweep_forgotten = (rdpi_real_t)fmax(0, uniform(-1, 1));
         params->sweep_V_per_s = (rdpi_real_t)fmin(2e6, reach_V * log_uniform(1e-3, 0.3) / scenario->sample_time_s);
         params->slew_V_per_s = params->slew_V_per_s > 0 ? 4 * params->sweep_V_per_s : 0;
         params->sweep_cycles = (uint16_t)(1 + choose(4));
         rdpi_real_t rest_V = (rdpi_real_t)uniform((double)params->min_V, (double)params->max_V);
-        rdpi_real_t rest_um = rdpi_f32_x_of_drive(params, rest_V);
+        actuator_derive(&scenario->actuator);
+        rdpi_real_t rest_um = rdpi_f32_x_of_drive(rdpi_f32_line_of_drive(params, rest_V), rest_V);
         for (size_t i = 0; i < params->plays; i++) { /* one excursion from rest there */
             scenario->actuator.memory_um[i] = rest_um;
         }
@@ -138,13 +142,14 @@ static void random_model(scenario_t *scenario, int number)
 
 /* ---- random operations ---- */
 
-/* Where rounding decides: the reference that leads to a code, half a code beside it, a corner, or an end. */
+/* Where rounding decides: the reference that leads to a code, half a code beside it, a corner of the plays or
+ * of the input curve, or an end. */
 static rdpi_real_t delicate_reference(const twins_t *twins)
 {
     const rdpi_f32_t *axis = &twins->slow;
     const rdpi_f32_params_t *params = axis->params;
     double drive_V = (double)axis->drive_V, code_V = (double)params->V_per_code;
-    switch (choose(5)) {
+    switch (choose(6)) {
     case 0:
         drive_V += (choose(9) - 4) * code_V / 2;
         break;
@@ -155,12 +160,16 @@ static rdpi_real_t delicate_reference(const twins_t *twins)
         drive_V = choose(2) ? (double)params->min_V : (double)params->max_V;
         drive_V += (choose(5) - 2) * code_V / 2;
         break;
+    case 4:
+        drive_V = (double)params->curve[choose(params->curve_pieces)].to_V + (choose(7) - 3) * code_V / 2;
+        break;
     case 3: {
         int i = choose(params->plays);
         rdpi_real_t y_um[RDPI_MAX_PLAYS];
         long_get_memory(axis, y_um);
         double corner_um = (double)y_um[i] + (choose(3) - 1) * (double)params->play[i].r_um;
-        drive_V = (double)rdpi_f32_drive_of_x(params, (rdpi_real_t)corner_um) + (choose(3) - 1) * code_V / 2;
+        const rdpi_f32_line_t *line = rdpi_f32_line_of_x(params, (rdpi_real_t)corner_um);
+        drive_V = (double)rdpi_f32_drive_of_x(line, (rdpi_real_t)corner_um) + (choose(3) - 1) * code_V / 2;
         break;
     }
     default:

@@ -178,7 +178,7 @@ static void run_case(int number)
             check_limits(params, sample_time_s, drive_before_V, drive_V, range, slew, number, k);
             if (range || slew) { /* short of what was asked for, not beyond it */
                 bool up = drive_V == params->max_V || (drive_V != params->min_V && drive_V > drive_before_V);
-                bool short_of = up == (params->gain_um_per_V > 0) ? error_um <= TOLERANCE * stroke_um
+                bool short_of = up == (params->curve[0].gain_um_per_V > 0) ? error_um <= TOLERANCE * stroke_um
                                                                   : error_um >= -TOLERANCE * stroke_um;
                 require(short_of, "clipped although the limit was not met", number, k);
             } else {
@@ -213,11 +213,11 @@ static void compare(const char *law, double singular_um_per_s, const char *name,
 {
     actuator_t actuator = {
         .saturation = {{0, 1}},
+        .curve = {{.gain_um_per_V = (rdpi_real_t)0.125}},
         .params = {
             .plays = 10,
             .deadzones = 1,
             .sweep_cycles = 1,
-            .gain_um_per_V = (rdpi_real_t)0.125,
             .max_um_per_s = (rdpi_real_t)(0.8 * singular_um_per_s),
             .min_slope_ratio = (rdpi_real_t)0.2,
             .min_V = -1000,

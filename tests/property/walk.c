@@ -179,9 +179,8 @@ static void compare_chain(const scenario_t *scenario, profile_t *profile, score_
         rdpi_real_t reference_um = (rdpi_real_t)(profile_next(profile) + (double)params->offset_um);
         long double z = (long double)reference_um - params->offset_um, rate = chain_rate(&chain, z);
         long double x = walk_solve(&chain.walk, rate, chain_unsaturate(params, z));
-        long double drive = params->offset_V + x / params->gain_um_per_V;
-        drive = fmaxl(params->min_V, fminl(params->max_V, drive));
-        x = params->gain_um_per_V * (drive - params->offset_V);
+        long double at_min = plant_x(&by_chain, params->min_V), at_max = plant_x(&by_chain, params->max_V);
+        x = fmaxl(fminl(at_min, at_max), fminl(fmaxl(at_min, at_max), x));
         walk_move(&chain.walk, x);
         plant_move(&by_chain, x);
         long double x_library = plant_x(&by_library, rdpi_f32_step(&axis, reference_um));

@@ -14,8 +14,9 @@ recovered  Rigs with one of delay, lag, relaxation, creep and resonance, and wit
            many of the 95 % intervals hold the true value. Per family, and under it all others: thresholds that were
            chosen on the others are scored on the family.
 tracked    The same rigs tracked by `rdpi compensate`, which compensates what the model holds: error over that of the
-           same rig without the effects and with a model of its own. "true": that model and the rig's true effects, which
-           the inverse cannot beat; "fitted": a model of recordings with the effects; "none": that with --effects none.
+           same rig without the effects and with a model of its own. "true": that model and the rig's true effects,
+           which the inverse cannot beat; "fitted": a model of recordings with the effects; "none": that with --effects
+           none.
            Below, sines of several frequencies: error with and without preview.
 law        The paper's law on tests/bench, without and behind 0.5 ms of delay: the delay that is found, and the slopes'
            rate coefficients beside those found without it.

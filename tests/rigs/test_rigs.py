@@ -414,14 +414,42 @@ def test_recovered_effects_are_counted():
     assert cells[4] == ["all", "3", "1.40", "3.00", "2/3", "1/2", "1", "1.10", "1.10", "1/1", "0/0"]
 
 
-@pytest.mark.parametrize("what", ["plain", "recovered"])
+def test_tracking_errors_are_compared_with_those_of_the_plain_rig():
+    def rig(family: str, put: str, error: float) -> dict:
+        ways = dict.fromkeys(chain.WAYS, error) | {"none": 8.0, "plain": 2.0}
+        sines = {which: {"preview": [1.0] * 6, "no preview": [error] * 6} for which in ("true", "fitted")}
+        return {"family": family, "put": put, "seed": 1, "10hz": ways, "5-20-35hz": {**ways, "true q31": 6.0},
+                "sines": {**sines, "plain": [0.5] * 6}}
+
+    found = [rig("duhem", "alone", 2.2), rig("duhem", "alone", 1.8), rig("dahl", "threes", 3.0),
+             {"family": "dahl", "seed": 2, "failed": "no"}]
+    cells = [line.split() for line in chain.tracked_table(found).splitlines()[2:]]
+    same = ["1.00", "1.10"]
+    assert cells[0] == ["duhem", "alone", "2", *same, "2.05", "3.00", *same, *same, "4.00", "4.00"]
+    assert cells[1] == ["dahl", "threes", "1", "1.50", "1.50", "2.25", "3.00", *["1.50"] * 4, "4.00", "4.00"]
+    assert [line[:2] for line in cells[2:4]] == [["all", "alone"], ["all", "threes"]]
+    assert cells[-6:] == [["plain", *["0.50"] * 6], ["true,", "preview", *["1.00"] * 6],
+                          ["true,", "no", "preview", *["2.20"] * 6], ["fitted,", "preview", *["1.00"] * 6],
+                          ["fitted,", "no", "preview", *["2.20"] * 6], ["failed:", "dahl", "2:", "no"]]
+
+
+def test_true_effects_stand_in_place_of_those_that_were_found():
+    held = [{"name": "lag", "parameters": {}}, {"name": "input_curve", "parameters": {}}]
+    made = chain._with(held, {"lag": {"time_constant_s": 1e-3}, "creep": {"percent_per_decade": 2.0, "power": 0.1}})
+    assert made == [held[1], {"name": "lag", "stage": "amplifier", "parameters": {"time_constant_s": 1e-3}},
+                    {"name": "creep", "stage": "actuator", "parameters": {"percent_per_decade": 2.0}}]
+
+
+@pytest.mark.parametrize("what", ["plain", "recovered", "tracked"])
 def test_chain_of_one_rig(what, tmp_path, capsys):
     assert chain.main([what, "--rigs", "1", "--families", "everett", "--rate", "2000", "--scale", "0.2", "-o",
                        str(tmp_path / "all.json"), "--", "--operators", "6", "--rate-independent"]) == 0
     table = capsys.readouterr().out
-    (whole,) = (line for line in table.splitlines() if line.startswith("all"))
-    assert "failed" not in table and whole.split()[:2] == ["all", "1"]
+    whole, *_ = (line for line in table.splitlines() if line.startswith("all"))
+    assert "failed" not in table and whole.split()[:2] == ["all", "alone" if what == "tracked" else "1"]
     made = measure.json.loads((tmp_path / "all.json").read_text())
+    if what == "tracked":
+        assert all(one["10hz"]["true f32"] < one["10hz"]["none"] for one in made)
     if what == "recovered":
         assert [len(one["truth"]) for one in made] == [1, 3]
         assert all(0 < one["without"]["prediction"] < 5 for one in made)

@@ -48,7 +48,11 @@ static inline void plant_move(plant_t *plant, long double x)
 
 static inline long double plant_x(const plant_t *plant, rdpi_real_t drive_V)
 {
-    return (long double)plant->params->gain_um_per_V * ((long double)drive_V - plant->params->offset_V);
+    const rdpi_f32_line_t *line = plant->params->curve, *last = &line[plant->params->curve_pieces - 1];
+    while (line != last && drive_V > line->to_V) {
+        line++;
+    }
+    return (long double)line->gain_um_per_V * ((long double)drive_V - line->offset_V);
 }
 
 /* z of the states as they are, at a rate */
@@ -83,17 +87,33 @@ static inline double ascend(int i, int count, double below, double end)
     return i == 0 ? 0 : below + uniform(0.2, 1.8) * end / count;
 }
 
-/* Some history, with drives around the offset, in place of rest. */
+/* Some history, with drives around rest, in place of rest. */
 static inline void random_memory(actuator_t *actuator)
 {
     plant_t past = {&actuator->params, {0}};
     for (int k = 0; k < 6; k++) {
-        double drive_V = (double)actuator->params.offset_V + uniform(-10, 10);
+        double drive_V = (double)actuator->params.sweep_end_V + uniform(-10, 10);
         plant_move(&past, plant_x(&past, (rdpi_real_t)drive_V));
     }
     for (size_t i = 0; i < actuator->params.plays; i++) {
         actuator->memory_um[i] = (rdpi_real_t)past.y[i];
     }
+}
+
+/* In half of the cases bends the input curve, at several drives between these two. x = 0 at rest_V. */
+static inline void random_curve(actuator_t *actuator, double rest_V, double from_V, double to_V)
+{
+    double low_V = fmax(from_V, (double)actuator->params.min_V), high_V = fmin(to_V, (double)actuator->params.max_V);
+    int pieces = choose(2) ? 1 : 2 + choose(RDPI_MAX_CURVE_PIECES - 1);
+    rdpi_f32_line_t *curve = actuator->curve;
+    double gain_um_per_V = (double)curve[0].gain_um_per_V, x_um = 0;
+    actuator->params.curve_pieces = (uint8_t)pieces;
+    for (int i = 1; i < pieces; i++) {
+        curve[i].gain_um_per_V = (rdpi_real_t)(gain_um_per_V * log_uniform(0.5, 2));
+        curve[i - 1].to_V = (rdpi_real_t)(low_V + (high_V - low_V) * (i + uniform(-0.3, 0.3)) / pieces);
+        x_um += fmax(rest_V - (double)curve[i - 1].to_V, 0) * (double)(curve[i].gain_um_per_V - curve[i - 1].gain_um_per_V);
+    }
+    curve[0].offset_V = (rdpi_real_t)(rest_V + x_um / gain_um_per_V);
 }
 
 /* One random draw per statement: C leaves the order within an expression open. */
@@ -132,8 +152,6 @@ static inline void random_scenario(scenario_t *self, law_t law)
         .plays = (uint16_t)plays,
         .deadzones = (uint16_t)deadzones,
         .sweep_cycles = 10,
-        .gain_um_per_V = (rdpi_real_t)(choose(2) ? gain_um_per_V : -gain_um_per_V),
-        .offset_V = (rdpi_real_t)offset_V,
         .offset_um = (rdpi_real_t)(stroke_um * offset_um),
         .rate_window_s = (rdpi_real_t)(sample_time_s * window),
         .rate_filter_s = (rdpi_real_t)(sample_time_s * filter),
@@ -144,14 +162,16 @@ static inline void random_scenario(scenario_t *self, law_t law)
         .sweep_V_per_s = (rdpi_real_t)(0.5 / sample_time_s),
         .sweep_end_V = (rdpi_real_t)offset_V,
     };
+    actuator->curve[0].gain_um_per_V = (rdpi_real_t)(choose(2) ? gain_um_per_V : -gain_um_per_V);
     if (choose(3) == 0) { /* a range that clips */
         params->min_V = (rdpi_real_t)(offset_V - uniform(10, 80));
         params->max_V = (rdpi_real_t)(offset_V + uniform(10, 80));
-        params->dac_bits = (uint16_t)(choose(4) ? 0 : 8 + choose(9));
+        params->dac_bits = (uint8_t)(choose(4) ? 0 : 8 + choose(9));
     }
     if (choose(4) == 0) {
         params->slew_V_per_s = (rdpi_real_t)(log_uniform(0.5, 50) / sample_time_s);
     }
+    random_curve(actuator, offset_V, offset_V - 60, offset_V + 60);
     actuator_derive(actuator);
     if (choose(2)) {
         random_memory(actuator);

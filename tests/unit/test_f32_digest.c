@@ -15,13 +15,15 @@ void test_digest_does_not_depend_on_addresses_schema_and_digest(void);
 #include "axis_digest.inc"
 
 /* Every number but the memory, the last of each array standing for all of it. */
-#define NUMBERS 31
+#define NUMBERS 37
 #define CODE_NUMBERS 6 /* the last of them: what makes codes */
 
 static rdpi_real_t *number(size_t k)
 {
     rdpi_real_t *const numbers[NUMBERS] = {
-        &given.params.gain_um_per_V, &given.params.V_per_um, &given.params.offset_V, &given.params.offset_um,
+        &given.curve[0].to_V, &given.curve[0].to_um, &given.curve[0].middle_um, &given.curve[0].reach_um,
+        &given.curve[0].gain_um_per_V, &given.curve[0].V_per_um, &given.curve[0].offset_V,
+        &given.curve[0].from_code, &given.curve[0].to_code, &given.params.offset_um,
         &given.params.rate_window_s, &given.params.rate_filter_s, &given.params.max_um_per_s,
         &given.params.min_slope_ratio, &given.params.min_V, &given.params.max_V, &given.params.slew_V_per_s,
         &given.params.sweep_V_per_s, &given.params.sweep_end_V, &given.params.sweep_forgotten,
@@ -31,8 +33,9 @@ static rdpi_real_t *number(size_t k)
         &given.inverse_saturation[DEADZONES - 1].from_um, &given.inverse_saturation[DEADZONES - 1].to_um,
         &given.inverse_saturation[DEADZONES - 1].slope, &given.inverse_saturation[DEADZONES - 1].intercept_um,
         &given.params.last_code,
-        &given.params.codes_per_um,
-        &given.params.code_of_x_0, &given.params.um_per_code, &given.params.x_of_code_0_um, &given.params.V_per_code};
+        &given.curve[0].codes_per_um,
+        &given.curve[0].code_of_x_0, &given.curve[0].um_per_code, &given.curve[0].x_of_code_0_um,
+        &given.params.V_per_code};
     return numbers[k];
 }
 
@@ -103,6 +106,7 @@ void test_init_refuses_one_wrong_bit_in_any_array(void)
     each_bit_counts(given.play, PLAYS * sizeof given.play[0]);
     each_bit_counts(given.saturation, DEADZONES * sizeof given.saturation[0]);
     each_bit_counts(given.inverse_saturation, DEADZONES * sizeof given.inverse_saturation[0]);
+    each_bit_counts(given.curve, sizeof given.curve[0]);
     each_bit_counts(given.memory_um, PLAYS * sizeof given.memory_um[0]);
 }
 
@@ -118,13 +122,15 @@ void test_init_refuses_counts_that_were_not_generated(void)
 void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
 {
     const rdpi_f32_params_t *from = &given.params;
-    const uint16_t counts[] = {from->plays, from->deadzones, from->dac_bits, from->sweep_cycles};
+    const uint16_t counts[] = {from->plays, from->deadzones};
+    const uint8_t small[] = {from->dac_bits, from->curve_pieces};
     const rdpi_real_t numbers[] = {
-        from->gain_um_per_V, from->V_per_um, from->offset_V, from->offset_um, from->rate_window_s, from->rate_filter_s,
-        from->max_um_per_s, from->min_slope_ratio, from->min_V, from->max_V, from->slew_V_per_s, from->sweep_V_per_s,
-        from->sweep_end_V, from->sweep_forgotten, from->last_code, from->codes_per_um, from->code_of_x_0,
-        from->um_per_code, from->x_of_code_0_um, from->V_per_code};
+        from->offset_um, from->rate_window_s, from->rate_filter_s, from->max_um_per_s, from->min_slope_ratio,
+        from->min_V, from->max_V, from->slew_V_per_s, from->sweep_V_per_s, from->sweep_end_V, from->sweep_forgotten,
+        from->last_code, from->V_per_code};
     uint32_t crc = rdpi_crc32(0, counts, sizeof counts);
+    crc = rdpi_crc32(crc, small, sizeof small);
+    crc = rdpi_crc32(crc, &from->sweep_cycles, sizeof from->sweep_cycles);
     crc = rdpi_crc32(crc, numbers, sizeof numbers);
     for (size_t i = 0; i < PLAYS; i++) {
         const rdpi_real_t play[] = {given.play[i].r_um, given.play[i].slope, given.play[i].slope_rate_s_per_um,
@@ -139,6 +145,13 @@ void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
         const rdpi_real_t piece[] = {given.inverse_saturation[j].from_um, given.inverse_saturation[j].to_um,
                                      given.inverse_saturation[j].slope, given.inverse_saturation[j].intercept_um};
         crc = rdpi_crc32(crc, piece, sizeof piece);
+    }
+    for (size_t k = 0; k < given.params.curve_pieces; k++) {
+        const rdpi_f32_line_t *line = &given.curve[k];
+        const rdpi_real_t numbers_of[] = {line->to_V, line->to_um, line->middle_um, line->reach_um, line->gain_um_per_V,
+                                      line->V_per_um, line->offset_V, line->from_code, line->to_code,
+                                      line->codes_per_um, line->code_of_x_0, line->um_per_code, line->x_of_code_0_um};
+        crc = rdpi_crc32(crc, numbers_of, sizeof numbers_of);
     }
     crc = rdpi_crc32(crc, given.memory_um, PLAYS * sizeof(rdpi_real_t));
     TEST_ASSERT_EQUAL_HEX32(crc, rdpi_f32_digest(from));

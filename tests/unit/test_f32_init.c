@@ -29,7 +29,7 @@ void test_init_with_memory_zero_starts_at_rest(void);
 
 void test_init_refuses_gain_zero(void)
 {
-    given.params.gain_um_per_V = 0;
+    given.curve[0].gain_um_per_V = 0;
     refused(RDPI_ERR_GAIN);
 }
 
@@ -184,7 +184,7 @@ void test_init_refuses_an_empty_drive_range(void)
 
 void test_init_refuses_a_drive_range_narrower_than_a_nanovolt(void)
 {
-    given.params.offset_V = 0;
+    given.curve[0].offset_V = 0;
     given.params.min_V = 0;
     given.params.max_V = (rdpi_real_t)0.9e-9;
     refused(RDPI_ERR_DRIVE);
@@ -233,7 +233,7 @@ void test_init_refuses_memory_held_by_a_drive_below_the_range(void)
 
 void test_init_refuses_rest_outside_the_drive_range(void)
 {
-    given.params.offset_V = (rdpi_real_t)15.125;
+    given.curve[0].offset_V = (rdpi_real_t)15.125;
     refused(RDPI_ERR_MEMORY);
 }
 
@@ -347,14 +347,14 @@ void test_init_accepts_memory_at_the_limits_one_history_can_reach(void)
 
 void test_init_accepts_rest_at_the_end_of_the_drive_range(void)
 {
-    given.params.offset_V = given.params.max_V;
+    given.curve[0].offset_V = given.params.max_V;
     start();
     EQUAL(15, axis.drive_V);
 }
 
 void test_init_accepts_a_small_gain_and_a_low_guard_rate(void)
 {
-    given.params.gain_um_per_V = (rdpi_real_t)0.0625;
+    given.curve[0].gain_um_per_V = (rdpi_real_t)0.0625;
     given.params.max_um_per_s = (rdpi_real_t)0.0625;
     start();
 }

@@ -80,7 +80,7 @@ void test_quick_and_long_way_lead_to_the_same_code(void)
 {
     five_bit_dac();
     equals_the_long_way(PLAYS);
-    given.params.gain_um_per_V = (rdpi_real_t)-1.5; /* corners between codes: rounding alone can reach one */
+    given.curve[0].gain_um_per_V = (rdpi_real_t)-1.5; /* corners between codes: rounding alone can reach one */
     equals_the_long_way(PLAYS);
 }
 
@@ -267,7 +267,7 @@ void test_codes_too_far_from_x_0_for_single_precision_take_the_long_way(void)
 {
     given.params.dac_bits = RDPI_MAX_DAC_BITS;
     for (int k = 0; k < 2; k++) {
-        given.params.offset_V = k == 0 ? (rdpi_real_t)-77.5 : (rdpi_real_t)-78.5; /* 1.98 and 2.02 ranges below it */
+        given.curve[0].offset_V = k == 0 ? (rdpi_real_t)-77.5 : (rdpi_real_t)-78.5; /* 1.98 and 2.02 ranges below it */
         set3(given.memory_um, 160, 160, 160);
         start();
         rdpi_f32_step(&axis, 100);

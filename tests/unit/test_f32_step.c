@@ -24,7 +24,7 @@ void test_instances_in_turns_do_what_each_does_alone(void);
 
 void test_negative_gain_turns_the_drive_over(void)
 {
-    given.params.gain_um_per_V = -2;
+    given.curve[0].gain_um_per_V = -2;
     start();
     EQUAL(-1, rdpi_f32_step(&axis, (rdpi_real_t)3.25));
     equal_memory(4, 3, 1);

@@ -112,7 +112,7 @@ void setUp(void)
     const int32_t rest[COUNT] = {0, 0, 0, 0};
     random_state = 5;
     memset(&bank, 0, sizeof bank);
-    params = (rdpi_q31_params_t){.min_drive = -MAX, .max_drive = MAX};
+    params = (rdpi_q31_params_t){.min_x = -MAX, .max_x = MAX};
     use(halving, COUNT);
     set(rest);
 }
@@ -410,8 +410,8 @@ void test_room_is_the_way_to_where_the_next_play_engages(void)
 
 void test_room_ends_with_the_range_if_no_play_engages_before(void)
 {
-    params.max_drive = 3 * U / 2;
-    params.min_drive = -U / 2;
+    params.max_x = 3 * U / 2;
+    params.min_x = -U / 2;
     move(U / 4 * 5);
     TEST_ASSERT_EQUAL_INT32(U / 4, bank.room);
     move(U);
@@ -425,8 +425,8 @@ void test_room_ends_with_the_range_if_no_play_engages_before(void)
 /* At 5, then 2: rising, plays engage at 2, 4, and two of them at 5. */
 void test_a_solution_beyond_the_range_is_its_end(void)
 {
-    params.max_drive = 9 * U / 2;
-    params.min_drive = -U;
+    params.max_x = 9 * U / 2;
+    params.min_x = -U;
     move(5 * U);
     move(2 * U);
     TEST_ASSERT_EQUAL_INT32(9 * U / 2, solve(0, 10 * V));
@@ -443,7 +443,7 @@ void test_a_solution_beyond_the_range_is_its_end(void)
 /* All of them engage at once, and there is none left. */
 void test_beyond_the_last_corner_the_range_ends_the_room(void)
 {
-    params.max_drive = 6 * U;
+    params.max_x = 6 * U;
     TEST_ASSERT_EQUAL_INT32(6 * U, solve(0, 14 * V));
     TEST_ASSERT_TRUE(beyond);
     TEST_ASSERT_EQUAL_UINT(3, bank.engaged);
@@ -527,8 +527,8 @@ static void any_bank(int32_t fewest)
         any_play[i].slope_rate = random_slope() - any_play[i].slope;
     }
     use(any_play, (size_t)count);
-    params.max_drive = random_between(MAX / 2, MAX);
-    params.min_drive = random_between(-MAX, -MAX / 2);
+    params.max_x = random_between(MAX / 2, MAX);
+    params.min_x = random_between(-MAX, -MAX / 2);
     set(rest);
 }
 
@@ -546,7 +546,7 @@ static void exact_in_every_bit(void)
     TEST_ASSERT_EQUAL_INT64(f_at_rest, bank.f_at_rest);
     TEST_ASSERT_EQUAL_INT64(f_rate, bank.f_rate);
     TEST_ASSERT_EQUAL_PTR(&any_play[bank.engaged], bank.last_engaged);
-    int32_t room = bank.falling ? plain[0] - params.min_drive : params.max_drive - plain[0];
+    int32_t room = bank.falling ? plain[0] - params.min_x : params.max_x - plain[0];
     if (bank.engaged + 1u < params.plays) {
         int32_t y = plain[bank.engaged + 1], r = any_play[bank.engaged + 1].r;
         int32_t way = bank.falling ? plain[0] - (y - r) : y + r - plain[0];
@@ -564,7 +564,7 @@ static int32_t any_x(void)
 
 static int32_t any_x_in_range(void)
 {
-    return rdpi_q31_clamp(any_x(), params.min_drive, params.max_drive);
+    return rdpi_q31_clamp(any_x(), params.min_x, params.max_x);
 }
 
 void test_states_and_sums_stay_exact_through_any_moves(void)
@@ -589,7 +589,7 @@ void test_nothing_drifts_in_a_hundred_thousand_moves(void)
             x = any_x_in_range();
             break;
         case 1:
-            x = rdpi_q31_clamp(x + random_size(MAX / 2, 20), params.min_drive, params.max_drive);
+            x = rdpi_q31_clamp(x + random_size(MAX / 2, 20), params.min_x, params.max_x);
             break;
         default:
             break;
@@ -607,7 +607,7 @@ static int32_t any_x_or_corner(void)
 {
     int32_t i = random_between(0, params.plays - 1), side = random_bits() % 2u ? 1 : -1;
     int32_t x = random_bits() % 2u ? any_x() : plain[i] + side * any_play[i].r;
-    return rdpi_q31_clamp(x, params.min_drive, params.max_drive);
+    return rdpi_q31_clamp(x, params.min_x, params.max_x);
 }
 
 /* Any v that an x within the range has: a few units of v, whatever the slopes. */
@@ -619,8 +619,8 @@ void test_the_solution_put_into_any_bank_gives_what_was_asked(void)
             int32_t rate = random_bits() % 4u ? random_between(0, ONE) : (int32_t)(random_bits() % 2u) * ONE;
             int32_t v = rdpi_q31_bank_at(&bank, &params, rate, any_x_or_corner());
             int32_t from = bank.y[0], x = solve(rate, v);
-            TEST_ASSERT_TRUE(x >= params.min_drive && x <= params.max_drive);
-            TEST_ASSERT_TRUE(!beyond || x == params.min_drive || x == params.max_drive);
+            TEST_ASSERT_TRUE(x >= params.min_x && x <= params.max_x);
+            TEST_ASSERT_TRUE(!beyond || x == params.min_x || x == params.max_x);
             move_from(from, x);
             TEST_ASSERT_INT32_WITHIN(8, v, rdpi_q31_bank_at(&bank, &params, rate, bank.y[0]));
             exact_in_every_bit();

@@ -9,13 +9,14 @@
 
 #include "rdpi/rdpi.h"
 
-#if RDPI_PARAMS_SCHEMA != 4
-#error "these parameters have schema 4, the library another: generate them again with its own rdpi"
+#if RDPI_PARAMS_SCHEMA != 5
+#error "these parameters have schema 5, the library another: generate them again with its own rdpi"
 #endif
 
 #define RDPI_PARAMS_PLAYS 10 /* n + 1 */
 #define RDPI_PARAMS_DEADZONES 3 /* m + 1 */
 #define RDPI_PARAMS_DAC_BITS 16 /* 0: output not quantised */
+#define RDPI_PARAMS_CURVE_PIECES 1 /* of the input curve; 1: it is straight */
 #define RDPI_PARAMS_MIN_V (-20.0) /* output range, double: code 0 ... */
 #define RDPI_PARAMS_MAX_V (120.0) /* ... and the last one */
 
@@ -66,6 +67,14 @@ static const rdpi_f32_piece_t rdpi_params_inverse_saturation[] = {
 typedef char rdpi_params_inverse_saturation_check[
     sizeof rdpi_params_inverse_saturation == RDPI_PARAMS_DEADZONES * sizeof(rdpi_f32_piece_t) ? 1 : -1];
 
+/* input curve: to V, um; middle, reach, um; gain, um/V, and 1 / gain; offset_V; codes from, to; x to code and back */
+static const rdpi_f32_line_t rdpi_params_curve[] = {
+    {120.000000f, 15.0000000f, 6.25000000f, 8.75000000f, 0.125000000f, 8.00000000f, 0.00000000f,
+    0.00000000f, 65535.0000f, 3744.85718f, 9362.64258f, 0.000267032883f, -2.50000000f},
+};
+typedef char rdpi_params_curve_check[
+    sizeof rdpi_params_curve == RDPI_PARAMS_CURVE_PIECES * sizeof(rdpi_f32_line_t) ? 1 : -1];
+
 /* y_0 ... y_n, um: the plays at power up; y_0 is x */
 static const rdpi_real_t rdpi_params_memory_um[] = {
     0.00000000f, 0.00000000f, 0.00000000f, 0.00000000f, 0.00000000f, 0.00000000f,
@@ -75,15 +84,13 @@ typedef char rdpi_params_memory_um_check[
     sizeof rdpi_params_memory_um == RDPI_PARAMS_PLAYS * sizeof(rdpi_real_t) ? 1 : -1];
 
 static const rdpi_f32_params_t rdpi_params = {
-    4u, /* schema */
-    0x311B6B8Au, /* digest of what follows */
+    5u, /* schema */
+    0xB4BC5937u, /* digest of what follows */
     RDPI_PARAMS_PLAYS,
     RDPI_PARAMS_DEADZONES,
     RDPI_PARAMS_DAC_BITS,
+    RDPI_PARAMS_CURVE_PIECES,
     20, /* sweep_cycles: of the start-up sweep */
-    0.125000000f, /* gain_um_per_V, um/V: x = gain (V - offset_V) */
-    8.00000000f, /* V_per_um, 1 / gain */
-    0.00000000f, /* offset_V, V */
     0.00000000f, /* offset_um, um: displacement = z + offset_um */
     0.00100000005f, /* rate_window_s, s: the rate is a difference over this time ... */
     0.000500000024f, /* rate_filter_s, s: ... through a low-pass of this time constant */
@@ -96,20 +103,17 @@ static const rdpi_f32_params_t rdpi_params = {
     0.00000000f, /* sweep_end_V, V: ... and where it ends */
     0.00000000f, /* sweep_forgotten, share of what the sweep leaves in the plays that the actuator forgets */
     65535.0000f, /* last_code, 2^DAC_BITS - 1 */
-    3744.85718f, /* codes_per_um, DAC code = codes_per_um x + code_of_x_0, cut to an integer */
-    9362.64258f, /* code_of_x_0 */
-    0.000267032883f, /* um_per_code, um: x = um_per_code code + x_of_code_0_um */
-    -2.50000000f, /* x_of_code_0_um, um */
     0.00213626307f, /* V_per_code, V: drive = V_per_code code + min_V */
     rdpi_params_play,
     rdpi_params_saturation,
     rdpi_params_inverse_saturation,
+    rdpi_params_curve,
     rdpi_params_memory_um,
 };
 
 /* The chain around it, for rdpi_f32_chain_init. */
 static const rdpi_f32_chain_params_t rdpi_chain = {
-    4u, /* schema */
+    5u, /* schema */
     0x04CD2019u, /* digest of what follows */
     0, /* poles */
     1, /* preview: 1: the caller knows the future, and passes it; 0: it is extrapolated */
@@ -177,6 +181,13 @@ static const rdpi_q31_deadzone_t rdpi_params_q31_inverse_saturation[] = {
 typedef char rdpi_params_q31_inverse_saturation_check[
     sizeof rdpi_params_q31_inverse_saturation == RDPI_PARAMS_DEADZONES * sizeof(rdpi_q31_deadzone_t) ? 1 : -1];
 
+/* input curve: from drive and x; x per drive and drive per x, times 2 to the shifts; not read if straight */
+static const rdpi_q31_line_t rdpi_params_q31_curve[] = {
+    {0, 0, 0, 0, 0, 0},
+};
+typedef char rdpi_params_q31_curve_check[
+    sizeof rdpi_params_q31_curve == RDPI_PARAMS_CURVE_PIECES * sizeof(rdpi_q31_line_t) ? 1 : -1];
+
 /* y_0 ... y_n: the plays at power up; y_0 is x */
 static const int32_t rdpi_params_q31_memory[] = {
     0, 0, 0, 0, 0, 0,
@@ -186,13 +197,14 @@ typedef char rdpi_params_q31_memory_check[
     sizeof rdpi_params_q31_memory == RDPI_PARAMS_PLAYS * sizeof(int32_t) ? 1 : -1];
 
 static const rdpi_q31_params_t rdpi_params_q31 = {
-    4u, /* schema */
-    0x420FF246u, /* digest of what follows */
+    5u, /* schema */
+    0x27C82A86u, /* digest of what follows */
     0ull, /* slew_per_us: largest change of the output, drive units per us times 2^32; 0: unlimited */
     107605955786096ull, /* sweep_per_us: speed of the start-up sweep, likewise */
     10, /* plays */
     3, /* deadzones */
     16, /* dac_bits */
+    1, /* curve_pieces: of the input curve; 1: it is straight */
     20, /* sweep_cycles: of the start-up sweep */
     29, /* saturation_shift: of the weights of S */
     31, /* inverse_shift: of the weights of S^-1 */
@@ -205,6 +217,8 @@ static const rdpi_q31_params_t rdpi_params_q31 = {
     500000u, /* rate_filter_ns: ns: ... through a low-pass of this time constant */
     -89478443, /* min_drive: output range */
     536870656, /* max_drive */
+    -89478443, /* min_x: x there */
+    536870656, /* max_x */
     -89478443, /* drive_of_code_0 */
     1840673060, /* codes_per_drive: times 2^code_shift */
     1252717313, /* drive_per_code: times 2^drive_shift */
@@ -213,12 +227,13 @@ static const rdpi_q31_params_t rdpi_params_q31 = {
     rdpi_params_q31_play,
     rdpi_params_q31_saturation,
     rdpi_params_q31_inverse_saturation,
+    rdpi_params_q31_curve,
     rdpi_params_q31_memory,
 };
 
 /* The chain around it, for rdpi_q31_chain_init. */
 static const rdpi_q31_chain_params_t rdpi_chain_q31 = {
-    4u, /* schema */
+    5u, /* schema */
     0x4EF484F9u, /* digest of what follows */
     0ull, /* lead_ns2: ns^2: beta of the lead */
     0u, /* delay_ns: ns: delay */

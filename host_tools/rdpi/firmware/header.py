@@ -25,7 +25,7 @@ from .parameters import INT32_MAX, Q31
 if TYPE_CHECKING:
     import jinja2
 
-SCHEMA = 4  # of the parameters as the template fills them in; the header compares it with the library's
+SCHEMA = 5  # of the parameters as the template fills them in; the header compares it with the library's
 NAME = "rdpi_params"
 
 # What the header says of the fields of rdpi_f32_params_t, in its order. Tables: type, length, columns.
@@ -34,12 +34,11 @@ TABLES = {
     "saturation": ("rdpi_f32_deadzone_t", "DEADZONES", "S (eq. 8): d, um; weight"),
     "inverse_saturation": ("rdpi_f32_piece_t", "DEADZONES",
                            "S^-1 (eq. 13): references from and to, um; slope; intercept, um"),
+    "curve": ("rdpi_f32_line_t", "CURVE_PIECES",
+              "input curve: to V, um; middle, reach, um; gain, um/V, and 1 / gain; offset_V; codes from, to; x to code and back"),
     "memory_um": ("rdpi_real_t", "PLAYS", "y_0 ... y_n, um: the plays at power up; y_0 is x"),
 }
 SCALARS = {
-    "gain_um_per_V": "um/V: x = gain (V - offset_V)",
-    "V_per_um": "1 / gain",
-    "offset_V": "V",
     "offset_um": "um: displacement = z + offset_um",
     "rate_window_s": "s: the rate is a difference over this time ...",
     "rate_filter_s": "s: ... through a low-pass of this time constant",
@@ -52,10 +51,6 @@ SCALARS = {
     "sweep_end_V": "V: ... and where it ends",
     "sweep_forgotten": "share of what the sweep leaves in the plays that the actuator forgets",
     "last_code": "2^DAC_BITS - 1",
-    "codes_per_um": "DAC code = codes_per_um x + code_of_x_0, cut to an integer",
-    "code_of_x_0": "",
-    "um_per_code": "um: x = um_per_code code + x_of_code_0_um",
-    "x_of_code_0_um": "um",
     "V_per_code": "V: drive = V_per_code code + min_V",
 }
 
@@ -84,6 +79,8 @@ Q31_TABLES = {
     "play": ("rdpi_q31_play_t", "PLAYS", "r; W at rate 0, and its change up to the guard; 2^30 is the largest W"),
     "saturation": ("rdpi_q31_deadzone_t", "DEADZONES", "S (eq. 8): d; weight"),
     "inverse_saturation": ("rdpi_q31_deadzone_t", "DEADZONES", "S^-1 (eq. 13): d; weight"),
+    "curve": ("rdpi_q31_line_t", "CURVE_PIECES",
+              "input curve: from drive and x; x per drive and drive per x, times 2 to the shifts; not read if straight"),
     "memory": ("int32_t", "PLAYS", "y_0 ... y_n: the plays at power up; y_0 is x"),
 }
 Q31_SCALARS = {
@@ -92,6 +89,7 @@ Q31_SCALARS = {
     "plays": ("", ""),
     "deadzones": ("", ""),
     "dac_bits": ("", ""),
+    "curve_pieces": ("", "of the input curve; 1: it is straight"),
     "sweep_cycles": ("", "of the start-up sweep"),
     "saturation_shift": ("", "of the weights of S"),
     "inverse_shift": ("", "of the weights of S^-1"),
@@ -104,6 +102,8 @@ Q31_SCALARS = {
     "rate_filter_ns": ("u", "ns: ... through a low-pass of this time constant"),
     "min_drive": ("", "output range"),
     "max_drive": ("", ""),
+    "min_x": ("", "x there"),
+    "max_x": ("", ""),
     "drive_of_code_0": ("", ""),
     "codes_per_drive": ("", "times 2^code_shift"),
     "drive_per_code": ("", "times 2^drive_shift"),
@@ -166,7 +166,8 @@ def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequenc
     text = template("rdpi_params.h.j2").render(
         name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(file_name(source)),
         actuator=comment(model.actuator), digest=model_digest, rate_source=model.rate.source, runs=_runs(model.fit),
-        plays=single.plays, deadzones=single.deadzones, dac_bits=single.dac_bits, sweep_cycles=single.sweep_cycles,
+        plays=single.plays, deadzones=single.deadzones, dac_bits=single.dac_bits, curve_pieces=single.curve_pieces,
+        sweep_cycles=single.sweep_cycles,
         limits_V=(float(model.drive.min_V), float(model.drive.max_V)),
         params_digest=f"0x{digest(single):08X}u",
         tables=[(field, *about, _rows(getattr(single, field), literal)) for field, about in TABLES.items()],
@@ -252,9 +253,14 @@ def literal(value: float) -> str:
 def _rows(table: np.ndarray, text: Callable[[float], str]) -> list[str]:
     """The rows of an initialiser: one struct each, or of a plain array six numbers each."""
     if table.ndim == 2:
-        return ["{" + ", ".join(map(text, row)) + "}," for row in table]
-    numbers = list(map(text, table))
-    return [", ".join(numbers[k:k + 6]) + "," for k in range(0, len(numbers), 6)]
+        return [line for row in table for line in _lines("{" + ", ".join(map(text, row)) + "},", 7)]
+    return _lines(", ".join(map(text, table)) + ",", 6)
+
+
+def _lines(text: str, numbers: int) -> list[str]:
+    """A list of numbers as lines of so many."""
+    words = text.split()
+    return [" ".join(words[k:k + numbers]) for k in range(0, len(words), numbers)]
 
 
 def comment(text: str, length: int = 100) -> str:

@@ -4,13 +4,14 @@ what each one is."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
 
 from ..errors import BadInput
-from ..model import TOLERANCE, Model, intercepts, inverse_saturation
+from ..model import TOLERANCE, Drive, Model, intercepts, inverse_saturation
 
 ONE, MAX_DRIVE, MIN_SLOPE = 2**30, 2**29, 2**24  # RDPI_Q31_...
 MAX_REFERENCE_UM = 1e6  # RDPI_MAX_REFERENCE_UM
@@ -26,10 +27,8 @@ class F32:
     plays: int
     deadzones: int
     dac_bits: int
+    curve_pieces: int
     sweep_cycles: int
-    gain_um_per_V: float
-    V_per_um: float
-    offset_V: float
     offset_um: float
     rate_window_s: float
     rate_filter_s: float
@@ -42,14 +41,11 @@ class F32:
     sweep_end_V: float
     sweep_forgotten: float
     last_code: float
-    codes_per_um: float
-    code_of_x_0: float
-    um_per_code: float
-    x_of_code_0_um: float
     V_per_code: float
     play: np.ndarray  # (n + 1, 5): r, slope, slope_rate, intercept, intercept_rate
     saturation: np.ndarray  # (m + 1, 2): d, weight
     inverse_saturation: np.ndarray  # (m + 1, 4): from, to, slope, intercept
+    curve: np.ndarray  # (1 to 8, 13): the fields of rdpi_f32_line_t in their order
     memory_um: np.ndarray  # (n + 1,)
 
 
@@ -68,37 +64,63 @@ def f32(model: Model, dtype: type = np.float32) -> F32:
     with np.errstate(all="ignore"):
         r, slopes, slope_rates = map(rounded, (model.thresholds_um, model.slopes, model.slope_rate_s_per_um))
         d, weights = map(rounded, (model.deadzones_um, model.deadzone_weights))
-        gain = float(rounded(model.gain_um_per_V))
+        limits_V = float(rounded(drive.min_V)), float(rounded(drive.max_V))
         corners, inverse = inverse_saturation(d, weights)
         numbers = dict(
-            gain_um_per_V=gain, V_per_um=1 / gain if gain else 0.0, offset_V=model.offset_V, offset_um=model.offset_um,
+            offset_um=model.offset_um,
             rate_window_s=rate.window_s, rate_filter_s=rate.filter_s, max_um_per_s=rate.max_um_per_s,
             min_slope_ratio=rate.min_slope_ratio, min_V=drive.min_V, max_V=drive.max_V,
             slew_V_per_s=drive.slew_V_per_s or 0.0, sweep_V_per_s=drive.sweep_speed(), sweep_end_V=model.sweep_end(),
             sweep_forgotten=1 - model.memory.followed_share(),
-            **_codes(gain, *(float(rounded(volt)) for volt in (drive.min_V, drive.max_V, model.offset_V)),
-                     drive.dac_bits or 0, dtype))
+            **_codes(*limits_V, drive.dac_bits or 0, dtype))
+        curve = _curve(model, *limits_V, rounded)
         play = (r, slopes, slope_rates, intercepts(r, slopes), intercepts(r, slope_rates))
         return F32(
-            len(r), len(d), drive.dac_bits or 0, drive.sweep_cycles,
+            len(r), len(d), drive.dac_bits or 0, len(curve), drive.sweep_cycles,
             **{key: float(rounded(value)) for key, value in numbers.items()},
             play=np.stack(play, axis=1).astype(dtype), saturation=np.stack([d, weights], axis=1).astype(dtype),
             inverse_saturation=_pieces(d, corners, np.cumsum(inverse), float(rounded(model.offset_um))).astype(dtype),
-            memory_um=np.array(model.memory.plays_um, dtype))
+            curve=curve.astype(dtype), memory_um=np.array(model.memory.plays_um, dtype))
 
 
-def _codes(gain: float, min_V: float, max_V: float, offset_V: float, bits: int, dtype: type) -> dict[str, float]:
-    """From x to DAC codes, and from codes to x and drives."""
-    if not (bits and gain and max_V > min_V):
-        return dict.fromkeys(("last_code", "codes_per_um", "code_of_x_0", "um_per_code", "x_of_code_0_um", "V_per_code"), 0.0)
+def _codes(min_V: float, max_V: float, bits: int, dtype: type) -> dict[str, float]:
+    """From DAC codes to drives."""
+    if not (bits and max_V > min_V):
+        return {"last_code": 0.0, "V_per_code": 0.0}
     last = 2**bits - 1
-    V_per_code = np.float64(max_V - min_V) / last
-    step_V = dtype(V_per_code)  # with which the last code is inside the range, rounded once or twice
+    step_V = dtype(np.float64(max_V - min_V) / last)  # with which the last code is inside the range, rounded once or twice
     while step_V > 0 and max(min_V + last * float(step_V), dtype(min_V) + dtype(last) * step_V) > max_V:
         step_V = np.nextafter(step_V, dtype(0))
-    return {"last_code": last, "codes_per_um": 1 / (gain * V_per_code),
-            "code_of_x_0": (offset_V - min_V) / V_per_code + 0.5,
-            "um_per_code": gain * V_per_code, "x_of_code_0_um": gain * (min_V - offset_V), "V_per_code": step_V}
+    return {"last_code": last, "V_per_code": step_V}
+
+
+def _curve(model: Model, min_V: float, max_V: float, rounded: Callable[[float], np.ndarray]) -> np.ndarray:
+    """Rows of the input curve, from x to DAC codes and back. Pieces end at codes, where there are codes."""
+    ends_V, step_V = _ends(model.drive, min_V, max_V)
+    gain, offset_V = float(rounded(model.gain_um_per_V)), float(rounded(model.offset_V))
+    rows = []
+    for k, (from_V, to_V) in enumerate(zip(ends_V, ends_V[1:])):
+        if model.drive.curve_V:
+            ends_um = [model.gain_um_per_V * (model.drive.at_plays(volt) - model.offset_V) for volt in (from_V, to_V)]
+            gain = float(rounded((ends_um[1] - ends_um[0]) / (to_V - from_V)))
+            offset_V = float(rounded(to_V - ends_um[1] / gain))
+        codes = [0.0] * 6
+        if step_V and gain:
+            codes = [np.rint((from_V - min_V) / step_V), np.rint((to_V - min_V) / step_V), 1 / (gain * step_V),
+                     (offset_V - min_V) / step_V + 0.5, gain * step_V, gain * (min_V - offset_V)]
+        middle_um, reach_um = gain * ((from_V + to_V) / 2 - offset_V), abs(gain) * (to_V - from_V) / 2
+        rows.append([to_V, gain * (to_V - offset_V), middle_um, reach_um, gain, 1 / gain if gain else 0.0, offset_V, *codes])
+    return np.array([[float(rounded(value)) for value in row] for row in rows])
+
+
+def _ends(drive: Drive, min_V: float, max_V: float) -> tuple[list[float], float]:
+    """Where the pieces of the input curve end, in V, the codes next to its corners; and the step of the codes."""
+    bits = drive.dac_bits or 0
+    step_V = np.float64(max_V - min_V) / (2**bits - 1) if bits and max_V > min_V else 0.0
+    inner = [volt for volt, _ in drive.curve_V[1:-1]]
+    if step_V:
+        inner = [min_V + step_V * np.rint((volt - min_V) / step_V) for volt in inner]
+    return [min_V, *inner, max_V], step_V
 
 
 def _pieces(d: np.ndarray, corners: np.ndarray, slopes: np.ndarray, offset_um: float) -> np.ndarray:
@@ -113,7 +135,7 @@ class Scale:
 
     V_per_drive: float  # of the gain's sign
     offset_V: float  # of drive 0
-    um_per_drive: float  # of the bank's input, states and thresholds
+    um_per_drive: float  # of the bank's input, states and thresholds, whose unit is that of straight drives
     um_per_v: float  # of the bank's output
     um_per_reference: float
     offset_um: float  # of reference 0
@@ -129,6 +151,7 @@ class Q31:
     plays: int
     deadzones: int
     dac_bits: int
+    curve_pieces: int
     sweep_cycles: int
     saturation_shift: int
     inverse_shift: int
@@ -141,6 +164,8 @@ class Q31:
     rate_filter_ns: int
     min_drive: int
     max_drive: int
+    min_x: int
+    max_x: int
     drive_of_code_0: int
     codes_per_drive: int
     drive_per_code: int
@@ -149,6 +174,7 @@ class Q31:
     play: np.ndarray  # int32 (n + 1, 3): r, slope, slope_rate
     saturation: np.ndarray  # int32 (m + 1, 2): d, weight
     inverse_saturation: np.ndarray  # int32 (m + 1, 2)
+    curve: np.ndarray  # int32 (1 to 8, 6): the fields of rdpi_q31_line_t in their order
     memory: np.ndarray  # int32 (n + 1,)
     scale: Scale
 
@@ -156,18 +182,22 @@ class Q31:
 def q31(model: Model) -> Q31:
     """Parameters in fixed point, of a valid model. Raises BadInput, naming key and remedy, where 32 bits do not do."""
     model.validate_lengths()
+    model = _straight(model)
     rate, drive = model.rate, model.drive
 
     def refuse(key: str, what: str) -> None:
         raise BadInput(f"{model.where}: no fixed point: {key}: {what}")
 
-    # drives: the operator's input x, thresholds and states share one unit
+    # drives, the operator's input x, thresholds and states share one unit
+    limits_um = sorted(model.gain_um_per_V * (volt - model.offset_V) for volt in (drive.min_V, drive.max_V))
     range_um = sorted(float(model.x_of(volt)) for volt in (drive.min_V, drive.max_V))
-    largest_um = max(np.max(np.abs(values)) for values in (range_um, model.thresholds_um, model.memory.plays_um))
+    largest_um = max(np.max(np.abs(values)) for values in (limits_um, range_um, model.thresholds_um, model.memory.plays_um))
     per_um = LARGEST_DRIVE / largest_um
-    min_drive, max_drive = (round(end * per_um) for end in range_um)
+    min_drive, max_drive = (round(end * per_um) for end in limits_um)
+    curve = _q31_curve(model, per_um)
+    min_x, max_x = (round(end * per_um) for end in range_um)
     steps = MIN_CODE * (2 ** (drive.dac_bits or 0) - 1)
-    if max_drive - min_drive < max(MIN_SPAN, steps):
+    if min(max_drive - min_drive, max_x - min_x) < max(MIN_SPAN, steps):
         refuse("drive", f"the range {drive.min_V:g} to {drive.max_V:g} V is {max_drive - min_drive} units where the "
                         f"largest drive, threshold or state is {LARGEST_DRIVE}; move offset_V to its middle, or use "
                         "float")
@@ -217,14 +247,40 @@ def q31(model: Model) -> Q31:
     memory_um = model.memory.plays_um.copy()
     memory_um[0] = min(max(memory_um[0], range_um[0]), range_um[1])
     return Q31(
-        slew, sweep, len(r), len(d), drive.dac_bits or 0, drive.sweep_cycles, saturation_shift, inverse_shift,
+        slew, sweep, len(r), len(d), drive.dac_bits or 0, len(curve), drive.sweep_cycles, saturation_shift, inverse_shift,
         code_shift, drive_shift, exponent, ratio, mantissa, round(rate.window_s * 1e9), round(rate.filter_s * 1e9),
-        min_drive, max_drive, min_drive if rising else max_drive, per_drive, per_code,
-        round(float(model.x_of(model.sweep_end())) * per_um), round((1 - model.memory.followed_share()) * ONE),
+        min_drive, max_drive, min_x, max_x, min_drive if rising else max_drive, per_drive, per_code,
+        round(model.gain_um_per_V * (model.sweep_end() - model.offset_V) * per_um), round((1 - model.memory.followed_share()) * ONE),
         np.stack([r, rest, fastest - rest], axis=1).astype(np.int32),
-        saturation.astype(np.int32), inverse.astype(np.int32), states(memory_um, 1 / per_um, r, math.inf),
+        saturation.astype(np.int32), inverse.astype(np.int32), curve, states(memory_um, 1 / per_um, r, math.inf),
         Scale(1 / (per_um * model.gain_um_per_V), model.offset_V, 1 / per_um, um_per_v, um_per_reference,
               model.offset_um, rate.max_um_per_s / ONE))
+
+
+def _straight(model: Model) -> Model:
+    """The model without a curve where that is one straight line, which gain and offset can hold."""
+    points = model.drive.curve_V
+    if len(points) != 2:
+        return model
+    (from_V, from_plays_V), (to_V, to_plays_V) = points
+    slope = (to_plays_V - from_plays_V) / (to_V - from_V)
+    return replace(model, gain_um_per_V=model.gain_um_per_V * slope, drive=replace(model.drive, curve_V=()),
+                   offset_V=from_V - (from_plays_V - model.offset_V) / slope)
+
+
+def _q31_curve(model: Model, per_um: float) -> np.ndarray:
+    """Rows of the input curve, in the order of the drive. A single one is not read."""
+    if not model.drive.curve_V:
+        return np.zeros((1, 6), np.int32)
+    ends_V = np.array(_ends(model.drive, model.drive.min_V, model.drive.max_V)[0])
+    drives, x = (sorted(round(value * per_um) for value in values.tolist())
+                 for values in (model.gain_um_per_V * (ends_V - model.offset_V), model.x_of(ends_V)))
+    rows = []
+    for k in range(len(ends_V) - 1):
+        slope = Fraction(max(x[k + 1] - x[k], 1), max(drives[k + 1] - drives[k], 1))
+        (x_per_drive, x_shift), (drive_per_x, drive_shift) = _shifted(slope), _shifted(1 / slope)
+        rows.append([drives[k], x[k], x_per_drive, drive_per_x, x_shift, drive_shift])
+    return np.array(rows, np.int32)
 
 
 def integers(values: np.ndarray | float, unit: float, zero: float = 0.0) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -34,3 +35,13 @@ def inverse_saturation(deadzones_um: np.ndarray, weights: np.ndarray) -> tuple[n
     slopes = np.cumsum(weights)
     corners = np.concatenate([[0.0], np.cumsum(slopes[:-1] * np.diff(deadzones_um))])
     return corners, np.diff(np.divide(1, slopes, out=np.zeros(len(slopes)), where=slopes != 0), prepend=0.0)
+
+
+def along(values: np.ndarray | float, xs: Sequence[float], ys: Sequence[float]) -> np.ndarray | float:
+    """y at each value of x on the straight pieces through the points; the first and the last piece go on beyond.
+
+    Points ascend in x.
+    """
+    xs, ys = np.asarray(xs, float), np.asarray(ys, float)
+    k = np.clip(np.searchsorted(xs, values) - 1, 0, len(xs) - 2)
+    return ys[k] + (values - xs[k]) * ((ys[k + 1] - ys[k]) / (xs[k + 1] - xs[k]))

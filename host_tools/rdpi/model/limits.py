@@ -14,5 +14,5 @@ LARGEST, LEAST_SLOPE, MIN_SPAN_V = 1e7, 1e-7, 1e-9  # MAX_NUMBER, MIN_SLOPE and 
 TINY, EPSILON = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).eps)
 MAX_OFFSET = 1000.0  # in ranges; leaves 0.01 % of the range to rounding
 MAX_PLAYS, MAX_DEADZONES = 129, 65  # of the library as firmware_build.py compiles it
-MAX_DAC_BITS = 20  # RDPI_MAX_DAC_BITS
+MAX_DAC_BITS, MAX_CURVE_PIECES = 20, 8  # RDPI_MAX_DAC_BITS, RDPI_MAX_CURVE_PIECES
 SWEEP_CYCLES, MAX_SWEEP_CYCLES, SWEEP_HZ = 20, 10_000, 20.0  # of the start-up sweep

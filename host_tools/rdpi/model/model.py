@@ -17,6 +17,7 @@ import numpy as np
 from .. import arguments, version
 from ..errors import BadInput
 from . import validation
+from .curves import along
 from .documents import Document, json_key
 from .limits import (EPSILON, LARGEST, MAX_DAC_BITS, MAX_DEADZONES, MAX_PLAYS, MAX_SWEEP_CYCLES, MIN_SLOPE_RATIO,
                      SWEEP_CYCLES, SWEEP_HZ, TINY, Source)
@@ -25,7 +26,7 @@ from .sweep import swept_states
 
 SECTIONS = "rate", "drive", "memory"
 NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "operator_alone",
-               "where", "dac_bits", "sweep_cycles", "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
+               "where", "dac_bits", "sweep_cycles", "curve_V", "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
 WHOLE = "dac_bits", "sweep_cycles"
 _OF_OPERATOR = ("gain_um_per_V", "offset_V", "offset_um", "stroke_um", "thresholds_um", "slopes",
                 "slope_rate_s_per_um", "deadzones_um", "deadzone_weights")
@@ -62,6 +63,17 @@ class Drive(Document):
                                            "or the slew limit if that is slower", "V/s", default=None)
     sweep_end_V: float | None = json_key("drive at which the start-up sweep ends; null: the one that holds the memory",
                                          "V", default=None)
+    # The input curve that the firmware inverts, and no key of the file: points in V at the output and in V at the plays,
+    # the ends of the range first and last. None: straight, the same V at both.
+    curve_V: tuple[tuple[float, float], ...] = ()
+
+    def at_plays(self, output_V: np.ndarray | float) -> np.ndarray | float:
+        """Where the input curve leads drives."""
+        return along(output_V, *zip(*self.curve_V)) if self.curve_V else output_V
+
+    def at_output(self, plays_V: np.ndarray | float) -> np.ndarray | float:
+        """The drives that the input curve leads there."""
+        return along(plays_V, *reversed(list(zip(*self.curve_V)))) if self.curve_V else plays_V
 
     def sweep_speed(self) -> float:
         """Speed of the start-up sweep in V/s."""
@@ -133,11 +145,15 @@ class Model(Document):
 
     def x_of(self, command_V: np.ndarray | float) -> np.ndarray | float:
         """Control input in um."""
-        return self.gain_um_per_V * (command_V - self.offset_V)
+        return self.gain_um_per_V * (self.drive.at_plays(command_V) - self.offset_V)
+
+    def drive_of(self, x_um: np.ndarray | float) -> np.ndarray | float:
+        """Drive in V that makes this control input."""
+        return self.drive.at_output(x_um / self.gain_um_per_V + self.offset_V)
 
     def start_V(self) -> float:
         """Drive in V that holds the memory: the firmware starts from it."""
-        return float(self.memory.plays_um[0] / self.gain_um_per_V + self.offset_V)
+        return float(self.drive_of(self.memory.plays_um[0]))
 
     def swept(self, x_um: float) -> np.ndarray:
         """States of the plays after a decaying sweep over the range of the drive that ended at this control input."""
@@ -160,6 +176,7 @@ class Model(Document):
             if length > maximum:
                 raise BadInput(f"{where}: {key}: has {length} values, at most {maximum}; fit a smaller model")
         validation.check_finite(self, where)
+        validation.check_curve(self.drive, where)
         validation.check_values(self, where)
         validation.check_values(self._single_precision(), f"{where}, in the firmware's single precision")
 
@@ -247,4 +264,6 @@ class Model(Document):
         document = bare.to_json()
         for key in ("tool", "actuator", "fit", "effects", "passport", "operator_alone"):
             document.pop(key, None)
+        if self.drive.curve_V:
+            document["drive"]["curve_V"] = self.drive.curve_V
         return "sha256:" + hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()

@@ -193,14 +193,14 @@ def step(model: Model, reference_um: np.ndarray, sample_time_s: float, states_um
     v = saturation_inverse(z, model.deadzones_um, model.deadzone_weights)
     samples = zip(v, play_weights(model, clamped), clamped, estimated)
 
-    drive_V = ramp_V = min(max(y[0] / model.gain_um_per_V + model.offset_V, drive.min_V), drive.max_V)
+    drive_V = ramp_V = min(max(model.drive_of(y[0]), drive.min_V), drive.max_V)
     rho, code = 0.0, quantise(drive, drive_V)[1]
     rows = []
     for use, missed in zip(usable, after_gap):
         flags = INPUT
         if use:
             v_um, weights, rho, wish_rho = next(samples)
-            wish_V = solve(v_um, r, weights, y) / model.gain_um_per_V + model.offset_V
+            wish_V = model.drive_of(solve(v_um, r, weights, y))
             # The slew limit goes on from the drive before it was rounded to a code, or slow ones would never leave one.
             ramp_V, flags = limit(drive, wish_V, ramp_V, sample_time_s)
             drive_V, code = quantise(drive, ramp_V)

@@ -10,10 +10,11 @@ import numpy as np
 
 from ..errors import BadInput
 from .curves import guard_rates, intercepts, inverse_saturation
-from .limits import LARGEST, LEAST_SLOPE, MAX_DAC_BITS, MAX_OFFSET, MAX_SWEEP_CYCLES, MIN_SPAN_V, SOURCES, TOLERANCE
+from .limits import (LARGEST, LEAST_SLOPE, MAX_CURVE_PIECES, MAX_DAC_BITS, MAX_OFFSET, MAX_SWEEP_CYCLES, MIN_SPAN_V,
+                     SOURCES, TOLERANCE)
 
 if TYPE_CHECKING:
-    from .model import Model
+    from .model import Drive, Model
 
 Refuse = Callable[[str, str], None]  # key and what is wrong with it
 
@@ -23,6 +24,21 @@ def check_finite(model: Model, where: str) -> None:
     for key, value in model.numbers().items():
         if not np.all(np.abs(value) <= LARGEST):  # refuses NaN too
             raise BadInput(f"{where}: {key}: must be finite, within ±{LARGEST:g}, as the firmware requires")
+
+
+def check_curve(drive: Drive, where: str) -> None:
+    """Raise BadInput unless the input curve, if there is one, has pieces over all of the range that rise."""
+    if not drive.curve_V:
+        return
+    points = np.array(drive.curve_V, float)
+    if points.ndim != 2 or points.shape[1] != 2 or not 2 <= len(points) <= MAX_CURVE_PIECES + 1:
+        raise BadInput(f"{where}: drive.curve_V: must be 2 to {MAX_CURVE_PIECES + 1} points, each in V at the output and "
+                       "V at the plays")
+    if not np.all(np.abs(points) <= LARGEST) or np.any(np.diff(points, axis=0) <= 0):
+        raise BadInput(f"{where}: drive.curve_V: must be finite and increase in both columns")
+    if (points[0, 0], points[-1, 0]) != (drive.min_V, drive.max_V):
+        raise BadInput(f"{where}: drive.curve_V: is from {points[0, 0]:g} to {points[-1, 0]:g} V; must be over the range "
+                       f"of the drive, {drive.min_V:g} to {drive.max_V:g} V")
 
 
 def check_values(model: Model, where: str) -> None:

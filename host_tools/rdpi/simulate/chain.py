@@ -241,7 +241,9 @@ def operator_from(model: Model, run: Recording, states_um: np.ndarray) -> Firmwa
     if largest_V > LARGEST:
         raise BadInput(f"{run.path}: the drive reaches {largest_V:.3g} V, beyond ±{LARGEST:g} V, the firmware's limit; "
                        "check the unit of command_V")
-    unlimited = replace(model, drive=Drive(-LARGEST, LARGEST),
+    # The control input at the ends must be a number that the firmware takes, too.
+    end_V = min(LARGEST, max(largest_V, 0.999 * LARGEST / abs(model.gain_um_per_V) - abs(model.offset_V)))
+    unlimited = replace(model, drive=Drive(-end_V, end_V),
                         memory=Memory(float(states_um[0]), np.asarray(states_um, float)))
     return Firmware(unlimited, run.sample_time_s, "f64")
 

@@ -107,7 +107,7 @@ def step(model: Model, chain: Chain, ahead_um: np.ndarray, sample_time_s: float)
     """
     drive, r, y = model.drive, model.thresholds_um, model.memory.plays_um
     clipped = operators.RANGE | operators.SLEW
-    drive_V = ramp_V = min(max(y[0] / model.gain_um_per_V + model.offset_V, drive.min_V), drive.max_V)
+    drive_V = ramp_V = min(max(model.drive_of(y[0]), drive.min_V), drive.max_V)
     poles = Poles(chain, sample_time_s, displacement(model, drive_V, 0.0, y))
     lead, rate = Lead(chain, sample_time_s), RateOf(model, sample_time_s)
     missed, rho, code = 0, 0.0, operators.quantise(drive, drive_V)[1]
@@ -125,7 +125,7 @@ def step(model: Model, chain: Chain, ahead_um: np.ndarray, sample_time_s: float)
         rho = float(operators.guard(model.rate, np.array(estimated)))
         v = float(operators.saturation_inverse(np.array([h]), model.deadzones_um, model.deadzone_weights)[0])
         x = operators.solve(v, r, operators.play_weights(model, rho), y)
-        ramp_V, limited = operators.limit(drive, x / model.gain_um_per_V + model.offset_V, ramp_V, sample_time_s)
+        ramp_V, limited = operators.limit(drive, model.drive_of(x), ramp_V, sample_time_s)
         drive_V, code = operators.quantise(drive, ramp_V)
         flags |= limited | operators.GUARD * (estimated > rho) | operators.MISSED * (missed > 0)
         poles.follow(displacement(model, drive_V, rho, y) if limited & clipped else wish_um)

@@ -1,7 +1,7 @@
 /** @file
  * The library in single precision.
  *
- *     reference_um -> rate -> guard -> S^-1 -> exact inverse -> limits -> DAC code -> drive_V
+ *     reference_um -> rate -> guard -> S^-1 -> exact inverse -> input curve -> limits -> DAC code -> drive_V
  *
  *     static rdpi_f32_t axis;
  *     rdpi_f32_init(&axis, &rdpi_params, 1.0f / 10000);   // once; rdpi_params comes from `rdpi header`
@@ -80,17 +80,35 @@ typedef struct {
     rdpi_real_t intercept_um; /**< 0 for the piece that 0 is on */
 } rdpi_f32_piece_t;
 
+/** One straight piece of the input curve, which leads from the drive to the input x of the plays. The pieces are in the
+ * order of the drive. The first begins at min_V. A piece ends at a code, if there are codes: half a code to either side
+ * of that end is rounded to this code. Beyond the ends of the table, the first or the last piece goes on. Without codes,
+ * the last six numbers are 0. */
+typedef struct {
+    rdpi_real_t to_V;           /**< the highest drive on it, where the next piece begins; of the last piece, max_V */
+    rdpi_real_t to_um;          /**< x at to_V */
+    rdpi_real_t middle_um;      /**< x in the middle of it */
+    rdpi_real_t reach_um;       /**< how far x can go from there on it, either way */
+    rdpi_real_t gain_um_per_V;  /**< x = gain (V - offset_V), not 0 */
+    rdpi_real_t V_per_um;       /**< 1 / gain */
+    rdpi_real_t offset_V;       /**< the drive at which x = 0, if the piece went on to there */
+    rdpi_real_t from_code;      /**< the lowest code on it */
+    rdpi_real_t to_code;        /**< the code at to_V, the lowest of the next piece; of the last piece, last_code */
+    rdpi_real_t codes_per_um;   /**< dac_code = codes_per_um * x + code_of_x_0, cut to an integer */
+    rdpi_real_t code_of_x_0;    /**< includes 0.5, so that cutting rounds to the nearest code */
+    rdpi_real_t um_per_code;    /**< x = um_per_code * dac_code + x_of_code_0_um */
+    rdpi_real_t x_of_code_0_um; /**< see um_per_code */
+} rdpi_f32_line_t;
+
 /** One identified actuator, as `rdpi header` generates it. The arrays that it points to must outlive the instance. */
 typedef struct {
     uint32_t schema;             /**< RDPI_PARAMS_SCHEMA */
     uint32_t digest;             /**< rdpi_f32_digest of the rest */
     uint16_t plays;              /**< n + 1, 1 .. RDPI_MAX_PLAYS */
     uint16_t deadzones;          /**< m + 1, 1 .. RDPI_MAX_DEADZONES */
-    uint16_t dac_bits;           /**< codes 0 .. 2^bits - 1 span min_V .. max_V; <= RDPI_MAX_DAC_BITS; 0: no codes */
+    uint8_t dac_bits;            /**< codes 0 .. 2^bits - 1 span min_V .. max_V; <= RDPI_MAX_DAC_BITS; 0: no codes */
+    uint8_t curve_pieces;        /**< 1 .. RDPI_MAX_CURVE_PIECES; 1: the input curve is straight */
     uint16_t sweep_cycles;       /**< cycles of the start-up sweep, > 0 */
-    rdpi_real_t gain_um_per_V;   /**< x = gain (V - offset_V), not 0 */
-    rdpi_real_t V_per_um;        /**< 1 / gain */
-    rdpi_real_t offset_V;        /**< the drive at which x = 0 */
     rdpi_real_t offset_um;       /**< displacement = z + offset_um; references are displacements */
     rdpi_real_t rate_window_s;   /**< >= 0; rho_k = |z_k - z_(k-N)| / (N T) with N = max(1, round(window / T)) */
     rdpi_real_t rate_filter_s;   /**< >= 0, time constant of a low-pass behind that; 0: none. In single precision, one
@@ -105,15 +123,12 @@ typedef struct {
     rdpi_real_t sweep_end_V;     /**< where the start-up sweep ends, min_V <= end <= max_V */
     rdpi_real_t sweep_forgotten; /**< share, 0 .. 1, of y_i - x that the actuator has forgotten when the start-up sweep
                                       has ended; see rdpi_f32_forget_sweep */
-    rdpi_real_t last_code;       /**< 2^dac_bits - 1. Without codes, this and the five numbers below are 0 */
-    rdpi_real_t codes_per_um;    /**< dac_code = codes_per_um * x + code_of_x_0, cut to an integer */
-    rdpi_real_t code_of_x_0;     /**< includes 0.5, so that cutting rounds to the nearest code */
-    rdpi_real_t um_per_code;     /**< x = um_per_code * dac_code + x_of_code_0_um */
-    rdpi_real_t x_of_code_0_um;  /**< see um_per_code */
+    rdpi_real_t last_code;       /**< 2^dac_bits - 1. Without codes, this and the number below are 0 */
     rdpi_real_t V_per_code;      /**< drive = V_per_code * dac_code + min_V, at no code above max_V */
     const rdpi_f32_play_t *play;                /**< [plays] */
     const rdpi_f32_deadzone_t *saturation;      /**< [deadzones], S (eq. 8) */
     const rdpi_f32_piece_t *inverse_saturation; /**< [deadzones], S^-1 (eq. 13) */
+    const rdpi_f32_line_t *curve;               /**< [curve_pieces], the input curve */
     const rdpi_real_t *memory_um; /**< [plays], the states of the plays at power up; memory_um[0] is x */
 } rdpi_f32_params_t;
 
@@ -125,6 +140,7 @@ typedef struct {
                                        k = engaged */
     rdpi_real_t remainder_rate_s; /**< see remainder_um */
     rdpi_real_t edge_um;          /**< where the quick way ends: see rdpi_f32_t.quick */
+    rdpi_real_t middle_um;        /**< see there */
     const rdpi_f32_play_t *last_engaged; /**< play[engaged] */
     uint16_t engaged;             /**< the plays 1 .. engaged move with x */
     bool falling;                 /**< x pulls them down */
@@ -157,6 +173,8 @@ typedef struct {
     const rdpi_f32_params_t *params;      /**< as given to init */
     const rdpi_f32_piece_t *latest_piece; /**< the piece of S^-1 on which the latest reference lay; only kept for the
                                                quick way */
+    const rdpi_f32_line_t *line; /**< the piece of the input curve on which dac_code lies; only kept for the quick way.
+                                      A code at an end between two pieces lies on the upper one */
     rdpi_real_t ramp_V;   /**< drive_V before it is rounded to a code; without it, a slow slew would never leave a code.
                                Steps without a slew limit may leave it behind; a sweep then starts from drive_V */
     uint16_t sweep_turns; /**< turning points that the start-up sweep has still to reach; 0: no sweep runs */
@@ -166,10 +184,10 @@ typedef struct {
                                  nor a slew limit. Code 0 is so near to x = 0 that single precision resolves a code.
                                - rate_estimator.z_um[0] is the latest reference; none was missed or refused since.
                                - latest_piece is the piece of S^-1 on which the latest reference lies.
-                               - drive_V and x are those of dac_code, to the last bit.
+                               - drive_V and x are those of dac_code, to the last bit, and `line` is its piece.
                                - bank.edge_um bounds where x can go. While x is between bank.y_um[0] and bank.edge_um,
-                                 no play engages or lets go and the range does not end, rounding to a code included.
-                                 With engaged = 0, that holds while x is less than bank.edge_um away from bank.y_um[1].
+                                 no play engages or lets go and `line` does not end, rounding to a code included. With
+                                 engaged = 0, that holds while x is less than bank.edge_um away from bank.middle_um.
                                A step whose rate is within the guard, whose reference lies inside latest_piece and whose
                                x is before the edge therefore needs no search, and gives the same bits as the long
                                way */
@@ -197,8 +215,8 @@ rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi
                                    rdpi_real_t sample_time_s);
 
 /** Checks `params`, and prepares `self` for one step every `sample_time_s`, in the state that rdpi_f32_reset makes.
- * `params` and its arrays must outlive `self`. Some numbers are derived from others: V_per_um, the intercepts, the
- * inverse of the saturation, and the numbers that make codes. Only the digest vouches that these fit the others.
+ * `params` and its arrays must outlive `self`. Some numbers are derived from others: V_per_um, to_um, the
+ * intercepts, the inverse of the saturation, and the numbers that make codes. Only the digest vouches that these fit the others.
  *
  * The function is inline, so that it knows how its caller was compiled. If the library was compiled differently, it
  * returns RDPI_ERR_SIZE, and has neither read nor written anything.

@@ -53,39 +53,42 @@ typedef struct {
 } rdpi_f32_chain_params_t;
 
 /** Private part of rdpi_f32_chain_t: the lead. With d the latest difference of two references and d_before the one
- * before it, the reference becomes latest - behind d, and the lead adds per_step d + per_before d_before. */
+ * before it, it adds per_step d + per_before d_before, to the reference before the latest if there is preview, else to
+ * the latest. */
 typedef struct {
     rdpi_real_t latest_um;  /**< the latest reference */
     rdpi_real_t before_um;  /**< how much it differed from the one before */
     rdpi_real_t per_before; /**< see above */
     rdpi_real_t per_step;   /**< see above */
-    rdpi_real_t behind;     /**< 1 with preview, 0 without */
     rdpi_real_t max_um;     /**< the most that the lead adds */
 } rdpi_f32_lead_t;
 
 /** Private part of rdpi_f32_chain_t: one pole. */
 typedef struct {
-    rdpi_real_t state_um;   /**< where the lag stands, less h_0 */
-    rdpi_real_t rest_um;    /**< what is too small for state_um; slow poles only */
-    rdpi_real_t blend;      /**< 1 - exp(-time / time_constant), of the time between two moves of the pole */
-    rdpi_real_t weight;     /**< of the state in the displacement */
-    rdpi_real_t per_sample; /**< sample time / time_constant */
+    rdpi_real_t state_um; /**< where the lag stands, less h_0 */
+    rdpi_real_t rest_um;  /**< what is too small for state_um; slow poles only */
+    rdpi_real_t blend;    /**< 1 - exp(-time / time_constant), of the time between two moves of the pole */
+    rdpi_real_t weight;   /**< of the state in the displacement */
+    rdpi_real_t weight_ahead; /**< slow poles only: of what the state moves in a round, in the displacement of the next one */
 } rdpi_f32_lag_t;
 
 /** Private part of rdpi_f32_chain_t: creep^-1. */
 typedef struct {
-    rdpi_real_t offset_um;  /**< h_0 and what all lags add */
+    rdpi_real_t h_um;       /**< what the operator was asked for in the latest step, less h_0 */
     rdpi_real_t per_direct; /**< 1 / the share of a move that comes within its sample */
     rdpi_real_t settled_um; /**< h_0 */
     rdpi_real_t slow_um;    /**< h_0 and what the slow poles add in this round */
     rdpi_real_t next_um;    /**< what they add in the next one, of those that have moved */
     rdpi_real_t mean_um;    /**< mean of h in the round before, less h_0 */
     rdpi_real_t sum_um;     /**< sum of h in this round, less h_0 */
-    rdpi_real_t per_round;  /**< 1 / number of slow poles */
-    uint16_t fast;          /**< lag[0 .. fast - 1] move in every sample, of the others one at a time */
-    uint16_t turn;          /**< the slow one whose turn it is */
-    uint16_t poles;         /**< all of them */
-    rdpi_f32_lag_t lag[RDPI_MAX_POLES]; /**< the fast ones first */
+    rdpi_real_t round;      /**< samples in a round */
+    uint32_t fast;          /**< lag[0 .. fast - 1] move in every sample, the others in turns */
+    uint32_t poles;         /**< all of them */
+    uint32_t turn;          /**< the slow one that moves next; the last one begins the round */
+    uint32_t per_turn;      /**< samples between two turns; 0 without slow poles */
+    uint32_t wait;          /**< ... and until the next one */
+    rdpi_f32_lag_t lag[RDPI_MAX_POLES];     /**< one of each pole */
+    rdpi_real_t per_sample[RDPI_MAX_POLES]; /**< sample time / time_constant of each */
 } rdpi_f32_creep_t;
 
 /** One actuator and its chain at work. Read the results in `axis` and preview_samples; the others are private. */
@@ -97,8 +100,8 @@ typedef struct {
     uint8_t way;   /**< the way of the next step */
     bool first;    /**< the next reference is the first: the lead has no history */
     const rdpi_f32_chain_params_t *params; /**< as given to init */
-    rdpi_f32_lead_t lead;
-    rdpi_f32_creep_t creep;
+    rdpi_f32_lead_t lead;   /**< its state */
+    rdpi_f32_creep_t creep; /**< its state */
 } rdpi_f32_chain_t;
 
 /** RDPI_LAYOUT of this header. */

@@ -10,8 +10,10 @@
  * The host chooses the scaling, and the header carries it:
  *
  *   reference      displacement = offset_um + reference * um_per_reference; the reach of the actuator is about +-2^30
- *   drive, x, y, r V = offset_V + drive * V_per_drive; |drive| and thresholds <= RDPI_Q31_MAX_DRIVE = 2^29. Where the
- *                  gain is negative so is V_per_drive: the drive is the operator's input x itself.
+ *   drive          V = offset_V + drive * V_per_drive; |drive| <= RDPI_Q31_MAX_DRIVE = 2^29. Where the gain is negative
+ *                  so is V_per_drive.
+ *   x, y, r        the operator's input, states and thresholds, <= RDPI_Q31_MAX_DRIVE. Where the input curve is straight,
+ *                  the drive is x itself; else x rises with the drive.
  *   slope          the largest W_i at rest or at the guard is RDPI_Q31_ONE = 2^30, the smallest >= 2^24
  *   rate           RDPI_Q31_ONE is the guard
  *   v              bank output, x times slope over 2^30
@@ -57,6 +59,17 @@ typedef struct {
     int32_t weight; /**< ws_j; the magnitudes of a stage add up to 2^31 at most */
 } rdpi_q31_deadzone_t;
 
+/** One straight piece of the input curve, from the drive to x and back. It ends where the next one begins. Beyond the
+ * ends of the table, the first or the last piece goes on. */
+typedef struct {
+    int32_t from_drive;  /**< the lowest drive on it; of the first piece, min_drive */
+    int32_t from_x;      /**< x there */
+    int32_t x_per_drive; /**< its slope, times 2^x_shift, > 0 */
+    int32_t drive_per_x; /**< the inverse, times 2^drive_shift */
+    uint32_t x_shift;     /**< 1 .. 62 */
+    uint32_t drive_shift; /**< 1 .. 62 */
+} rdpi_q31_line_t;
+
 /** One identified actuator, as `rdpi header` generates it. The arrays that it points to must outlive the instance. */
 typedef struct {
     uint32_t schema;            /**< RDPI_PARAMS_SCHEMA */
@@ -66,7 +79,8 @@ typedef struct {
     uint64_t sweep_per_us;      /**< slope of the start-up sweep, in the same unit, > 0 */
     uint16_t plays;             /**< n + 1, 1 .. RDPI_MAX_PLAYS */
     uint16_t deadzones;         /**< m + 1, 1 .. RDPI_MAX_DEADZONES */
-    uint16_t dac_bits;          /**< codes 0 .. 2^bits - 1 span the range; <= RDPI_MAX_DAC_BITS; 0: no codes */
+    uint8_t dac_bits;           /**< codes 0 .. 2^bits - 1 span the range; <= RDPI_MAX_DAC_BITS; 0: no codes */
+    uint8_t curve_pieces;       /**< 1 .. RDPI_MAX_CURVE_PIECES; 1: the input curve is straight, and the drive is x */
     uint16_t sweep_cycles;      /**< cycles of the start-up sweep, > 0 */
     uint8_t saturation_shift;   /**< shift of the weights of S, 0 .. 62 */
     uint8_t inverse_shift;      /**< shift of the weights of S^-1, 0 .. 62 */
@@ -79,6 +93,8 @@ typedef struct {
     uint32_t rate_filter_ns;    /**< see rate_filter_s */
     int32_t min_drive;          /**< lower end of the output range */
     int32_t max_drive;          /**< upper end of the output range */
+    int32_t min_x;              /**< x at min_drive */
+    int32_t max_x;              /**< x at max_drive */
     int32_t drive_of_code_0;    /**< at min_V: min_drive, or max_drive where the gain is negative */
     int32_t codes_per_drive;    /**< codes per drive unit, times 2^code_shift; has the sign of the gain */
     int32_t drive_per_code;     /**< its inverse, times 2^drive_shift */
@@ -87,6 +103,7 @@ typedef struct {
     const rdpi_q31_play_t *play;                   /**< [plays] */
     const rdpi_q31_deadzone_t *saturation;         /**< [deadzones], S (eq. 8), from v to reference units */
     const rdpi_q31_deadzone_t *inverse_saturation; /**< [deadzones], S^-1 (eq. 13), from reference units to v */
+    const rdpi_q31_line_t *curve;                  /**< [curve_pieces], the input curve; not read if it is straight */
     const int32_t *memory; /**< [plays], the states of the plays at power up; memory[0] is x */
 } rdpi_q31_params_t;
 
@@ -143,9 +160,11 @@ typedef struct {
     /* private */
     const rdpi_q31_params_t *params; /**< as given to init */
     uint8_t missed;       /**< samples since the latest usable reference; stops at its largest value */
-    bool direct_output;   /**< the drive goes to the nearest code directly: codes are output, they are coarse enough for
-                               32-bit arithmetic, and there is no slew limit. init sets it for good */
+    bool direct_output;   /**< x goes to the nearest code directly: codes are output, they are coarse enough for 32-bit
+                               arithmetic, the input curve is straight, and there is no slew limit. init sets it for
+                               good */
     uint16_t sweep_turns; /**< turning points that the start-up sweep has still to reach; 0: no sweep runs */
+    int32_t x;            /**< where the plays were brought for `drive`; not kept if direct_output */
     int64_t ramp;         /**< drive before it is rounded to a code, times 2^32 */
     int64_t slew;         /**< largest change of the ramp per sample, 0: unlimited */
     int64_t sweep_step;   /**< change of the ramp per sample of the start-up sweep */
@@ -200,7 +219,7 @@ void rdpi_q31_get_memory(const rdpi_q31_t *self, int32_t *y);
  * The step is fastest if all of these hold:
  *
  * - the rate window is one sample, and there is no rate filter;
- * - there is no slew limit;
+ * - there is no slew limit, and the input curve is straight;
  * - codes are output that are some 4 drive units apart or more;
  * - S^-1 has a shift of 30 .. 61 and slopes below 2.
  *

@@ -11,8 +11,9 @@
  *
  * References, drives and rates are scaled as in rdpi/q31.h. Shares are times 2^30, times are in ns.
  *
- * Scaling and overflow, all functions: as in rdpi/q31.h. Creep is compensated within the reach: the displacement that
- * is asked of the operator saturates at +-(2^30 - 1) if there are poles.
+ * Scaling and overflow, all functions: as in rdpi/q31.h. References with the lead added saturate at +-INT32_MAX. Creep
+ * is compensated within the reach: the displacement that is asked of the operator saturates at +-(2^30 - 1) if there
+ * are poles.
  *
  * Memory, contexts and cost classes are those of rdpi/q31.h. */
 #ifndef RDPI_Q31_CHAIN_H
@@ -57,7 +58,7 @@ typedef struct {
     const rdpi_q31_pole_t *pole;   /**< [poles] */
 } rdpi_q31_chain_params_t;
 
-/** Private part of rdpi_q31_chain_t: the lead. It adds (per_sum (d + d_before) + per_change (d - d_before)) / 2^shift,
+/** Private part of rdpi_q31_chain_t: the lead. It adds (per_sum (d + d_before) + per_change (d - d_before)) 2^-shift,
  * with d the latest difference of references and d_before the one before it. */
 typedef struct {
     int32_t per_sum;    /**< magnitude <= 2^30 */
@@ -69,23 +70,29 @@ typedef struct {
 
 /** Private part of rdpi_q31_chain_t: one pole. */
 typedef struct {
-    int64_t state;  /**< the lag of h, times 2^32 */
-    int32_t blend;  /**< 1 - exp(-time / time_constant), of the time between two turns of the pole; times 2^31, for slow
-                         poles times 2^(31 + shift) */
-    int32_t weight; /**< of the state in the displacement, times 2^30 */
-    uint8_t shift;  /**< of slow poles */
+    int64_t state;       /**< where the lag stands, times 2^32 */
+    int32_t blend;       /**< 1 - exp(-time / time_constant), of the time between two moves of the pole; times 2^31,
+                              of a slow pole times 2^(32 + shift) */
+    int32_t weight;      /**< of the state in the displacement, times 2^30 */
+    uint32_t per_sample; /**< sample time / time_constant, times 2^exponent; >= 2^30 */
+    uint8_t exponent;    /**< 0 .. 94 */
+    uint8_t shift;       /**< 0 .. 62; of a fast pole 0 */
 } rdpi_q31_lag_t;
 
 /** Private part of rdpi_q31_chain_t: creep^-1. */
 typedef struct {
-    rdpi_q31_lag_t lag[RDPI_MAX_POLES];
     int64_t settled;    /**< what h_0 adds to the displacement, times 2^30 */
-    int64_t slow;       /**< what the slow poles add, times 2^30 */
-    int64_t next;       /**< ... after this round, as far as it has come */
-    int32_t per_direct; /**< 2^28 / the share of a move that comes within its sample */
+    int64_t slow;       /**< what the slow poles add in this round, times 2^30 */
+    int64_t next;       /**< what they add in the next one, of those that have moved */
+    int64_t sum;        /**< sum of h in this round */
+    int32_t mean;       /**< mean of h in the round before */
     int32_t h;          /**< the latest displacement of the operator */
+    int32_t per_direct; /**< 2^28 / the share of a move that comes within its sample */
+    uint32_t per_round; /**< 2^31 / number of slow poles */
     uint16_t fast;      /**< lag[0 .. fast - 1] move in every sample, of the others one at a time */
     uint16_t turn;      /**< the slow one whose turn it is */
+    uint16_t poles;     /**< all of them */
+    rdpi_q31_lag_t lag[RDPI_MAX_POLES]; /**< the fast ones first */
 } rdpi_q31_creep_t;
 
 /** One actuator and its chain at work. Read the results in `axis` and preview_samples; the others are private. */
@@ -97,8 +104,8 @@ typedef struct {
     bool first; /**< the next reference is the first: the lead has no history */
     bool leads; /**< there is a lead */
     bool plain; /**< there is no lead, and there are no poles: nothing to do but the step of the operator */
-    rdpi_q31_lead_t lead;
-    rdpi_q31_creep_t creep;
+    rdpi_q31_lead_t lead;   /**< its state */
+    rdpi_q31_creep_t creep; /**< its state */
 } rdpi_q31_chain_t;
 
 /** RDPI_LAYOUT of this header. */
@@ -135,10 +142,14 @@ void rdpi_q31_chain_reset(rdpi_q31_chain_t *self);
 void rdpi_q31_chain_settle(rdpi_q31_chain_t *self);
 
 /** As rdpi_f32_chain_step: takes the reference preview_samples ahead, and returns the drive to output now.
- * RDPI_Q31_NO_REFERENCE stands for NaN. */
+ * RDPI_Q31_NO_REFERENCE stands for NaN.
+ *
+ * Scaling and overflow: what is asked of the operator is within 2^-23 of the reach of what exact arithmetic with the
+ * same parameters gives, if no pole is slow. A pole is slow if its time constant is more than 4096 samples. P slow
+ * poles take turns, so what one of them adds after a jump is up to 2.5 P samples late. No rounding adds up. */
 int32_t rdpi_q31_chain_step(rdpi_q31_chain_t *self, int32_t ahead);
 
-/** As rdpi_f32_chain_missed. */
+/** As rdpi_f32_chain_missed. Nothing is divided. */
 void rdpi_q31_chain_missed(rdpi_q31_chain_t *self, uint32_t ticks);
 
 /** As rdpi_f32_chain_sweep. */

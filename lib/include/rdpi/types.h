@@ -15,10 +15,13 @@ extern "C" {
 
 /** The version of the layout of rdpi_f32_params_t and rdpi_q31_params_t. It changes whenever one of the layouts does.
  * init refuses parameters of another version. */
-#define RDPI_PARAMS_SCHEMA 4u
+#define RDPI_PARAMS_SCHEMA 5u
 
 /** The most bits of a DAC. init refuses more, because single precision does not resolve more. */
 #define RDPI_MAX_DAC_BITS 20
+
+/** The most straight pieces of the input curve. init refuses more. */
+#define RDPI_MAX_CURVE_PIECES 8
 
 /* Compile-time maxima. Define them the same for the library and for the code that uses it. RDPI_MAX_PLAYS and
  * RDPI_MAX_WINDOW set the size of the state in RAM, RDPI_MAX_POLES that of the state of a chain; init returns
@@ -58,7 +61,7 @@ typedef enum {
     RDPI_ERR_NOT_FINITE = -3,   /**< a number is NaN, infinite or beyond 1e7 */
     RDPI_ERR_COUNT = -4,        /**< the number of plays or dead zones is 0 or above the compile-time maximum, or the
                                      number of poles is above it */
-    RDPI_ERR_GAIN = -5,         /**< gain_um_per_V is 0 */
+    RDPI_ERR_GAIN = -5,         /**< a gain_um_per_V is 0 */
     RDPI_ERR_THRESHOLDS = -6,   /**< the thresholds of the plays are not 0 = r_0 < r_1 < ... < r_n */
     RDPI_ERR_SLOPES = -7,       /**< a slope W_i is not positive at rate 0 (q31: or outside its format) */
     RDPI_ERR_GUARD = -8,        /**< min_slope_ratio is not in (0, 1), or at a rate within the guard some W_i is below
@@ -80,8 +83,10 @@ typedef enum {
                                      or they were generated for another RDPI_REAL */
     RDPI_ERR_SIZE = -18,        /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW; of a
                                      chain, RDPI_MAX_POLES), another RDPI_REAL or another alignment than the library */
-    RDPI_ERR_CHAIN = -19        /**< a number of the chain is outside what its field says, or its delay is longer than
+    RDPI_ERR_CHAIN = -19,       /**< a number of the chain is outside what its field says, or its delay is longer than
                                      2^24 samples */
+    RDPI_ERR_CURVE = -20        /**< the input curve does not have 1 to RDPI_MAX_CURVE_PIECES pieces, or these are out of
+                                     order, leave a gap, do not all rise or all fall, or do not end at codes */
 } rdpi_status_t;
 
 /** What happened in the latest step. The bits are OR-ed. */

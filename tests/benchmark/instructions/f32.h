@@ -9,6 +9,7 @@ typedef float reference_t;
 typedef rdpi_f32_t state_t;
 
 #define NO_REFERENCE (0.0f / 0.0f)
+#define FLAGS(state) ((state).flags)
 #define ENGINE_STEP rdpi_f32_step
 #define ENGINE_MISSED rdpi_f32_missed
 

@@ -22,6 +22,7 @@ typedef struct {
 } state_t;
 
 #define NO_REFERENCE (0.0f / 0.0f)
+#define FLAGS(state) ((state).flags)
 #define ENGINE_STEP formula_step
 #define ENGINE_MISSED formula_missed
 

@@ -100,14 +100,14 @@ static struct {
 static uint32_t play(size_t i, sample_t sample)
 {
     state_t *self = &state[i + 1u];
-    bool after_refused = i > 0u && (state[i].flags & RDPI_FLAG_INPUT) != 0u;
+    bool after_refused = i > 0u && (FLAGS(state[i]) & RDPI_FLAG_INPUT) != 0u;
     path[i] = sample;
     *self = state[i];
     if (sample.missed > 0u) {
         ENGINE_MISSED(self, sample.missed);
     }
     uint32_t cost = count(ENGINE_STEP, self, sample.reference);
-    kind_t kind = (self->flags & RDPI_FLAG_INPUT) != 0u ? REFUSED
+    kind_t kind = (FLAGS(*self) & RDPI_FLAG_INPUT) != 0u ? REFUSED
                   : i == 0u                             ? FIRST
                   : sample.missed > 0u || after_refused ? AFTER_MISSED
                                                         : ORDINARY;
@@ -185,7 +185,7 @@ static unsigned some_missed(void)
 static sample_t any_sample(size_t i, bool gaps)
 {
     sample_t sample = {0, candidate[random_bits() % CANDIDATES]};
-    bool usable_before = i > 0u && (state[i].flags & RDPI_FLAG_INPUT) == 0u;
+    bool usable_before = i > 0u && (FLAGS(state[i]) & RDPI_FLAG_INPUT) == 0u;
     switch (random_bits() % 6u) {
     case 0:
         sample.reference = near(sample.reference);
@@ -209,7 +209,7 @@ static sample_t any_sample(size_t i, bool gaps)
 static sample_t changed_sample(size_t i, bool gaps)
 {
     sample_t sample = path[i];
-    bool usable = (state[i + 1u].flags & RDPI_FLAG_INPUT) == 0u;
+    bool usable = (FLAGS(state[i + 1u]) & RDPI_FLAG_INPUT) == 0u;
     switch (random_bits() % 4u) {
     case 0:
         return any_sample(i, gaps);

@@ -9,6 +9,7 @@ typedef int32_t reference_t;
 typedef rdpi_q31_t state_t;
 
 #define NO_REFERENCE RDPI_Q31_NO_REFERENCE
+#define FLAGS(state) ((state).flags)
 #define ENGINE_STEP rdpi_q31_step
 #define ENGINE_MISSED rdpi_q31_missed
 

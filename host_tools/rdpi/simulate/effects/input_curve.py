@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...data import Recording
-from ...model import LARGEST, Model
+from ...model import LARGEST, MAX_CURVE_PIECES, Model, along
 from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown
-from .treatment import Treatment, left_out
+from .treatment import Treatment, folded
 
 BOW = 0.05  # what `rdpi excite` tries: small enough to be linear in it
+GRID, LEAST_ERROR = 4097, 1e-9  # where the pieces may end in the range; what is straight, of the range
 LEAST_SLOPE = 0.1  # of the curve against the straight line between its ends; an inverse has at most one over it
 
 
@@ -57,6 +60,10 @@ class InputCurve(Effect):
                                                  f"must be more than {LEAST_SLOPE:g}")
 
     def act(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+        return self.bent(drive_V, values)
+
+    def bent(self, drive_V: np.ndarray, values: Values) -> np.ndarray:
+        """What the plays get of drives, both in V."""
         quadratic, cubic, low_V, high_V = (values[parameter.name] for parameter in self.parameters)
         if not (quadratic or cubic):
             return drive_V
@@ -67,7 +74,38 @@ class InputCurve(Effect):
         return drive_V + (high_V - low_V) * bow + end_slope * (drive_V - within_V)
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
-        return left_out("the inverse does not have a curve between the plays and the drive yet")
+        drive = folded_into.drive
+        if not (values["quadratic"] or values["cubic"]):
+            return folded("into nothing: it is straight", folded_into)
+        points, off_V = self.pieces(values, drive.min_V, drive.max_V, drive.dac_bits)
+        return folded(f"into {len(points) - 1} pieces between the plays and the drive, which are off by up to "
+                      f"{100 * off_V / (drive.max_V - drive.min_V):.2g} % of the range",
+                      replace(folded_into, drive=replace(drive, curve_V=points)))
+
+    def pieces(self, values: Values, min_V: float, max_V: float, dac_bits: int | None
+               ) -> tuple[tuple[tuple[float, float], ...], float]:
+        """The curve over a range of the drive as at most eight straight pieces, as Drive.curve_V holds them, and how far
+        they are from it at most, in V at the plays. Their ends are chosen for the least largest error, and lie at codes.
+        """
+        grid_V = np.linspace(min_V, max_V, GRID)
+        plays_V = self.bent(grid_V, values)
+        low, high = LEAST_ERROR * (max_V - min_V), float(np.max(np.abs(plays_V - grid_V))) + max_V - min_V
+        while high > low * 1.001:  # bisection: the least error for which eight pieces do
+            middle = max((low * high) ** 0.5, low * 1.0005)
+            low, high = (low, middle) if _corners(grid_V, plays_V, middle) else (middle, high)
+        ends_V = grid_V[_corners(grid_V, plays_V, high)]
+        if dac_bits is not None:
+            step_V = (max_V - min_V) / (2**dac_bits - 1)
+            ends_V[1:-1] = min_V + step_V * np.rint((ends_V[1:-1] - min_V) / step_V)
+            ends_V = np.unique(ends_V)
+        ends_V[[0, -1]] = min_V, max_V
+        heights_V = self.bent(ends_V, values)
+        missing_V = plays_V - along(grid_V, ends_V, heights_V)  # of one sign along a piece: half of it to either side
+        piece = np.clip(np.searchsorted(ends_V, grid_V) - 1, 0, len(ends_V) - 2)
+        largest_V = np.array([max(missing_V[piece == k], key=abs, default=0.0) for k in range(len(ends_V) - 1)])
+        heights_V += np.convolve(largest_V, [0.25, 0.25]) * np.where(np.isin(ends_V, ends_V[[0, -1]]), 2, 1)
+        error_V = float(np.max(np.abs(along(grid_V, ends_V, heights_V) - plays_V)))
+        return tuple(zip(ends_V.tolist(), heights_V.tolist())), error_V
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         drive = residuals.model.drive
@@ -79,6 +117,24 @@ class InputCurve(Effect):
         least = float(drive.least([bow], instead_of="bends")[0]) * BOW / 4  # height in the middle of the range
         return Shown(f"bows of {100 * least:.2g} % of the range or more; a bent displacement (saturation stage) looks "
                      "nearly alike", least, None, "of the range")
+
+
+def _corners(x: np.ndarray, y: np.ndarray, error: float) -> list[int]:
+    """Where straight pieces end that begin and end on the curve and are within `error` of it, one after the other as
+    long as can be; nowhere, if they are more than eight.
+    """
+    found = [0]
+    while found[-1] < len(x) - 1:
+        if len(found) > MAX_CURVE_PIECES:
+            return []
+        start = found[-1]
+        near, far = start + 1, len(x) - 1
+        while near < far:
+            end = (near + far + 1) // 2
+            chord = along(x[start:end + 1], x[[start, end]], y[[start, end]])
+            near, far = (end, far) if np.max(np.abs(chord - y[start:end + 1])) <= error else (near, end - 1)
+        found.append(near)
+    return found
 
 
 def _least_slope(quadratic: float, cubic: float) -> float:

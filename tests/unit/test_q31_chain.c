@@ -59,7 +59,7 @@ void test_init_refuses_too_many_poles(void)
     }
     start();
     add_pole(1.0 / 64, 100);
-    refused(RDPI_ERR_CHAIN);
+    refused(RDPI_ERR_COUNT);
 }
 
 void test_init_refuses_parameters_other_than_those_generated(void)

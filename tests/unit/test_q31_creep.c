@@ -66,7 +66,8 @@ void test_the_displacement_behind_creep_is_the_reference(void)
     }
 }
 
-/* One of the slow poles moves per sample: with P of them their lags are up to 2 P samples late. */
+/* One of the slow poles moves per sample: so what they add is constant for as many samples
+ * as there are. */
 void test_slow_poles_take_turns(void)
 {
     fast_poles();
@@ -76,7 +77,7 @@ void test_slow_poles_take_turns(void)
     begin();
     TEST_ASSERT_EQUAL_UINT(3, chain.creep.fast);
     for (int k = 0; k < 50000; k++) {
-        tracks(100 * U * (4.0 / 32) * (8.0 / 5000), k < 10 ? 0 : 100 * U);
+        tracks(k < 40 ? U : 100 * U * (4.0 / 32) * (2.5 / 5000), k < 10 ? 0 : 100 * U);
     }
 }
 
@@ -194,20 +195,50 @@ void test_creep_goes_on_without_references_and_in_missed_samples(void)
     TEST_ASSERT_EQUAL_UINT32(1500, chain.axis.input_count);
 }
 
-void test_creep_goes_on_for_as_many_missed_samples_as_the_rate_knows(void)
+/* The states after missed samples, at once, are those that as many samples one by one lead to. */
+void test_creep_goes_on_for_the_time_of_any_number_of_missed_samples(void)
+{
+    const uint32_t ticks[] = {1, 5, 16, 100, 4321, 100000};
+    for (size_t n = 0; n < 6; n++) {
+        setUp();
+        fast_poles();
+        add_pole(1.0 / 16, 5000);
+        add_pole(1.0 / 64, 1e6);
+        start();
+        for (int k = 0; k < 101; k++) {
+            rdpi_q31_chain_step(&chain, 100 * U);
+        }
+        rdpi_q31_chain_t other = chain;
+        rdpi_q31_chain_missed(&chain, ticks[n]);
+        TEST_ASSERT_EQUAL_UINT32(ticks[n], chain.axis.missed_count);
+        for (uint32_t k = 0; k < ticks[n]; k++) {
+            rdpi_q31_chain_step(&other, NONE);
+        }
+        for (int i = 0; i < 5; i++) {
+            int32_t state = (int32_t)(chain.creep.lag[i].state >> 32);
+            TEST_ASSERT_INT32_WITHIN(U / 16, (int32_t)(other.creep.lag[i].state >> 32), state);
+        }
+        TEST_ASSERT_INT64_WITHIN((int64_t)ONE * (U / 16), other.creep.slow, chain.creep.slow);
+        int32_t drive = rdpi_q31_chain_step(&other, 100 * U);
+        TEST_ASSERT_INT32_WITHIN(U / 16, drive, rdpi_q31_chain_step(&chain, 100 * U));
+    }
+}
+
+void test_missed_samples_without_number_or_end(void)
 {
     fast_poles();
+    add_pole(1.0 / 16, 5000);
+    pole[3].time_constant_ns = UINT64_MAX;
     start();
     rdpi_q31_chain_step(&chain, 100 * U);
-    rdpi_q31_creep_t creep;
-    rdpi_q31_chain_t other = chain;
+    rdpi_q31_creep_t before_them = chain.creep;
     rdpi_q31_chain_missed(&chain, 0);
-    TEST_ASSERT_EQUAL_MEMORY(&other.creep, &chain.creep, sizeof creep);
-    rdpi_q31_chain_missed(&chain, RDPI_MAX_MISSED);
-    creep = chain.creep;
-    chain = other;
+    TEST_ASSERT_EQUAL_MEMORY(&before_them, &chain.creep, sizeof before_them);
     rdpi_q31_chain_missed(&chain, UINT32_MAX);
-    TEST_ASSERT_EQUAL_MEMORY(&creep, &chain.creep, sizeof creep);
+    for (int i = 0; i < 3; i++) {
+        TEST_ASSERT_INT32_WITHIN(1, chain.creep.h, (int32_t)(chain.creep.lag[i].state >> 32));
+    }
+    TEST_ASSERT_INT32_WITHIN(U / 64, 0, (int32_t)(chain.creep.lag[3].state >> 32));
 }
 
 /* The largest shares, references and jumps: no state beyond the displacements, nothing wraps. */

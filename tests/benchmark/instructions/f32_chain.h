@@ -1,0 +1,32 @@
+/* The engine under measurement: rdpi_f32_chain. With LEADS, its lead makes up for a converter that is 0.3 ms late, a lag
+ * of 0.5 ms. It has POLES poles of creep, from 0.1 s on, one per decade. */
+#ifndef RDPI_BENCHMARK_ENGINE_H
+#define RDPI_BENCHMARK_ENGINE_H
+
+#include "rdpi/f32_chain.h"
+#include "rdpi_params.h"
+
+typedef float reference_t;
+typedef rdpi_f32_chain_t state_t;
+
+#define NO_REFERENCE (0.0f / 0.0f)
+#define FLAGS(state) ((state).axis.flags)
+#define ENGINE_STEP rdpi_f32_chain_step
+#define ENGINE_MISSED rdpi_f32_chain_missed
+
+static inline bool start(state_t *self)
+{
+    static const rdpi_f32_pole_t pole[] = {{0.01f, 0.1f}, {0.01f, 1}, {0.01f, 10}, {0.01f, 100}, {0.01f, 1000}};
+    static rdpi_f32_chain_params_t params;
+    params = (rdpi_f32_chain_params_t){
+        .schema = RDPI_PARAMS_SCHEMA, .poles = POLES, .preview = 1, .direct = 1, .axis = &rdpi_params, .pole = pole,
+        .max_lead_um = 1e-3f * rdpi_params.max_um_per_s};
+    if (LEADS) {
+        params.delay_s = 0.3e-3f;
+        params.lead_s = 0.5e-3f;
+    }
+    params.digest = rdpi_f32_chain_digest(&params);
+    return rdpi_f32_chain_init(self, &params, SAMPLE_TIME_NS * 1e-9f) == RDPI_OK;
+}
+
+#endif
