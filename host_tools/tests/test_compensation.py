@@ -83,7 +83,10 @@ def test_an_emulated_board(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(emulator, "step", step)
     run = reference()
-    compensate(paper_model(), run, engine="qemu-m3", fixed_point=True, sweep=True, report=print)
+    late = replace(paper_model(), effects=[{"name": "delay", "parameters": {"delay_s": 1e-3}}])
+    compensate(late, run, engine="qemu-m3", fixed_point=True, sweep=True, report=print)
+    chained = given.pop("chain")
+    assert chained.acts and chained.delay_s == 1e-3
     assert given == {"run": run, "board": "qemu-m3", "fixed_point": True, "sweep": True, "report": print}
 
 

@@ -26,6 +26,7 @@ FLAGS = 1, 2, 8, 16  # guard, range, input, missed
 LEAD = 32
 EFFECTS = [{"name": name, "parameters": parameters} for name, parameters in (
     ("delay", {"delay_s": 5.6e-4}), ("lag", {"time_constant_s": 4e-4}),
+    ("input_curve", {"quadratic": 0.04, "cubic": 0.05, "low_V": -1.7, "high_V": 60.1}),
     ("relaxation", {"share": 0.05, "time_constant_s": 3e-3}), ("creep", {"percent_per_decade": 2.0}),
     ("resonance", {"f0_hz": 600.0, "damping": 0.05}))]
 
@@ -79,7 +80,8 @@ def test_a_board_outputs_what_the_host_computes(folder: Path, rdpi: Callable, bo
 @pytest.mark.parametrize("board, fixed_point", ALL_BOARDS)
 def test_a_board_compensates_what_the_host_compensates(folder: Path, model: Model, rdpi: Callable, board: str,
                                                        fixed_point: bool, preview: list[str]) -> None:
-    """Delay, lag, relaxation, creep and resonance at once, after the start-up sweep; a jump that the lead is limited at."""
+    """Delay, lag, input curve, relaxation, creep and resonance at once, after the start-up sweep; a jump that the lead
+    is limited at."""
     write_model("model.json", replace(model, effects=EFFECTS))
     run = read_recording("reference.csv", ("reference_um",))
     run.columns["reference_um"][400:500] += 2.0

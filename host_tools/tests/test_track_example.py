@@ -145,7 +145,7 @@ def test_in_fixed_point_and_after_the_sweep(build: Callable[..., Path], referenc
 @pytest.mark.parametrize("number", ["f32", "q31"])
 def test_what_stands_around_the_actuator_is_compensated_with_the_rows_that_follow(
         build: Callable[..., Path], model: Model, reference: dict, tmp_path: Path, number: str) -> None:
-    """The chain is given the reference of later rows, and beyond the end the last; what is written is the present one."""
+    """The chain is given the reference of later rows, and beyond the end the last; the present one is written."""
     late = replace(model, effects=[{"name": "delay", "parameters": {"delay_s": 1e-3}},
                                    {"name": "lag", "parameters": {"time_constant_s": 3e-4}},
                                    {"name": "creep", "parameters": {"percent_per_decade": 2.0}}])

@@ -27,9 +27,9 @@
  *                     9  u8   references: 0 none, 1 float, 2 int32
  *                    10  f64  x 7: min_V and max_V of the codes; um per reference unit, um at reference 0; um/s per
  *                             rate unit; um per count, um at count 0 of the sensor
- *                    66  u32  x 10: samples offered to rdpi_port_send, and of those not taken; ticks lost; samples flagged
- *                             guard, counted as clipped (range, slew, lead), flagged input; samples missed; codes
- *                             that the DAC did not take; longest tick so far, cycles; cycles per second or 0
+ *                    66  u32  x 10: samples offered to rdpi_port_send, and of those not taken; ticks lost; samples
+ *                             flagged guard, clipped (range, slew or lead), flagged input; samples missed; codes that
+ *                             the DAC did not take; longest tick so far, cycles; cycles per second or 0
  */
 #ifndef RDPI_TELEMETRY_H
 #define RDPI_TELEMETRY_H

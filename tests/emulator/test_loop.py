@@ -66,11 +66,11 @@ def errors(folder: Path) -> dict[str, tuple[float, float]]:
 
 
 def test_tracking_gets_better_with_the_model(errors: dict[str, tuple[float, float]]) -> None:
-    """rms, % of the stroke: 3.96, 0.89 and 0.77 were measured with this short drive."""
+    """Both fits of this short drive find a lag and need no rate law beside it, so that their models are the same."""
     line, independent, dependent = (errors[model][0] for model in example.MODELS)
     print(f"rms: {line:.2f}, {independent:.2f} and {dependent:.2f} %")
-    assert dependent < independent < 0.5 * line
-    assert dependent < 1.0
+    assert max(independent, dependent) < 0.2 * line
+    assert max(independent, dependent) < 0.6
 
 
 def test_telemetry_is_the_benchs_own_log(errors: dict, folder: Path) -> None:
