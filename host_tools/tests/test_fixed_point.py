@@ -21,7 +21,7 @@ from rdpi.model import Drive, Memory, Model, Rate, operators
 from rdpi.model.operators import GUARD, INPUT, MISSED, RANGE, SLEW
 
 MODEL = random_model(3, plays=4, deadzones=1, slew=True, dac_bits=12)
-TABLES = "play", "saturation", "inverse_saturation", "memory"
+TABLES = "play", "saturation", "inverse_saturation", "curve", "memory"
 SCALARS = [item.name for item in fields(Q31) if item.name not in (*TABLES, "scale")]
 PROMISED = 2.0**-20  # of MAX_DRIVE: rdpi_q31_step in lib/include/rdpi/q31.h
 
@@ -114,9 +114,14 @@ def test_init_takes_what_is_chosen_and_formats_are_used(model: Model) -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_digest_is_the_crc_of_the_fields_in_their_order(seed: int) -> None:
-    q = parameters.q31(random_model(seed, plays=seed, deadzones=seed % 3, slew=seed > 2, dac_bits=16))
-    data = struct.pack("<2Q4H4BhH3I7i", *(getattr(q, name) for name in SCALARS))
-    data += b"".join(getattr(q, name).astype("<i4").tobytes() for name in TABLES)
+    model = random_model(seed, plays=seed, deadzones=seed % 3, slew=seed > 2, dac_bits=16)
+    low_V, high_V = model.drive.min_V, model.drive.max_V
+    if bent := seed % 2 == 1:
+        middle = (low_V + high_V) / 2, low_V + 0.6 * (high_V - low_V)
+        model = replace(model, drive=replace(model.drive, curve_V=((low_V, low_V), middle, (high_V, high_V))))
+    q = parameters.q31(model)
+    data = struct.pack("<2Q2H2BH4BhH3I9i", *(getattr(q, name) for name in SCALARS))
+    data += b"".join(getattr(q, name).astype("<i4").tobytes() for name in TABLES if name != "curve" or bent)
     assert firmware.digest(q) == zlib.crc32(data)
 
 

@@ -405,12 +405,6 @@ def test_chains_beyond_fixed_point(around: Chain, words: str) -> None:
         firmware.FixedPoint(model_with(), STEP_S, around)
 
 
-def test_an_emulated_board_has_no_chain_yet() -> None:
-    run = Recording("r.csv", {}, {"time_s": np.arange(30) * STEP_S, "reference_um": np.zeros(30)})
-    with pytest.raises(BadInput, match="--effects none"):
-        chain.follow(model_with("delay"), run, engine=lambda model, reference: None)
-
-
 def test_columns_of_other_axes_are_subtracted_from_the_reference() -> None:
     model = model_with(entry("cross_coupling"))
     wanted = reference(inverse_of(model), 400)

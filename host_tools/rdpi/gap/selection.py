@@ -347,10 +347,11 @@ def _rivals(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
             reproduced: np.ndarray, floor: float) -> list[Score]:
     """Those that leave as little as the best: what these recordings cannot tell from it.
 
-    What the model missed anyway, `floor`, may favour the wrong one. But a rival explains about what the best does.
+    What the model missed anyway, `floor`, may favour a wrong one unless earlier recordings take it off.
     """
     without = baseline.least if refitted else baseline.total
-    result, lacking = [], thresholds.LACKING * min(floor, max(0.0, without - best.rest(refitted)))
+    share = 0.0 if state.dataset.earlier else thresholds.LACKING
+    result, lacking = [], share * min(floor, max(0.0, without - best.rest(refitted)))
     for one, r2 in zip(scores, reproduced):
         if one.name == best.name or one.follows_drive or one.was_there or one.contains(best):
             continue

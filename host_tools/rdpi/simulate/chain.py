@@ -242,8 +242,10 @@ def operator_from(model: Model, run: Recording, states_um: np.ndarray) -> Firmwa
         raise BadInput(f"{run.path}: the drive reaches {largest_V:.3g} V, beyond ±{LARGEST:g} V, the firmware's limit; "
                        "check the unit of command_V")
     # The control input at the ends must be a number that the firmware takes, too.
-    end_V = min(LARGEST, max(largest_V, 0.999 * LARGEST / abs(model.gain_um_per_V) - abs(model.offset_V)))
-    unlimited = replace(model, drive=Drive(-end_V, end_V),
+    reach_V = 0.999 * LARGEST / abs(model.gain_um_per_V)
+    low_V = min(float(np.min(run.command_V)), max(-LARGEST, model.offset_V - reach_V))
+    high_V = max(float(np.max(run.command_V)), min(LARGEST, model.offset_V + reach_V))
+    unlimited = replace(model, drive=Drive(low_V, high_V),
                         memory=Memory(float(states_um[0]), np.asarray(states_um, float)))
     return Firmware(unlimited, run.sample_time_s, "f64")
 

@@ -161,8 +161,7 @@ def _stage_is_open(model: Model, one: Acting) -> bool:
 
 def _less_sensor(open_: Sequence[Acting], sensor: Sensor) -> list[Acting]:
     """The effects whose stage is open, without what is the sensor's."""
-    for name, value in sensor._asdict().items():
-        option = f"--sensor-{name.removesuffix('_s')}"
+    for option, value in zip(("--sensor-delay", "--sensor-lag"), sensor):
         if not 0 <= arguments.number(value, option, finite=False) < math.inf:
             raise BadInput(f"{option} {value:g}: must be a time in s, not negative")
     found, left = [], sensor
