@@ -250,6 +250,14 @@ def test_a_bent_input_curve_is_a_table(model: Model, compiled: Callable, gain: f
     for main in (INIT, INIT_Q31):
         done = compiled(main, {"rdpi_params.h": text})
         assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    done = compiled(INIT, {"rdpi_params.h": text}, "-DRDPI_MAX_CURVE_PIECES=7")
+    assert done.returncode == 1 and "define RDPI_MAX_CURVE_PIECES as 8 or more" in done.stderr
+
+
+def test_a_straight_input_curve_fits_a_library_without_the_curve(model: Model, compiled: Callable) -> None:
+    for main in (INIT, INIT_Q31):
+        done = compiled(main, {"rdpi_params.h": render(model)}, "-DRDPI_MAX_CURVE_PIECES=1")
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -39,21 +39,9 @@
 /* The largest magnitude of the numbers that make codes: codes may be many and close together. */
 #define MAX_CODE_NUMBER ((rdpi_real_t)1e15)
 
-/* Whether no number is NaN or larger than `limit`, in a block of memory that holds nothing but numbers. */
-static bool rdpi_f32_all_within(rdpi_real_t limit, const void *block, size_t bytes)
-{
-    for (size_t offset = 0; offset < bytes; offset += sizeof(rdpi_real_t)) {
-        rdpi_real_t value;
-        memcpy(&value, (const unsigned char *)block + offset, sizeof value);
-        if (!(fabs(value) <= limit)) {
-            return false;
-        }
-    }
-    return true;
-}
-
 /* What must hold before any other check may read. */
-static rdpi_status_t rdpi_f32_check_pointers(uint64_t layout, const rdpi_f32_t *self, const rdpi_f32_params_t *params)
+static RDPI_F32_SHARED rdpi_status_t rdpi_f32_check_pointers(uint64_t layout, const rdpi_f32_t *self,
+                                                             const rdpi_f32_params_t *params)
 {
     if (layout != RDPI_F32_LAYOUT) {
         return RDPI_ERR_SIZE;
@@ -76,24 +64,6 @@ static rdpi_status_t rdpi_f32_check_pointers(uint64_t layout, const rdpi_f32_t *
         return RDPI_ERR_NULL;
     }
     return RDPI_OK;
-}
-
-static bool rdpi_f32_check_numbers(const rdpi_f32_params_t *params)
-{
-    const unsigned char *bytes = (const unsigned char *)params;
-    for (size_t i = 0; i < params->curve_pieces; i++) {
-        const unsigned char *line = (const unsigned char *)&params->curve[i];
-        if (!rdpi_f32_all_within(MAX_NUMBER, line, LINE_NUMBERS_END) ||
-            !rdpi_f32_all_within(MAX_CODE_NUMBER, line + LINE_NUMBERS_END, sizeof *params->curve - LINE_NUMBERS_END)) {
-            return false;
-        }
-    }
-    return rdpi_f32_all_within(MAX_NUMBER, bytes + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN) &&
-           rdpi_f32_all_within(MAX_CODE_NUMBER, bytes + NUMBERS_END, DIGEST_END - NUMBERS_END) &&
-           rdpi_f32_all_within(MAX_NUMBER, params->play, params->plays * sizeof *params->play) &&
-           rdpi_f32_all_within(MAX_NUMBER, params->saturation, params->deadzones * sizeof *params->saturation) &&
-           rdpi_f32_all_within(MAX_NUMBER, params->inverse_saturation,
-                               params->deadzones * sizeof *params->inverse_saturation);
 }
 
 static rdpi_status_t rdpi_f32_check_plays(const rdpi_f32_params_t *params)
@@ -146,7 +116,7 @@ static rdpi_status_t rdpi_f32_check_curve(const rdpi_f32_params_t *params)
 {
     const rdpi_f32_line_t *before = NULL;
     rdpi_real_t from_V = params->min_V, from_code = 0;
-    for (size_t i = 0; i < params->curve_pieces; i++) {
+    for (size_t i = 0; i < rdpi_f32_pieces(params); i++) {
         const rdpi_f32_line_t *line = &params->curve[i];
         bool no_code = params->dac_bits > 0 && line->to_code <= from_code;
         if (line->to_V <= from_V || line->from_code != from_code || no_code) {
@@ -192,37 +162,73 @@ static rdpi_status_t rdpi_f32_check_memory(const rdpi_f32_params_t *params, cons
 {
     rdpi_real_t drive_V = rdpi_f32_drive_of_x(rdpi_f32_line_of_x(params, y_um[0]), y_um[0]);
     rdpi_real_t slack_V = ROUNDING * (params->max_V - params->min_V);
-    bool possible = drive_V >= params->min_V - slack_V && drive_V <= params->max_V + slack_V;
-    for (size_t i = 1; i < params->plays; i++) {
-        rdpi_real_t gap_um = params->play[i].r_um - params->play[i - 1u].r_um;
-        rdpi_real_t slack_um = ROUNDING * (params->play[params->plays - 1u].r_um + fabs(y_um[i - 1u]));
-        possible = possible && fabs(y_um[i] - y_um[i - 1u]) <= gap_um + slack_um;
+    if (!(fabs(drive_V - rdpi_f32_clamp(drive_V, params->min_V, params->max_V)) <= slack_V)) {
+        return RDPI_ERR_MEMORY;
     }
-    return possible ? RDPI_OK : RDPI_ERR_MEMORY;
+    const rdpi_f32_play_t *last = &params->play[params->plays - 1u];
+    for (const rdpi_f32_play_t *play = params->play; play < last; play++) {
+        rdpi_real_t gap_um = play[1].r_um - play->r_um;
+        rdpi_real_t slack_um = ROUNDING * (last->r_um + fabs(*y_um));
+        if (!(fabs(y_um[1] - *y_um) <= gap_um + slack_um)) {
+            return RDPI_ERR_MEMORY;
+        }
+        y_um++;
+    }
+    return RDPI_OK;
 }
 
-/* rdpi_f32_digest, whatever the layout of the caller. */
-static uint32_t rdpi_f32_checksum(const rdpi_f32_params_t *params)
+/* What one pass over the parameters tells. */
+typedef struct {
+    uint32_t digest; /* rdpi_f32_digest, whatever the layout of the caller */
+    bool within;     /* whether no number is NaN or too large; of the memory, rdpi_f32_check_memory tells that */
+} rdpi_f32_scan_t;
+
+/* Goes on over a block of memory that holds nothing but numbers. Those that make codes begin at `codes`. */
+static RDPI_F32_SHARED void rdpi_f32_scan_block(rdpi_f32_scan_t *scan, const void *block, size_t bytes, size_t codes)
 {
-    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, DIGEST_END - DIGEST_BEGIN);
-    crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
-    crc = rdpi_crc32(crc, params->saturation, params->deadzones * sizeof *params->saturation);
-    crc = rdpi_crc32(crc, params->inverse_saturation, params->deadzones * sizeof *params->inverse_saturation);
-    crc = rdpi_crc32(crc, params->curve, params->curve_pieces * sizeof *params->curve);
-    return rdpi_crc32(crc, params->memory_um, params->plays * sizeof *params->memory_um);
+    for (size_t offset = 0; offset < bytes; offset += sizeof(rdpi_real_t)) {
+        rdpi_real_t limit = offset < codes ? MAX_NUMBER : MAX_CODE_NUMBER;
+        rdpi_real_t value;
+        memcpy(&value, (const unsigned char *)block + offset, sizeof value);
+        if (!(fabs(value) <= limit)) {
+            scan->within = false;
+        }
+    }
+    scan->digest = rdpi_crc32(scan->digest, block, bytes);
+}
+
+/* The parameters that the digest covers. */
+static void rdpi_f32_scan(rdpi_f32_scan_t *scan, const rdpi_f32_params_t *params)
+{
+    const unsigned char *bytes = (const unsigned char *)params;
+    size_t plays = params->plays * sizeof *params->play;
+    size_t terms = params->deadzones * sizeof *params->saturation;
+    size_t pieces = params->deadzones * sizeof *params->inverse_saturation;
+    scan->digest = rdpi_crc32(0, bytes + DIGEST_BEGIN, NUMBERS_BEGIN - DIGEST_BEGIN);
+    scan->within = true;
+    rdpi_f32_scan_block(scan, bytes + NUMBERS_BEGIN, DIGEST_END - NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN);
+    rdpi_f32_scan_block(scan, params->play, plays, plays);
+    rdpi_f32_scan_block(scan, params->saturation, terms, terms);
+    rdpi_f32_scan_block(scan, params->inverse_saturation, pieces, pieces);
+    for (size_t i = 0; i < rdpi_f32_pieces(params); i++) {
+        rdpi_f32_scan_block(scan, &params->curve[i], sizeof *params->curve, LINE_NUMBERS_END);
+    }
+    scan->digest = rdpi_crc32(scan->digest, params->memory_um, params->plays * sizeof *params->memory_um);
 }
 
 /* All that needs valid pointers and counts. Also sets up the rate estimator of `self`, which checks the sample time:
  * rdpi_f32_check_drive relies on it. */
 static rdpi_status_t rdpi_f32_check_params(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
 {
-    if (params->digest != rdpi_f32_checksum(params)) {
+    rdpi_f32_scan_t scan;
+    rdpi_f32_scan(&scan, params);
+    if (params->digest != scan.digest) {
         return RDPI_ERR_DIGEST;
     }
-    if (!rdpi_f32_check_numbers(params)) {
+    if (!scan.within) {
         return RDPI_ERR_NOT_FINITE;
     }
-    for (size_t i = 0; i < params->curve_pieces; i++) {
+    for (size_t i = 0; i < rdpi_f32_pieces(params); i++) {
         if (params->curve[i].gain_um_per_V == 0) {
             return RDPI_ERR_GAIN;
         }
@@ -243,7 +249,7 @@ static rdpi_status_t rdpi_f32_check_params(rdpi_f32_t *self, const rdpi_f32_para
     if (status == RDPI_OK) {
         status = rdpi_f32_check_drive(params, sample_time_s);
     }
-    if (status == RDPI_OK) {
+    if (RDPI_MAX_CURVE_PIECES > 1 && status == RDPI_OK) { /* a single piece is taken whatever its ends are */
         status = rdpi_f32_check_curve(params);
     }
     return status == RDPI_OK ? rdpi_f32_check_memory(params, params->memory_um) : status;

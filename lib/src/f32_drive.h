@@ -1,26 +1,39 @@
 /* Conversions between the drive, the input x of the plays, and DAC codes: the input curve. Its pieces are searched from
- * the first, because few steps search. */
+ * the first, because few steps search. With RDPI_MAX_CURVE_PIECES 1, the compiler knows the piece, and no code is left
+ * of any search. */
 #ifndef RDPI_F32_DRIVE_H
 #define RDPI_F32_DRIVE_H
 
 #include "f32_math.h"
 
+#if RDPI_MAX_CURVE_PIECES > 1
+#define RDPI_F32_SEARCH RDPI_F32_SHARED
+#else
+#define RDPI_F32_SEARCH inline
+#endif
+
+/* How many pieces checked parameters have. */
+static inline unsigned rdpi_f32_pieces(const rdpi_f32_params_t *params)
+{
+    return RDPI_MAX_CURVE_PIECES > 1 ? params->curve_pieces : 1u;
+}
+
 /* The piece on which a drive lies. */
-static RDPI_F32_SHARED const rdpi_f32_line_t *rdpi_f32_line_of_drive(const rdpi_f32_params_t *params,
+static RDPI_F32_SEARCH const rdpi_f32_line_t *rdpi_f32_line_of_drive(const rdpi_f32_params_t *params,
                                                                      rdpi_real_t drive_V)
 {
     const rdpi_f32_line_t *line = params->curve;
-    for (unsigned left = params->curve_pieces; left > 1u && drive_V > line->to_V; left--) {
+    for (unsigned left = rdpi_f32_pieces(params); left > 1u && drive_V > line->to_V; left--) {
         line++;
     }
     return line;
 }
 
 /* The piece on which an x lies. Where the gain is negative, x falls from piece to piece. */
-static RDPI_F32_SHARED const rdpi_f32_line_t *rdpi_f32_line_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
+static RDPI_F32_SEARCH const rdpi_f32_line_t *rdpi_f32_line_of_x(const rdpi_f32_params_t *params, rdpi_real_t x_um)
 {
     const rdpi_f32_line_t *line = params->curve;
-    for (unsigned left = params->curve_pieces; left > 1u && (x_um - line->to_um) * line->gain_um_per_V > 0; left--) {
+    for (unsigned left = rdpi_f32_pieces(params); left > 1u && (x_um - line->to_um) * line->gain_um_per_V > 0; left--) {
         line++;
     }
     return line;
@@ -30,8 +43,14 @@ static RDPI_F32_SHARED const rdpi_f32_line_t *rdpi_f32_line_of_x(const rdpi_f32_
 static inline const rdpi_f32_line_t *rdpi_f32_line_of_code(const rdpi_f32_params_t *params, const rdpi_f32_line_t *line,
                                                            rdpi_real_t code)
 {
+#if RDPI_MAX_CURVE_PIECES > 1
     bool next = code >= line->to_code && line != &params->curve[params->curve_pieces - 1u];
     return next ? &line[1] : line;
+#else
+    (void)line;
+    (void)code;
+    return params->curve;
+#endif
 }
 
 static inline rdpi_real_t rdpi_f32_x_of_drive(const rdpi_f32_line_t *line, rdpi_real_t drive_V)

@@ -32,7 +32,7 @@ static rdpi_status_t rdpi_q31_check_pointers(uint64_t layout, const rdpi_q31_t *
         return RDPI_ERR_CURVE;
     }
     if (params->play == NULL || params->saturation == NULL || params->inverse_saturation == NULL ||
-        (params->curve == NULL && params->curve_pieces > 1u) || params->memory == NULL) {
+        (params->curve == NULL && rdpi_q31_pieces(params) > 1u) || params->memory == NULL) {
         return RDPI_ERR_NULL;
     }
     return RDPI_OK;
@@ -130,13 +130,13 @@ static rdpi_status_t rdpi_q31_check_curve(const rdpi_q31_params_t *params)
     if (!rdpi_q31_in_format(params->min_x) || !rdpi_q31_in_format(params->max_x) || params->min_x >= params->max_x) {
         return RDPI_ERR_CURVE;
     }
-    if (params->curve_pieces == 1u) {
+    if (rdpi_q31_pieces(params) == 1u) {
         return params->min_x == params->min_drive && params->max_x == params->max_drive ? RDPI_OK : RDPI_ERR_CURVE;
     }
     if (line->from_drive != params->min_drive || line->from_x != params->min_x) {
         return RDPI_ERR_CURVE;
     }
-    for (unsigned left = params->curve_pieces; left > 0u; left--) {
+    for (unsigned left = rdpi_q31_pieces(params); left > 0u; left--) {
         int32_t to_drive = left > 1u ? line[1].from_drive : params->max_drive;
         int32_t to_x = left > 1u ? line[1].from_x : params->max_x;
         if (to_drive <= line->from_drive || to_drive > params->max_drive || to_x <= line->from_x ||
@@ -171,8 +171,8 @@ static uint32_t rdpi_q31_checksum(const rdpi_q31_params_t *params)
     crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
     crc = rdpi_crc32(crc, params->saturation, deadzones);
     crc = rdpi_crc32(crc, params->inverse_saturation, deadzones);
-    if (params->curve_pieces > 1u) {
-        crc = rdpi_crc32(crc, params->curve, params->curve_pieces * sizeof *params->curve);
+    if (rdpi_q31_pieces(params) > 1u) {
+        crc = rdpi_crc32(crc, params->curve, rdpi_q31_pieces(params) * sizeof *params->curve);
     }
     return rdpi_crc32(crc, params->memory, params->plays * sizeof *params->memory);
 }

@@ -41,14 +41,21 @@ static int32_t rdpi_q31_line_drive(const rdpi_q31_line_t *line, int32_t x)
                           -RDPI_Q31_MAX_DRIVE, RDPI_Q31_MAX_DRIVE);
 }
 
+/* How many pieces checked parameters have. With RDPI_MAX_CURVE_PIECES 1, the compiler leaves out what follows for
+ * more. */
+static inline unsigned rdpi_q31_pieces(const rdpi_q31_params_t *params)
+{
+    return RDPI_MAX_CURVE_PIECES > 1 ? params->curve_pieces : 1u;
+}
+
 /* The input curve, at a drive in its format. */
 static int32_t rdpi_q31_x_of_drive(const rdpi_q31_params_t *params, int32_t drive)
 {
     const rdpi_q31_line_t *line = params->curve;
-    if (params->curve_pieces == 1u) {
+    if (rdpi_q31_pieces(params) == 1u) {
         return drive;
     }
-    for (unsigned left = params->curve_pieces; left > 1u && drive >= line[1].from_drive; left--) {
+    for (unsigned left = rdpi_q31_pieces(params); left > 1u && drive >= line[1].from_drive; left--) {
         line++;
     }
     return rdpi_q31_line_x(line, drive);
@@ -58,10 +65,10 @@ static int32_t rdpi_q31_x_of_drive(const rdpi_q31_params_t *params, int32_t driv
 static int32_t rdpi_q31_drive_of_x(const rdpi_q31_params_t *params, int32_t x)
 {
     const rdpi_q31_line_t *line = params->curve;
-    if (params->curve_pieces == 1u) {
+    if (rdpi_q31_pieces(params) == 1u) {
         return x;
     }
-    for (unsigned left = params->curve_pieces; left > 1u && x >= line[1].from_x; left--) {
+    for (unsigned left = rdpi_q31_pieces(params); left > 1u && x >= line[1].from_x; left--) {
         line++;
     }
     return rdpi_q31_in_range(params, rdpi_q31_line_drive(line, x));

@@ -20,7 +20,11 @@
 
 uint32_t rdpi_f32_digest_layout(uint64_t layout, const rdpi_f32_params_t *params)
 {
-    return layout == RDPI_F32_LAYOUT ? rdpi_f32_checksum(params) : 0u;
+    rdpi_f32_scan_t scan = {0, true};
+    if (layout == RDPI_F32_LAYOUT) {
+        rdpi_f32_scan(&scan, params);
+    }
+    return scan.digest;
 }
 
 rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi_f32_params_t *params,
@@ -71,7 +75,8 @@ static void put_memory(rdpi_f32_t *self, const rdpi_real_t *y_um)
 {
     const rdpi_f32_params_t *params = self->params;
     rdpi_f32_bank_set(&self->bank, params->play, params->plays, y_um);
-    put_drive(self, rdpi_f32_drive_of_x(rdpi_f32_line_of_x(params, y_um[0]), y_um[0]));
+    rdpi_real_t x_um = self->bank.y_um[0];
+    put_drive(self, rdpi_f32_drive_of_x(rdpi_f32_line_of_x(params, x_um), x_um));
 }
 
 void rdpi_f32_reset(rdpi_f32_t *self)
@@ -160,6 +165,26 @@ static inline rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V, cons
     return drive_V;
 }
 
+/* The piece of the input curve on which dac_code lies, for the quick way. */
+static inline const rdpi_f32_line_t *line_of_code(const rdpi_f32_t *self)
+{
+#if RDPI_MAX_CURVE_PIECES > 1
+    return self->line;
+#else
+    return self->params->curve;
+#endif
+}
+
+static inline void keep_line(rdpi_f32_t *self, const rdpi_f32_line_t *line)
+{
+#if RDPI_QUICK_STEP && RDPI_MAX_CURVE_PIECES > 1
+    self->line = line;
+#else
+    (void)self;
+    (void)line;
+#endif
+}
+
 /* Outputs a drive inside the range, rounded to a code if there are codes, and moves the plays there. target.x_um is the
  * x of the drive, and `line` the piece of either; a code has an x of its own. Returns the side to which x goes then.
  * `quick` is that of finish_step. */
@@ -176,9 +201,7 @@ static RDPI_F32_SHARED rdpi_real_t output(rdpi_f32_t *self, rdpi_real_t drive_V,
         line = rdpi_f32_line_of_code(params, line, code);
         drive_V = rdpi_f32_fma(code, params->V_per_code, params->min_V);
         target.x_um = rdpi_f32_fma(code, line->um_per_code, line->x_of_code_0_um);
-        if (RDPI_QUICK_STEP) {
-            self->line = line;
-        }
+        keep_line(self, line);
     }
     self->drive_V = drive_V;
     return rdpi_f32_bank_move(&self->bank, params->play, params->plays, target);
@@ -192,7 +215,41 @@ static bool next_is_quick(const rdpi_f32_t *self)
     const rdpi_f32_params_t *params = self->params;
     return self->rate_estimator.window == 1u && self->rate_estimator.keep <= 0 && params->slew_V_per_s <= 0 &&
            self->dac_code > 0u && (rdpi_real_t)self->dac_code < params->last_code &&
-           fabs(self->line->code_of_x_0) <= MAX_CODE_0;
+           fabs(line_of_code(self)->code_of_x_0) <= MAX_CODE_0;
+}
+
+/* Sets the middle of where x is free both ways, and returns how far it is free from there. `next` is the play that ends
+ * it, or NULL: a single play is free in all of `line`. Without the input curve, the state of that play is the middle. */
+static inline rdpi_real_t set_middle(rdpi_f32_bank_t *bank, const rdpi_f32_line_t *line, const rdpi_f32_play_t *next)
+{
+    rdpi_real_t *next_um = &bank->y_um[1];
+#if RDPI_MAX_CURVE_PIECES > 1
+    rdpi_real_t low_um = line->middle_um - line->reach_um, high_um = line->middle_um + line->reach_um;
+    if (next != NULL) {
+        rdpi_real_t lowest_um = *next_um - next->r_um, highest_um = *next_um + next->r_um;
+        low_um = lowest_um > low_um ? lowest_um : low_um;
+        high_um = highest_um < high_um ? highest_um : high_um;
+    }
+    bank->middle_um = (low_um + high_um) / 2;
+    return (high_um - low_um) / 2;
+#else
+    if (next == NULL) {
+        *next_um = line->middle_um;
+        return line->reach_um;
+    }
+    rdpi_real_t reach_um = line->reach_um - fabs(*next_um - line->middle_um);
+    return reach_um < next->r_um ? reach_um : next->r_um;
+#endif
+}
+
+/* What set_middle set. */
+static inline rdpi_real_t middle_um(const rdpi_f32_bank_t *bank)
+{
+#if RDPI_MAX_CURVE_PIECES > 1
+    return bank->middle_um;
+#else
+    return bank->y_um[1];
+#endif
 }
 
 /* Sets bank.edge_um; see `quick` in rdpi_f32_t. x goes to `side`. The edge is at a code, half a code or more before the
@@ -200,7 +257,7 @@ static bool next_is_quick(const rdpi_f32_t *self)
  * and x is free both ways, it is three quarters of a code before. Both margins are larger than any rounding. */
 static RDPI_F32_HOT void set_edge(rdpi_f32_t *self, rdpi_real_t side)
 {
-    const rdpi_f32_line_t *line = self->line;
+    const rdpi_f32_line_t *line = line_of_code(self);
     rdpi_f32_bank_t *bank = &self->bank;
     const rdpi_f32_play_t *next = &bank->last_engaged[1];
     const rdpi_real_t *next_um = &bank->y_um[bank->engaged + 1u];
@@ -217,14 +274,7 @@ static RDPI_F32_HOT void set_edge(rdpi_f32_t *self, rdpi_real_t side)
         rdpi_real_t code = (rdpi_real_t)self->dac_code + (rdpi_real_t)codes;
         bank->edge_um = rdpi_f32_fma(code, line->um_per_code, line->x_of_code_0_um);
     } else {
-        rdpi_real_t low_um = line->middle_um - line->reach_um, high_um = line->middle_um + line->reach_um;
-        if (!last) { /* a single play is free in all of the piece */
-            rdpi_real_t lowest_um = *next_um - next->r_um, highest_um = *next_um + next->r_um;
-            low_um = lowest_um > low_um ? lowest_um : low_um;
-            high_um = highest_um < high_um ? highest_um : high_um;
-        }
-        bank->middle_um = (low_um + high_um) / 2;
-        bank->edge_um = rdpi_f32_fma((rdpi_real_t)-0.75, code_um, (high_um - low_um) / 2);
+        bank->edge_um = rdpi_f32_fma((rdpi_real_t)-0.75, code_um, set_middle(bank, line, last ? NULL : next));
     }
 }
 
@@ -234,7 +284,7 @@ static RDPI_F32_HOT void set_edge(rdpi_f32_t *self, rdpi_real_t side)
 static inline bool turns_within_code(const rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
     const rdpi_f32_params_t *params = self->params;
-    const rdpi_f32_line_t *line = self->line;
+    const rdpi_f32_line_t *line = line_of_code(self);
     const rdpi_f32_bank_t *bank = &self->bank;
     rdpi_real_t rise_um = rdpi_f32_bank_side(bank->falling) * climb_um;
     if (!(rise_um < 0) || bank->engaged == 0u) {
@@ -355,7 +405,7 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
     rdpi_real_t way_um = rdpi_f32_bank_way(bank, rate_um_per_s, climb_um);
     rdpi_real_t x_um = way_um + bank->y_um[0];
-    rdpi_real_t before_edge = bank->engaged == 0u ? bank->edge_um - fabs(x_um - bank->middle_um)
+    rdpi_real_t before_edge = bank->engaged == 0u ? bank->edge_um - fabs(x_um - middle_um(bank))
                                                   : way_um * (bank->edge_um - x_um); /* > 0: x stays before it */
     self->flags = 0;
     self->rate_estimator.z_um[0] = reference_um;
@@ -363,7 +413,7 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     if (!(before_edge > 0)) {
         return step_over_edge(self, climb_um, rate_um_per_s);
     }
-    const rdpi_f32_line_t *line = self->line;
+    const rdpi_f32_line_t *line = line_of_code(self);
     self->dac_code = (uint32_t)rdpi_f32_fma(x_um, line->codes_per_um, line->code_of_x_0);
     rdpi_real_t code = (rdpi_real_t)self->dac_code;
     bank->y_um[0] = rdpi_f32_fma(code, line->um_per_code, line->x_of_code_0_um);

@@ -46,7 +46,7 @@ rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi
         self->params = params;
         self->slew = per_sample(params->slew_per_us, sample_time_ns);
         self->sweep_step = per_sample(params->sweep_per_us, sample_time_ns);
-        self->direct_output = self->slew == 0 && params->curve_pieces == 1u && rdpi_q31_codes_are_coarse(params);
+        self->direct_output = self->slew == 0 && rdpi_q31_pieces(params) == 1u && rdpi_q31_codes_are_coarse(params);
         self->latest_piece.length = 0;
         rdpi_q31_reset(self);
         if (self->sweep_step < 1) { /* it would never arrive */

@@ -44,7 +44,7 @@ const char *rdpi_status_text(rdpi_status_t status)
     case RDPI_ERR_CHAIN:
         return "chain: a number is outside its range, the delay is too long, or creep cannot be inverted";
     case RDPI_ERR_CURVE:
-        return "input curve: needs 1 to 8 pieces in order, without gaps, all rising or all falling, with ends at codes";
+        return "input curve: at most RDPI_MAX_CURVE_PIECES pieces in order, no gaps, all rising or falling, ends at codes";
     }
     return "unknown status";
 }

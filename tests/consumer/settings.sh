@@ -10,6 +10,7 @@ settings=(
     "-DRDPI_MAX_PLAYS=10 -DRDPI_MAX_WINDOW=3" # states of this and the next are equally large
     "-DRDPI_MAX_PLAYS=12 -DRDPI_MAX_WINDOW=1"
     "-DRDPI_MAX_PLAYS=1 -DRDPI_MAX_WINDOW=4096"
+    "-DRDPI_MAX_CURVE_PIECES=1"
     "-fpack-struct -Wno-address-of-packed-member"
 )
 
@@ -28,6 +29,7 @@ for s in "${!settings[@]}"; do
 done
 compile real -DRDPI_REAL=double
 compile poles -DRDPI_MAX_POLES=3
+compile pieces -DRDPI_MAX_CURVE_PIECES=3
 
 pairs=0
 check() { # check LIBRARY APPLICATION STATUS [same]
@@ -51,6 +53,9 @@ check real real 0 same
 # rdpi_q31 has no reals, so its application is right to expect the same library.
 check 0 real 2
 check real 0 2
+# How many pieces there may be changes no layout, unless it is one.
+check 0 pieces 0 same
+check pieces 0 0 same
 # Only the chain has poles.
 check poles poles 0 same
 check 0 poles 3

@@ -107,14 +107,15 @@ def test_what_came_later_would_be_seen(manuals: Path) -> None:
 
 @pytest.mark.parametrize(("maximum", "value"), [("RDPI_MAX_PLAYS", "0"), ("RDPI_MAX_DEADZONES", "OFF"),
                                                 ("RDPI_MAX_WINDOW", "N"), ("RDPI_MAX_PLAYS", "1.5"),
-                                                ("RDPI_MAX_POLES", "-1")])
+                                                ("RDPI_MAX_POLES", "-1"), ("RDPI_MAX_CURVE_PIECES", "x")])
 def test_a_maximum_is_a_whole_number_from_1_on(maximum: str, value: str, tmp_path: Path) -> None:
     done = subprocess.run(["cmake", "-S", ROOT, "-B", tmp_path, f"-D{maximum}={value}", "-DRDPI_BUILD_TESTS=OFF",
                            "-DRDPI_BUILD_EXAMPLES=OFF"], capture_output=True, text=True)
     assert done.returncode != 0 and f"{maximum} is '{value}'" in " ".join(done.stderr.split())
 
 
-@pytest.mark.parametrize("maximum", ["RDPI_MAX_PLAYS", "RDPI_MAX_DEADZONES", "RDPI_MAX_WINDOW", "RDPI_MAX_POLES"])
+@pytest.mark.parametrize("maximum", ["RDPI_MAX_PLAYS", "RDPI_MAX_DEADZONES", "RDPI_MAX_WINDOW", "RDPI_MAX_POLES",
+                                     "RDPI_MAX_CURVE_PIECES"])
 def test_the_compiler_refuses_a_maximum_of_0(maximum: str) -> None:
     command = ["cc", "-std=c99", "-fsyntax-only", "-I", ROOT / "lib/include", "-x", "c", ROOT / "lib/src/status.c"]
     assert subprocess.run([*command, f"-D{maximum}=1"], capture_output=True).returncode == 0

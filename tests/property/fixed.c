@@ -151,7 +151,7 @@ static void random_curve(actuator_t *self)
     rdpi_q31_params_t *params = &self->params;
     int64_t span = (int64_t)params->max_drive - params->min_drive, x = 0;
     params->curve = self->curve;
-    params->curve_pieces = (uint8_t)(one_in(2) ? 1 : 2 + choose(RDPI_MAX_CURVE_PIECES - 1));
+    params->curve_pieces = (uint8_t)(RDPI_MAX_CURVE_PIECES == 1 || one_in(2) ? 1 : 2 + choose(RDPI_MAX_CURVE_PIECES - 1));
     params->min_x = params->min_drive;
     params->max_x = params->max_drive;
     for (int k = 0; params->curve_pieces > 1 && k < params->curve_pieces; k++) {

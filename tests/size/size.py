@@ -30,7 +30,9 @@ CORES = {
 }
 CALLS = ("init_layout", "step", "sweep")  # the first is what init, inline, calls
 COLUMNS = ("code", "libgcc, libc", "state", "stack of init", "of step", "of sweep")
-LIMITS = {("f32", "M4F"): {"code": 3072, "state": 128, "of step": 128}}
+NO_CURVE = "-DRDPI_MAX_CURVE_PIECES=1"
+ROWS = (("f32", NO_CURVE), ("f32", ""), ("f32_chain", ""), ("q31", NO_CURVE), ("q31", ""), ("q31_chain", ""))
+LIMITS = {("f32", NO_CURVE, "M4F"): {"code": 3072, "state": 128, "of step": 128}}
 
 
 def run(*command: str | Path) -> str:
@@ -78,11 +80,11 @@ def registers(part: str) -> int:
     return (numbers[-1] - numbers[0] + 1) * (8 if "d" in part else 4)
 
 
-def measure(library: str, core: str) -> dict[str, int]:
-    """`library` is f32, f32_chain, q31 or q31_chain."""
-    folder = WORK / f"{library}-{core}"
+def measure(library: str, setting: str, core: str) -> dict[str, int]:
+    """`library` is f32, f32_chain, q31 or q31_chain; `setting` is "" or one more option of the compiler."""
+    folder = WORK / f"{library}{setting}-{core}"
     folder.mkdir(parents=True, exist_ok=True)
-    gcc = ["arm-none-eabi-gcc", *FLAGS.split(), *CORES[core].split(), f"-I{ROOT / 'lib' / 'include'}"]
+    gcc = ["arm-none-eabi-gcc", *FLAGS.split(), *setting.split(), *CORES[core].split(), f"-I{ROOT / 'lib' / 'include'}"]
     objects = []
     for source in sorted((ROOT / "lib" / "src").glob("*.c")):
         objects.append(folder / f"{source.stem}.o")
@@ -111,14 +113,15 @@ def table() -> tuple[str, list[str]]:
     lines = [f"| bytes, arm-none-eabi-gcc {version} -Os | {' | '.join(COLUMNS)} |"]
     lines.append("|---|" + "---:|" * len(COLUMNS))
     broken = []
-    for library in ("f32", "f32_chain", "q31", "q31_chain"):
+    for library, setting in ROWS:
+        name = f"rdpi_{library}{', no curve' if setting else ''}"
         for core in CORES:
-            cells = [f"rdpi_{library}, {core}"]
-            for column, figure in measure(library, core).items():
-                limit = LIMITS.get((library, core), {}).get(column)
+            cells = [f"{name}, {core}"]
+            for column, figure in measure(library, setting, core).items():
+                limit = LIMITS.get((library, setting, core), {}).get(column)
                 cells.append(f"{figure} ≤ {limit}" if limit else str(figure))
                 if limit and figure > limit:
-                    broken.append(f"rdpi_{library}, {core}: {column} is {figure}, limit {limit}")
+                    broken.append(f"{name}, {core}: {column} is {figure}, limit {limit}")
             lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines), broken
 

@@ -104,7 +104,7 @@ static inline void random_memory(actuator_t *actuator)
 static inline void random_curve(actuator_t *actuator, double rest_V, double from_V, double to_V)
 {
     double low_V = fmax(from_V, (double)actuator->params.min_V), high_V = fmin(to_V, (double)actuator->params.max_V);
-    int pieces = choose(2) ? 1 : 2 + choose(RDPI_MAX_CURVE_PIECES - 1);
+    int pieces = RDPI_MAX_CURVE_PIECES == 1 || choose(2) ? 1 : 2 + choose(RDPI_MAX_CURVE_PIECES - 1);
     rdpi_f32_line_t *curve = actuator->curve;
     double gain_um_per_V = (double)curve[0].gain_um_per_V, x_um = 0;
     actuator->params.curve_pieces = (uint8_t)pieces;

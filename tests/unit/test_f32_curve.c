@@ -141,6 +141,30 @@ void test_a_corner_lies_on_one_code_seen_from_either_piece(void)
     }
 }
 
+/* A quarter of a code below the corner is the code of the corner, three quarters are not: the piece below tells, not that
+ * on which the corner's code lies. */
+void test_a_turn_at_a_corner_is_rounded_on_the_piece_below(void)
+{
+    void (*const ways[])(void) = {bend, bend_down};
+    for (size_t way = 0; way < 2; way++) {
+        for (unsigned quarters = 1; quarters <= 3; quarters += 2) {
+            setUp();
+            without_rate_law();
+            ways[way]();
+            five_bit_dac();
+            given.params.offset_um = 0;
+            start();
+            for (int k = 0; k <= 16; k++) { /* up to 5 V, where plays move with x */
+                rdpi_f32_step(&axis, rdpi_f32_predict(&axis, (rdpi_real_t)(1 + k / 4.0), 0));
+            }
+            TEST_ASSERT_EQUAL_UINT32(26, axis.dac_code);
+            TEST_ASSERT_TRUE(axis.bank.engaged > 0);
+            rdpi_f32_step(&axis, rdpi_f32_predict(&axis, (rdpi_real_t)(5 - quarters / 8.0), 0));
+            TEST_ASSERT_EQUAL_UINT32(quarters == 1 ? 26 : 25, axis.dac_code);
+        }
+    }
+}
+
 void test_init_refuses_no_pieces_and_too_many(void)
 {
     given.params.curve_pieces = 0;

@@ -26,6 +26,9 @@
 #if RDPI_PARAMS_DEADZONES > RDPI_MAX_DEADZONES
 #error "define RDPI_MAX_DEADZONES as 3 or more, for the library and its users alike"
 #endif
+#if RDPI_PARAMS_CURVE_PIECES > RDPI_MAX_CURVE_PIECES
+#error "define RDPI_MAX_CURVE_PIECES as 1 or more, for the library and its users alike"
+#endif
 #if 0 > RDPI_MAX_POLES
 #error "define RDPI_MAX_POLES as 0 or more, for the library and its users alike"
 #endif

@@ -140,7 +140,9 @@ typedef struct {
                                        k = engaged */
     rdpi_real_t remainder_rate_s; /**< see remainder_um */
     rdpi_real_t edge_um;          /**< where the quick way ends: see rdpi_f32_t.quick */
+#if RDPI_MAX_CURVE_PIECES > 1
     rdpi_real_t middle_um;        /**< see there */
+#endif
     const rdpi_f32_play_t *last_engaged; /**< play[engaged] */
     uint16_t engaged;             /**< the plays 1 .. engaged move with x */
     bool falling;                 /**< x pulls them down */
@@ -173,8 +175,10 @@ typedef struct {
     const rdpi_f32_params_t *params;      /**< as given to init */
     const rdpi_f32_piece_t *latest_piece; /**< the piece of S^-1 on which the latest reference lay; only kept for the
                                                quick way */
+#if RDPI_MAX_CURVE_PIECES > 1
     const rdpi_f32_line_t *line; /**< the piece of the input curve on which dac_code lies; only kept for the quick way.
                                       A code at an end between two pieces lies on the upper one */
+#endif
     rdpi_real_t ramp_V;   /**< drive_V before it is rounded to a code; without it, a slow slew would never leave a code.
                                Steps without a slew limit may leave it behind; a sweep then starts from drive_V */
     uint16_t sweep_turns; /**< turning points that the start-up sweep has still to reach; 0: no sweep runs */
@@ -188,6 +192,8 @@ typedef struct {
                                - bank.edge_um bounds where x can go. While x is between bank.y_um[0] and bank.edge_um,
                                  no play engages or lets go and `line` does not end, rounding to a code included. With
                                  engaged = 0, that holds while x is less than bank.edge_um away from bank.middle_um.
+                               - Without the input curve, `line` is its only piece, and bank.y_um[1] is in place of
+                                 bank.middle_um.
                                A step whose rate is within the guard, whose reference lies inside latest_piece and whose
                                x is before the edge therefore needs no search, and gives the same bits as the long
                                way */

@@ -20,12 +20,11 @@ extern "C" {
 /** The most bits of a DAC. init refuses more, because single precision does not resolve more. */
 #define RDPI_MAX_DAC_BITS 20
 
-/** The most straight pieces of the input curve. init refuses more. */
-#define RDPI_MAX_CURVE_PIECES 8
-
 /* Compile-time maxima. Define them the same for the library and for the code that uses it. RDPI_MAX_PLAYS and
  * RDPI_MAX_WINDOW set the size of the state in RAM, RDPI_MAX_POLES that of the state of a chain; init returns
- * RDPI_ERR_SIZE if they differ. RDPI_MAX_DEADZONES only limits what init accepts. */
+ * RDPI_ERR_SIZE if they differ. RDPI_MAX_CURVE_PIECES 1 leaves the input curve out of code and state: the drive is then
+ * proportional to x, but for an offset. init returns RDPI_ERR_SIZE if only one side leaves it out.
+ * RDPI_MAX_DEADZONES and other numbers of pieces only limit what init accepts. */
 #ifndef RDPI_MAX_PLAYS
 #define RDPI_MAX_PLAYS 16 /**< most play operators: n + 1, the identity (r_0 = 0) included */
 #endif
@@ -39,14 +38,22 @@ extern "C" {
 #define RDPI_MAX_POLES 12 /**< most poles of creep and relaxation in a chain */
 #endif
 
+#ifndef RDPI_MAX_CURVE_PIECES
+#define RDPI_MAX_CURVE_PIECES 8 /**< most straight pieces of the input curve, up to 255; 1: the curve is left out */
+#endif
+
 #if RDPI_MAX_PLAYS < 1 || RDPI_MAX_DEADZONES < 1 || RDPI_MAX_WINDOW < 1 || RDPI_MAX_POLES < 1
 #error "define RDPI_MAX_PLAYS, RDPI_MAX_DEADZONES, RDPI_MAX_WINDOW and RDPI_MAX_POLES as at least 1"
+#endif
+#if RDPI_MAX_CURVE_PIECES < 1 || RDPI_MAX_CURVE_PIECES > 255
+#error "define RDPI_MAX_CURVE_PIECES as at least 1 and at most 255"
 #endif
 
 /** The layout of a state and of parameters in memory, as one number made of all that decides it. init compares the
  * number of its caller with the number of the library. */
 #define RDPI_LAYOUT(state, params)                                                                                    \
     (((uint64_t)1 << 44) * sizeof(state) + ((uint64_t)1 << 32) * sizeof(params) +                                     \
+     ((uint64_t)1 << 43) * (RDPI_MAX_CURVE_PIECES > 1) +                                                              \
      ((uint64_t)1 << 16) * RDPI_MAX_PLAYS + RDPI_MAX_WINDOW)
 
 /** The most missed samples that the rate still takes into account. Each of them costs one turn of a loop. After more,
@@ -82,7 +89,8 @@ typedef enum {
     RDPI_ERR_DIGEST = -17,      /**< the parameters are not those that were generated: the flash or the file is damaged,
                                      or they were generated for another RDPI_REAL */
     RDPI_ERR_SIZE = -18,        /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW; of a
-                                     chain, RDPI_MAX_POLES), another RDPI_REAL or another alignment than the library */
+                                     chain, RDPI_MAX_POLES), another RDPI_REAL or another alignment than the library, or
+                                     only one of them without the input curve (RDPI_MAX_CURVE_PIECES 1) */
     RDPI_ERR_CHAIN = -19,       /**< a number of the chain is outside what its field says, or its delay is longer than
                                      2^24 samples */
     RDPI_ERR_CURVE = -20        /**< the input curve does not have 1 to RDPI_MAX_CURVE_PIECES pieces, or these are out of
