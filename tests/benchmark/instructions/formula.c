@@ -51,7 +51,7 @@ bool formula_start(state_t *self, const rdpi_f32_params_t *params, float sample_
     *self = (state_t){.params = params, .sample_time_s = sample_time_s};
     self->codes_per_V = (float)((1uL << params->dac_bits) - 1u) / (params->max_V - params->min_V);
     self->V_per_code = 1 / self->codes_per_V;
-    self->drive_V = self->ramp_V = params->offset_V;
+    self->drive_V = self->ramp_V = params->curve->offset_V;
     return rdpi_f32_rate_init(&self->rate, params->rate_window_s, params->rate_filter_s, sample_time_s) == RDPI_OK;
 }
 
@@ -82,7 +82,7 @@ float formula_step(state_t *self, float reference_um)
     float v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
     float x_um = INVERSE(&self->bank, params->play, params->plays, rate_um_per_s, v_um);
 
-    float wish_V = x_um * params->V_per_um + params->offset_V;
+    float wish_V = x_um * params->curve->V_per_um + params->curve->offset_V;
     float drive_V = clamp(wish_V, params->min_V, params->max_V);
     uint32_t clipped = drive_V != wish_V ? RDPI_FLAG_RANGE : 0u;
     if (params->slew_V_per_s > 0) {
