@@ -61,7 +61,7 @@ rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t 
 #define MODELS 2000
 #endif
 #define OPERATIONS 5000
-#define SEED 7u /* the first 200 models come upon drives that have just come back to an end of the range */
+#define SEED 15u /* the first 200 models come upon drives that have just come back to an end of the range */
 
 typedef enum { STEP, REFUSED, MISSED, SWEEP, FORWARD, SET_MEMORY, RESET, OPERATION_KINDS } operation_t;
 static const char *const names[] = {"step", "refused", "missed", "sweep", "forward", "set_memory", "reset"};

@@ -165,6 +165,41 @@ void test_a_turn_at_a_corner_is_rounded_on_the_piece_below(void)
     }
 }
 
+/* As the library rounds it. */
+static rdpi_real_t x_of_code(const rdpi_f32_line_t *line, rdpi_real_t code)
+{
+#if defined(__FP_FAST_FMAF)
+    return fmaf(code, line->um_per_code, line->x_of_code_0_um);
+#else
+    volatile rdpi_real_t product = code * line->um_per_code;
+    return product + line->x_of_code_0_um;
+#endif
+}
+
+/* To the last bit: so the quick way, which goes on from there, and the long way have the same states. */
+void test_the_code_of_a_corner_has_the_x_of_the_piece_above(void)
+{
+    unsigned differ = 0;
+    for (int k = 1; k <= 30; k++) {
+        rdpi_real_t y_um[PLAYS];
+        setUp();
+        without_rate_law();
+        bend();
+        given.curve[1].gain_um_per_V += (rdpi_real_t)k / 77;
+        given.curve[2].gain_um_per_V -= (rdpi_real_t)k / 33;
+        five_bit_dac();
+        given.params.offset_um = 0;
+        start();
+        rdpi_f32_step(&axis, rdpi_f32_predict(&axis, 5, 0));
+        TEST_ASSERT_EQUAL_UINT32(26, axis.dac_code);
+        rdpi_f32_get_memory(&axis, y_um);
+        rdpi_real_t below_um = x_of_code(&given.curve[1], 26), above_um = x_of_code(&given.curve[2], 26);
+        SAME(above_um, y_um[0]);
+        differ += below_um != above_um;
+    }
+    TEST_ASSERT_TRUE(differ > 0);
+}
+
 void test_init_refuses_no_pieces_and_too_many(void)
 {
     given.params.curve_pieces = 0;
@@ -218,6 +253,15 @@ void test_init_refuses_pieces_out_of_order_or_with_a_gap(void)
     refused_with(&given.curve[1].from_code, 17);
     refused_with(&given.curve[1].to_code, 18);
     refused_with(&given.curve[2].to_code, 30);
+}
+
+void test_init_refuses_a_curve_that_rises_and_falls(void)
+{
+    given.params.curve_pieces = 2; /* without a gap */
+    given.curve[0] = (rdpi_f32_line_t){.gain_um_per_V = 2, .offset_V = 1, .to_V = 1};
+    given.curve[1] = (rdpi_f32_line_t){.gain_um_per_V = 1};
+    actuator_derive(&given);
+    refused_with(&given.curve[1].gain_um_per_V, -1);
 }
 
 void test_a_gap_as_small_as_rounding_is_accepted(void)

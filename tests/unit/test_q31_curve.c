@@ -44,6 +44,16 @@ void test_predict_follows_every_piece_and_goes_on_beyond_the_ends(void)
     }
 }
 
+void test_half_a_unit_is_rounded_up(void)
+{
+    bend();
+    start();
+    rdpi_q31_forward(&axis, -32 * U + 1, 0);
+    TEST_ASSERT_EQUAL_INT32(-16 * U + 1, x_of_axis());
+    rdpi_q31_forward(&axis, -32 * U + 2, 0);
+    TEST_ASSERT_EQUAL_INT32(-16 * U + 1, x_of_axis());
+}
+
 void test_x_beyond_its_format_saturates(void)
 {
     bend();
