@@ -190,9 +190,7 @@ static RDPI_F32_SHARED void rdpi_f32_scan_block(rdpi_f32_scan_t *scan, const voi
         rdpi_real_t limit = offset < codes ? MAX_NUMBER : MAX_CODE_NUMBER;
         rdpi_real_t value;
         memcpy(&value, (const unsigned char *)block + offset, sizeof value);
-        if (!(fabs(value) <= limit)) {
-            scan->within = false;
-        }
+        scan->within = scan->within && fabs(value) <= limit;
     }
     scan->digest = rdpi_crc32(scan->digest, block, bytes);
 }

@@ -164,7 +164,7 @@ struct Actuator {
     {
         params.plays = static_cast<std::uint16_t>(plays);
         params.deadzones = static_cast<std::uint16_t>(deadzones);
-        params.curve_pieces = static_cast<std::uint8_t>(deadzones);
+        params.curve_pieces = static_cast<std::uint8_t>(RDPI_MAX_CURVE_PIECES > 1 ? deadzones : 1);
         params.sweep_cycles = 2;
         params.play = play.get();
         params.saturation = saturation.get();
@@ -192,8 +192,10 @@ static void check_state(const rdpi_f32_t &self, const char *function, unsigned e
         const rdpi_f32_piece_t *first = params->inverse_saturation;
         check(self.latest_piece >= first && self.latest_piece < first + params->deadzones, function,
               "quick without a piece", plays, engaged);
+#if RDPI_MAX_CURVE_PIECES > 1
         check(self.line >= params->curve && self.line < params->curve + params->curve_pieces, function,
               "quick without a piece of the input curve", plays, engaged);
+#endif
     }
     for (unsigned i = 0; i < plays; i++) { // or the search for the last play engaged might not end
         const Number &y = self.bank.y_um[i];
@@ -225,7 +227,9 @@ static rdpi_f32_t instance(const Actuator &actuator, const State &state)
     rdpi_f32_t self{};
     self.params = &actuator.params;
     self.latest_piece = actuator.params.inverse_saturation + state.piece;
+#if RDPI_MAX_CURVE_PIECES > 1
     self.line = actuator.params.curve + state.piece;
+#endif
     self.sweep_turns = static_cast<std::uint16_t>(state.turns);
     self.missed = static_cast<std::uint8_t>(state.missed);
     self.quick = state.quick;
