@@ -448,6 +448,8 @@ static void draw(rdpi_q31_t &self, const Actuator &actuator, const State &state)
     self.direct_output = whole && params.dac_bits > 0 && either();
     if (self.direct_output) {
         solver.add(self.slew.term() == 0);
+    } else {
+        self.x = self.drive; // the input curve is straight
     }
 }
 
@@ -465,6 +467,9 @@ static void prove_state(const rdpi_q31_t &self)
     prove(invariant(params, self.bank), "the bank's invariant");
     if (self.rate_estimator.direct) {
         prove(drive == x, "the drive is x where the quick way is open");
+    }
+    if (!self.direct_output) {
+        prove(self.x.term() == drive, "the drive has been kept as x");
     }
 }
 
