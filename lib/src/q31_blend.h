@@ -1,4 +1,4 @@
-/* The blend of a first-order low-pass, in integers. Only init uses it. */
+/* The blend of a first-order low-pass, in integers. Only init and missed samples use it. */
 #ifndef RDPI_Q31_BLEND_H
 #define RDPI_Q31_BLEND_H
 

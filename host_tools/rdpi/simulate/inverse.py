@@ -125,7 +125,7 @@ def inverse_of(model: Model, *, leave_out: Collection[str] = (), preview: bool =
                 treatment, folded_into = _folded(treatment, folded_into)
         told.append(Told(one, treatment.how, treatment.text + _assumed(one, open_, treatment)))
         used.append(treatment)
-    if told and not any(one.how != "left out" for one in told) and {one.effect.name for one in acting} <= leave_out:
+    if acting and {one.effect.name for one in acting} <= leave_out:
         alone = model.operator_alone is not None
         return Inverse(model.uncompensated() if alone else folded_into, Chain(), tuple(told), (), (), alone)
     chain = _chain(folded_into, used, preview)
