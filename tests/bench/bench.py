@@ -3,6 +3,7 @@
 
     python3 tests/bench/bench.py preisach DRIVE.csv -o RUN.csv
     python3 tests/bench/bench.py bouc-wen A.csv B.csv --out-dir DIR     one actuator, memory carried from A to B
+    python3 tests/bench/bench.py preisach DRIVE.csv -o RUN.csv --set delay_s=0.001
 """
 
 from __future__ import annotations
@@ -176,6 +177,19 @@ def read_drive(path: Path | str) -> tuple[dict[str, str], dict[str, np.ndarray],
     return metadata, columns, rate_hz
 
 
+def setting(text: str) -> tuple[str, float]:
+    """NAME=VALUE."""
+    name, _, value = text.partition("=")
+    return name, float(value)
+
+
+def add_make_options(parser: argparse.ArgumentParser) -> None:
+    """The options `seed` and `set`: what `make` takes beside the kind."""
+    parser.add_argument("--seed", type=int, default=0, help="noise and memory at power-up")
+    parser.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE",
+                        help="a field of Bench or of the law, e.g. delay_s=0.001")
+
+
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Play drive files on a fresh virtual actuator and record its sensor.")
     parser.add_argument("kind", choices=LAWS)
@@ -184,7 +198,7 @@ def main(arguments: list[str] | None = None) -> int:
     target = parser.add_mutually_exclusive_group(required=True)
     target.add_argument("-o", "--output", type=Path, metavar="RUN.csv", help="recording of a single drive")
     target.add_argument("--out-dir", type=Path, metavar="DIR", help="recordings under the drives' names")
-    parser.add_argument("--seed", type=int, default=0, help="noise and memory at power-up")
+    add_make_options(parser)
     parser.add_argument("--demagnetise", action=argparse.BooleanOptionalAction, default=True,
                         help="wipe the memory before the first drive")
     options = parser.parse_args(arguments)
@@ -193,7 +207,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.out_dir:
         options.out_dir.mkdir(parents=True, exist_ok=True)
 
-    bench = make(options.kind, options.seed)
+    bench = make(options.kind, options.seed, **dict(options.set))
     memory = "reset" if options.demagnetise else "unknown"
     for drive in options.drives:
         metadata, columns, rate_hz = read_drive(drive)

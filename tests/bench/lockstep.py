@@ -21,7 +21,7 @@ import sys
 
 import numpy as np
 
-from bench import Bench, make
+from bench import Bench, add_make_options, make
 from bench_laws import LAWS
 
 REQUEST, ANSWER = struct.Struct("<II"), struct.Struct("<Ii")
@@ -59,12 +59,6 @@ def dac(text: str) -> tuple[int, float, float]:
     return found
 
 
-def setting(text: str) -> tuple[str, float]:
-    """NAME=VALUE."""
-    name, _, value = text.partition("=")
-    return name, float(value)
-
-
 def listen(server: socket.socket, path: str) -> None:
     """On a path that is free, or a socket that an earlier run has left."""
     if os.path.exists(path) and stat.S_ISSOCK(os.stat(path).st_mode):
@@ -80,9 +74,7 @@ def main() -> None:
     parser.add_argument("--dac", type=dac, required=True, metavar="BITS:MIN_V:MAX_V")
     parser.add_argument("--rate", type=float, required=True, metavar="HZ", help="the board's ticks per second")
     parser.add_argument("--log", required=True, metavar="FILE.npy")
-    parser.add_argument("--seed", type=int, default=0, help="noise and memory at power-up")
-    parser.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE",
-                        help="a field of Bench or of the law, e.g. delay_s=0.001")
+    add_make_options(parser)
     options = parser.parse_args()
     bench = make(options.kind, options.seed, **{"adc_bits": 16, **dict(options.set)})
     with socket.socket(socket.AF_UNIX) as server:

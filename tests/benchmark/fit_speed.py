@@ -58,14 +58,12 @@ def write_runs(folder: Path, samples: int) -> list[str]:
     return paths
 
 
-def demo_runs(folder: Path) -> dict[str, list[str]]:
-    """The demo's recordings, per virtual actuator."""
+def demo_runs(folder: Path) -> dict[str, str]:
+    """The demo's recording of each virtual actuator."""
     demo.OUT = folder
     with redirect_stdout(StringIO()):
-        drives = demo.excite()
-        for kind in demo.FIT_OPTIONS:
-            demo.run("python", ROOT / "tests/bench/bench.py", kind, *drives, "--out-dir", kind, quiet=True)
-    return {kind: [str(folder / kind / drive) for drive in drives] for kind in demo.FIT_OPTIONS}
+        drive = demo.excite()
+        return {kind: str(folder / demo.record(kind, drive)) for kind in demo.ACTUATORS}
 
 
 def timed(*arguments: str) -> tuple[float, float]:
@@ -102,8 +100,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         model, profile = f"{folder}/model.json", f"{folder}/profile"
         print(f"rdpi fit, {os.cpu_count()} cores\n{'':24}load and fit  target  resident  target")
-        for kind, recordings in demo_runs(Path(folder)).items():
-            seconds, megabytes = timed("-m", "rdpi", "fit", *recordings, *demo.FIT_OPTIONS[kind], "-o", model)
+        for kind, recording in demo_runs(Path(folder)).items():
+            *_, options = demo.ACTUATORS[kind].models.values()  # of the demo's best model
+            seconds, megabytes = timed("-m", "rdpi", "fit", recording, *options, "-o", model)
             print_row(f"demo, {kind}", seconds, DEMO_S, megabytes)
         runs = write_runs(Path(folder), samples)
         fit_s, fit_MB = timed("-m", "rdpi", "fit", *runs, "-o", model)

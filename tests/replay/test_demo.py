@@ -29,7 +29,7 @@ LOOPS_ALONE = dict(creep_percent_per_decade=0.0, amplifier_hz=None, noise_um=0.0
 
 @pytest.fixture(scope="module")
 def errors() -> dict[str, dict[str, list[list[float]]]]:
-    """Actuator -> profile -> (no model, rate-independent, rate-dependent) -> (rms, max)."""
+    """Actuator -> profile -> no model and demo.ACTUATORS[actuator].models -> (rms, max)."""
     done = subprocess.run([ROOT / ".venv/bin/python", ROOT / "examples/demo/demo.py"], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     print(done.stdout[done.stdout.index("Tracking error"):])
@@ -68,6 +68,20 @@ def test_actuators_that_are_no_play_operators(errors: dict, kind: str) -> None:
         assert independent[RMS] >= dependent[RMS] or kind == "preisach", "its lag leaves the rate law hardly anything"
 
 
+@pytest.mark.slow
+def test_actuator_whose_amplifier_lags_and_whose_converter_is_late(errors: dict) -> None:
+    """The whole chain tracks it as well as the same actuator with a fast amplifier and converter; the operator alone
+    does not."""
+    assert list(demo.ACTUATORS["late"].models) == ["operator alone", "whole chain"]
+    for profile, (none, operator, whole) in errors["late"].items():
+        plain = errors["preisach"][profile][-1]
+        assert whole[RMS] <= 1.15 * plain[RMS] and whole[MAX] <= 2 * plain[MAX]
+        assert operator[RMS] > 3 * whole[RMS]
+        assert none[RMS] > 1.5 * operator[RMS]
+    effects = json.loads((ROOT / "build/demo/late-whole-chain.json").read_text())["effects"]
+    assert {effect["name"] for effect in effects} == {"delay", "lag"}
+
+
 def as_printed(value: float) -> str:
     return f"{value:.1f}" if value >= 0.995 else f"{value:.2f}"
 
@@ -84,11 +98,21 @@ def test_the_readmes_table_is_what_the_demo_finds(errors: dict) -> None:
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()
             if re.match(r"\|[^|]*\| (the paper's law|Preisach|Bouc-Wen)", line)]
     assert len(rows) == 6
-    kinds = [(profile, kind) for profile in ("10hz", "5-20-35hz") for kind in ("paper", "preisach", "bouc-wen")]
+    kinds = [(profile, kind) for profile in demo.PROFILES for kind in ("paper", "preisach", "bouc-wen")]
     for row, (profile, kind) in zip(rows, kinds):
-        for cell, pair in zip(row[2:], errors[kind][profile], strict=True):
-            for printed, found in zip(cell.split(" / "), pair, strict=True):
-                assert agree(printed, as_printed(found)), f"README.md: {profile}, {kind}: {cell}; found {pair}"
+        same(row[2:], errors[kind][profile], f"{profile}, {kind}")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()
+            if re.match(r"\| (no model|operator alone|whole chain)[ |]", line)]
+    assert len(rows) == 3
+    for k, row in enumerate(rows):
+        same(row[1:], [errors["late"][profile][k] for profile in demo.PROFILES], f"late, {row[0]}")
+
+
+def same(cells: list[str], pairs: list[list[float]], what: str) -> None:
+    """Cells of README.md hold the rms and max that were found."""
+    for cell, pair in zip(cells, pairs, strict=True):
+        for printed, found in zip(cell.split(" / "), pair, strict=True):
+            assert agree(printed, as_printed(found)), f"README.md: {what}: {cell}; found {pair}"
 
 
 @pytest.mark.slow
@@ -96,9 +120,9 @@ def test_the_readmes_picture_is_what_the_demo_draws(errors: dict) -> None:
     """To replace it: cp build/demo/tracking.svg examples/demo/"""
     committed, drawn = ((ROOT / folder / "tracking.svg").read_text(encoding="utf-8") for folder in
                         ("examples/demo", "build/demo"))
-    legend = r"<text[^>]*>(no model|with rdpi): ([\d.]+) % rms, ([\d.]+) % max<"
+    legend = r"<text[^>]*>([a-z ]+): ([\d.]+) % rms, ([\d.]+) % max<"
     shown, found = re.findall(legend, committed), re.findall(legend, drawn)
-    assert [one[0] for one in shown] == [one[0] for one in found] == ["no model", "with rdpi"]
+    assert [one[0] for one in shown] == [one[0] for one in found] == demo.models_of(demo.FRONT_PAGE)
     for one, other in zip(shown, found):
         assert agree(one[1], other[1]) and agree(one[2], other[2])
 
