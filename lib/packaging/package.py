@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
-"""Makes what others install: one archive per build system, of the files in lib/ as they are now.
+"""Makes what others install, of the files in the project as they are now.
 
     lib/packaging/package.py [KIND...] [-o DIRECTORY]
 
-KIND: arduino, platformio, zephyr, esp-idf, cmsis, vcpkg, conan. Without any, all are made. The default of DIRECTORY is
-build/packages.
+KIND: arduino, platformio, zephyr, esp-idf, cmsis, vcpkg, conan: the library for a build system
+      deb, source-tar, source-zip: by CPack, the installed library and the whole project
+      wheel: the host tools, by the Python of .venv, or by the one that runs this if there is no .venv
 
-A kind's folder beside this file holds its manifests. They go into the archive as they are, but for these words:
+Without any, all are made. The default of DIRECTORY is build/packages.
+
+The folder of a build system beside this file holds its manifests. They go into the archive as they are, but for these words:
 
     @VERSION@           the version that the project's CMakeLists.txt states
     @DATE@              the date of that version, from CHANGELOG.md
@@ -15,7 +18,7 @@ A kind's folder beside this file holds its manifests. They go into the archive a
 
 No list of files is written down anywhere: a new file of lib/ is in all archives.
 
-The same files give the same bytes. All files in an archive are dated SOURCE_DATE_EPOCH (seconds since 1970, from the
+The same files and tools give the same bytes. All files in an archive are dated SOURCE_DATE_EPOCH (seconds since 1970, from the
 environment), or 1980-01-01.
 """
 
@@ -26,8 +29,11 @@ import gzip
 import io
 import os
 import re
+import shutil
+import subprocess
 import sys
 import tarfile
+import tempfile
 import time
 import zipfile
 from pathlib import Path
@@ -132,8 +138,34 @@ def zipped(top: str, tree: Tree) -> bytes:
     return packed.getvalue()
 
 
-# kind -> (its files, folder in the archive, how it is packed, name of the archive after "rdpi-VERSION")
-KINDS = {
+def run(*command: object) -> None:
+    """Runs a program; prints what it said only if it fails."""
+    done = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                          env={**os.environ, "SOURCE_DATE_EPOCH": str(epoch())}, umask=0o022)
+    if done.returncode != 0:
+        raise SystemExit(f"package.py: {' '.join(map(str, command))}\n{done.stdout}")
+
+
+def by_cpack(generator: str, config: str, work: Path) -> None:
+    build = work / "build"
+    run("cmake", "-S", ROOT, "-B", build, "-DCMAKE_INSTALL_PREFIX=/usr", "-DCMAKE_INSTALL_DOCDIR=share/doc/librdpi-dev",
+        "-DCMAKE_BUILD_TYPE=Release", "-DRDPI_BUILD_TESTS=OFF", "-DRDPI_BUILD_EXAMPLES=OFF")
+    if generator == "DEB":
+        run("cmake", "--build", build)
+    run("cpack", "-G", generator, "--config", build / config, "-B", work / "made")
+
+
+def wheel(work: Path) -> None:
+    venv = ROOT / ".venv/bin/python"
+    run(venv if venv.exists() else sys.executable, "-m", "pip", "--isolated", "--disable-pip-version-check", "wheel", "--no-index", "--no-deps",
+        "--no-build-isolation", "--no-cache-dir", "--wheel-dir", work / "made", ROOT / "host_tools")
+    (made,) = Path(work, "made").glob("*.whl")
+    with zipfile.ZipFile(made) as archive:  # modes are those of the checkout
+        made.write_bytes(zipped("", {name: archive.read(name) for name in archive.namelist()}))
+
+
+# kind -> (its files, folder in the archive, how it is packed, name of the archive)
+TREES = {
     "arduino": (arduino, "rdpi", zipped, "rdpi-{version}-arduino.zip"),
     "platformio": (lambda: library() | manifests("platformio"), "", tar_gz, "rdpi-{version}-platformio.tar.gz"),
     "zephyr": (lambda: library() | manifests("zephyr"), "rdpi", tar_gz, "rdpi-{version}-zephyr.tar.gz"),
@@ -143,14 +175,29 @@ KINDS = {
     "conan": (lambda: project() | manifests("conan"), "rdpi", tar_gz, "rdpi-{version}-conan.tar.gz"),
 }
 
+# kind -> what makes it in made/ of a directory, and its name there
+TOOLS = {
+    "deb": (lambda work: by_cpack("DEB", "CPackConfig.cmake", work), "*.deb"),
+    "source-tar": (lambda work: by_cpack("TGZ", "CPackSourceConfig.cmake", work), "*.tar.gz"),
+    "source-zip": (lambda work: by_cpack("ZIP", "CPackSourceConfig.cmake", work), "*.zip"),
+    "wheel": (wheel, "*.whl"),
+}
+KINDS = [*TREES, *TOOLS]
+
 
 def make(kind: str, folder: Path) -> Path:
     """Writes the archive of one kind into `folder` and returns its path."""
-    tree, top, pack, name = KINDS[kind]
-    path = folder / name.format(version=version())
     folder.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(pack(top, tree()))
-    return path
+    if kind in TREES:
+        tree, top, pack, name = TREES[kind]
+        path = folder / name.format(version=version())
+        path.write_bytes(pack(top, tree()))
+        return path
+    make_in, name = TOOLS[kind]
+    with tempfile.TemporaryDirectory(prefix="rdpi-package-") as work:
+        make_in(Path(work))
+        (made,) = Path(work, "made").glob(name)
+        return Path(shutil.copy(made, folder / made.name))
 
 
 def main() -> None:
