@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from copy import copy
 from pathlib import Path
 
@@ -32,15 +33,18 @@ class BuildFirmware(build_ext):
         ffi = FFI()
         ffi.cdef(declarations())
         ffi.set_source(ext.name, '#include "batch.h"')
-        glue = work / "glue.c"
-        ffi.emit_c_code(str(glue))
+        ffi.emit_c_code(str(work / "glue.c"))
+        # Copies, because setuptools links in the order of whole paths: the same bytes wherever the checkout lies.
+        for source in (*LIB.glob("src/*.c"), *BATCH.glob("*.c")):
+            shutil.copy(source, work)
 
         ext = copy(ext)
-        ext.sources = [str(path) for path in (glue, *sorted(LIB.glob("src/*.c")), *sorted(BATCH.glob("*.c")))]
+        ext.sources = sorted(str(path) for path in work.glob("*.c"))
         ext.include_dirs = [str(LIB / "include"), str(LIB / "src"), str(BATCH)]  # src: its private headers
         ext.define_macros = [("RDPI_REAL", REAL[ext.name]), *MAXIMA.items()]
-        # Contraction to fused multiply-add would make results depend on the machine.
-        ext.extra_compile_args = ["-std=c99", "-O2", "-ffp-contract=off"]
+        # Contraction to fused multiply-add would make results depend on the machine; debugging information, the file on
+        # the directory it is built in.
+        ext.extra_compile_args = ["-std=c99", "-O2", "-ffp-contract=off", "-g0"]
         build_temp, self.build_temp = self.build_temp, str(work)
         super().build_extension(ext)
         self.build_temp = build_temp

@@ -4,10 +4,10 @@
 #define RDPI_F32_CHECK_H
 
 #include <string.h>
-#include <tgmath.h> /* fabs of whichever type rdpi_real_t is */
 
 #include "crc.h"
 #include "f32_drive.h"
+#include "f32_math.h"
 #include "f32_play.h"
 #include "f32_rate.h"
 

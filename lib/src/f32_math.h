@@ -2,9 +2,17 @@
 #ifndef RDPI_F32_MATH_H
 #define RDPI_F32_MATH_H
 
-#include <tgmath.h> /* fma of whichever type rdpi_real_t is */
+#if defined(__AVR__) /* avr-libc has no tgmath.h */
+#include <math.h>
+#else
+#include <tgmath.h> /* fabs, isfinite and fma of whichever type rdpi_real_t is; compilers inline them */
+#endif
 
 #include "rdpi/f32.h"
+
+#if defined(__AVR__) && __SIZEOF_DOUBLE__ != __SIZEOF_FLOAT__
+#error "compile it without -mdouble=64: fabs of math.h would compute in double precision"
+#endif
 
 /* Whether the quick way of the step is compiled: see rdpi/f32.h. It takes a third of the instructions, and adds 2 to 3
  * kB of code. */

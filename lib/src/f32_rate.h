@@ -6,8 +6,6 @@
 #ifndef RDPI_F32_RATE_H
 #define RDPI_F32_RATE_H
 
-#include <tgmath.h> /* fabs of whichever type rdpi_real_t is */
-
 #include "f32_math.h"
 
 /* Forgets the samples seen. */

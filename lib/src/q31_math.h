@@ -113,7 +113,7 @@ static inline int64_t rdpi_q31_mul_wide(int64_t a, uint32_t b)
 /* The number of leading zeros of a value > 0. */
 static inline unsigned rdpi_q31_clz(uint32_t value)
 {
-#if defined(__GNUC__) && !defined(RDPI_Q31_PORTABLE)
+#if defined(__GNUC__) && !defined(RDPI_Q31_PORTABLE) && __SIZEOF_INT__ == 4 /* an unsigned, of 16 bits on an AVR */
     return (unsigned)__builtin_clz(value);
 #else
     unsigned zeros = 0;

@@ -1,7 +1,5 @@
 #include "rdpi/f32.h"
 
-#include <tgmath.h> /* fabs and isfinite for whichever type rdpi_real_t is; compilers inline both */
-
 #if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
 #error "rdpi tells NaN from numbers: compile it without -ffast-math and -ffinite-math-only"
 #endif
@@ -9,6 +7,7 @@
 #include "f32_check.h"
 #include "f32_bank.h"
 #include "f32_drive.h"
+#include "f32_math.h"
 #include "f32_rate.h"
 #include "f32_saturation.h"
 
@@ -16,7 +15,7 @@
 #define MAX_SPANS 16
 
 /* How many codes x = 0 may be away from code 0 for the quick way. Beyond, single precision can be a code wrong. */
-#define MAX_CODE_0 (2 << RDPI_MAX_DAC_BITS)
+#define MAX_CODE_0 (2L << RDPI_MAX_DAC_BITS)
 
 uint32_t rdpi_f32_digest_layout(uint64_t layout, const rdpi_f32_params_t *params)
 {

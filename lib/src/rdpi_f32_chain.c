@@ -1,11 +1,11 @@
 #include "rdpi/f32_chain.h"
 
-#include <math.h>   /* NAN */
-#include <tgmath.h> /* fabs of whichever type rdpi_real_t is; compilers inline it */
+#include <math.h> /* NAN */
 
 #include "crc.h"
 #include "f32_creep.h"
 #include "f32_lead.h"
+#include "f32_math.h"
 
 /* The ways of a step. One of the first four is the usual way of a chain. */
 enum {

@@ -16,6 +16,7 @@ sys.path.insert(0, str(HERE.parent / "withheld"))
 
 import appears  # noqa: E402
 import chain  # noqa: E402
+import circle  # noqa: E402
 import loops  # noqa: E402
 import measure  # noqa: E402
 import rigs  # noqa: E402
@@ -528,3 +529,48 @@ def test_a_delay_beside_what_the_model_lacks_is_not_called_a_resonance(tmp_path)
     model = measure.commission(rig, tmp_path, 5000.0, 0.2, ["--effects", "none"])
     late = appears.ask(rig, rig.put("delay", delay_s=1e-3), tmp_path, model, np.random.default_rng(1), 5000.0, 0.2, [])
     assert late["verdict"] == "ambiguous" and "delay" in {late["names"][0], *late["rivals"]}
+
+
+# --- circle.py -------------------------------------------------------------------------------------------------------
+
+def closed(case: int, effects: list[str], promised: float, prediction: float, tracking: float, zero: float = 0.0) -> tuple:
+    """A case and its label: the old model misses 2 um, the improved one so much, and its zero."""
+    after = [[float(np.hypot(tracking, zero)), zero]] * 2
+    promise = {"shrink": promised, "ci90": [promised - 0.1, promised + 0.1]}
+    return ({"case": case, "paired": case % 2 == 1, "verdict": "effect", "names": effects, "rivals": [],
+             "promised": {**promise, "tracking": promise},
+             "prediction": {"old": [[2.0, 0.0]] * 3, "new": [[2.0, 0.0], [2.0, 0.0], [prediction, 0.0]]},
+             "tracking": {"old": [[2.0, 0.0]] * 2, "new": after}},
+            {"case": case, "family": "duhem", "effects": effects})
+
+
+def test_the_circle_is_counted():
+    found, sealed = zip(closed(0, ["lag"], 0.45, 2.0, 1.0), closed(1, ["lag"], 0.3, 2.1, 1.0, zero=2.0),
+                        ({"case": 2, "failed": "no"}, {"case": 2, "family": "dahl", "effects": []}))
+    lines = circle.table(found, sealed).splitlines()
+    whole = next(line for line in lines if line.startswith("all")).replace("|", "").split()
+    assert whole[:7] == ["all", "2", "1", "0.450", "0.00", "0", "1"], "no promise for what --earlier leaves out"
+    assert whole[8:13] == ["2", "0.125", "0.50", "1", "1"] and float(whole[13]) == pytest.approx(5**0.5 / 2, abs=0.01)
+    assert "lag: lag 2" in lines and lines[-1] == "failed: 2, dahl: no"
+
+
+@pytest.mark.slow  # half a minute
+def test_the_circle_is_closed(tmp_path, capsys):
+    """Four fast cases: the labels stay apart, a run that was cut off goes on, and what is promised comes."""
+    words = ["--cases", "4", "--seed", "3", "--rate", "2500", "--scale", "0.2", "-o", str(tmp_path)]
+    assert circle.main(words) == 0
+    table = capsys.readouterr().out
+    assert "failed" not in table
+    said = (tmp_path / "cases.jsonl").read_text()
+    assert not {"effects", "before", "after", "family"} & set(circle.read_lines(tmp_path / "cases.jsonl")[0])
+    sealed = {one["case"]: one for one in circle.read_lines(tmp_path / "sealed.jsonl")}
+    improved = [case for case in circle.read_lines(tmp_path / "cases.jsonl") if case["names"]]
+    assert improved and all(sealed[case["case"]]["effects"] for case in improved)
+    for case in improved:
+        assert circle.realised(case, "tracking") > 0
+        assert circle.promised(case, "tracking")["shrink"] == pytest.approx(circle.realised(case, "tracking"), abs=0.4)
+    (tmp_path / "cases.jsonl").write_text(said + '{"case": 4, "cut o')
+    assert circle.main(words) == 0 and capsys.readouterr().out == table
+    assert (tmp_path / "cases.jsonl").read_text() == said
+    with pytest.raises(SystemExit):
+        circle.main([*words[:3], "4", *words[4:]])

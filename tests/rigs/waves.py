@@ -1,6 +1,6 @@
 """Drives and references for the rigs, in shares of the range or of the stroke. Nothing here comes from rdpi.
 
-Commissioning and field use different waveforms. Every drive starts where it is told to start and stays there for 20 ms.
+Commissioning, field, and what nobody has seen use different waveforms. Every drive starts where it is told to start and stays there for 20 ms.
 """
 
 from __future__ import annotations
@@ -94,13 +94,23 @@ def two_sines(rate_hz: float, scale: float, random: np.random.Generator) -> np.n
             + 0.12 * np.sin(2 * pi * random.uniform(15, 45) * t))
 
 
+def wander(rate_hz: float, scale: float, random: np.random.Generator) -> np.ndarray:
+    """A random walk in position, now slow, now fast."""
+    slow = multisine(rate_hz, 3 * scale, random.uniform(0.4, 4, 6), random)
+    fast = multisine(rate_hz, 3 * scale, random.uniform(4, 50, 8), random)
+    t = np.arange(len(slow)) / rate_hz
+    wave = slow + 0.5 * fast * np.sin(pi * t / (0.6 * scale)) ** 2
+    return 0.5 + 0.45 * wave / np.abs(wave).max()
+
+
 COMMISSION: dict[str, Wave] = {"sawtooths": sawtooths, "growing": growing, "steps": steps}
 FIELD: dict[str, Wave] = {"decay": decay, "moves": moves, "biased": biased, "two_sines": two_sines}
+UNSEEN: dict[str, Wave] = {"wander": wander}
 
 
 def drive(name: str, rate_hz: float, seed: int, start: float = 0.5, scale: float = 1.0) -> np.ndarray:
-    """A drive of COMMISSION or FIELD from `start` on, in shares of the range. `scale` stretches its length."""
-    wave = np.clip({**COMMISSION, **FIELD}[name](rate_hz, scale, np.random.default_rng([seed, len(name)])), 0, 1)
+    """A drive of COMMISSION, FIELD or UNSEEN from `start` on, in shares of the range. `scale` stretches its length."""
+    wave = np.clip({**COMMISSION, **FIELD, **UNSEEN}[name](rate_hz, scale, np.random.default_rng([seed, len(name)])), 0, 1)
     way = np.linspace(start, wave[0], max(2, int(MOVE_S * abs(wave[0] - start) * rate_hz)), endpoint=False)
     return np.concatenate([np.full(int(START_S * rate_hz), start), way, wave])
 

@@ -29,6 +29,7 @@ step() { # step WHAT COMMAND...: its output goes to the log, and to the terminal
 # What has to be there: the Debian package, and how to tell that it or its like is there.
 #   command   the shell finds it      header   gcc finds it, or the compiler after its name
 #   module    /usr/bin/python3 does   runtime  clang does
+#   file      it is there
 needs='    gcc                 command  gcc
     libc6-dev           header   stdio.h
     make                command  make
@@ -64,6 +65,12 @@ tests)
     gcc-riscv64-unknown-elf  command  riscv64-unknown-elf-gcc
     picolibc-riscv64-unknown-elf  header  stdio.h riscv64-unknown-elf-gcc --specs=picolibc.specs
     qemu-system-misc    command  qemu-system-riscv32
+    gcc-avr             command  avr-gcc
+    avr-libc            header   avr/io.h avr-gcc
+    arduino-core-avr    file     /usr/share/arduino/hardware/arduino/avr/boards.txt
+    arduino-builder     command  arduino-builder
+    simavr              command  simavr
+    pkgconf             command  pkg-config
     ruby                command  ruby
     python3-sphinx      module   sphinx
     python3-myst-parser  module   myst_parser
@@ -97,6 +104,7 @@ PY
         # shellcheck disable=SC2086 # with its options
         header) echo "#include <$name>" | ${compiler:-gcc -I "${include:-.}"} -E - ;;
         runtime) [ -e "$(clang -print-file-name="lib/linux/libclang_rt.$name-$(uname -m).a")" ] ;;
+        file) [ -e "$name" ] ;;
         module) [[ " $modules " == *" $name "* ]] ;;
         esac >/dev/null 2>&1 || packages+=("$package")
     done <<<"$needs"

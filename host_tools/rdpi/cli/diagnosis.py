@@ -80,10 +80,13 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
               help="Earlier recording of the same drive as one of the RUNs, e.g. from commissioning. Give one for "
                    "each RUN, each after an --earlier of its own. The diagnosis then covers only what has changed "
                    "since, without the model's own error.")
+@click.option("--reference", "references", multiple=True, metavar="REFERENCE.csv", type=click.Path(dir_okay=False),
+              help="What is to be tracked, a column reference_um. The promise for tracking is made for it. May be given "
+                   "several times. Default: the movements of the RUNs.")
 @click.option("--without", multiple=True, metavar="EFFECT",
               help="Do not try this effect. May be given several times.")
 def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | None, earlier: tuple[str, ...],
-        without: tuple[str, ...]) -> dict[str, Any]:
+        references: tuple[str, ...], without: tuple[str, ...]) -> dict[str, Any]:
     """Diagnose the gap between a model and recordings: where it is, what causes it, how far that effect closes it.
 
     RUNs are recordings that the model was not fitted to. Give several with different waveforms, if possible. With a
@@ -102,7 +105,8 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
     with progress("diagnosing") as report_progress:
         parameters = read_model(model)
         found = diagnose(parameters, [read_recording(path) for path in runs], without, report_progress,
-                         [read_recording(path) for path in earlier])
+                         [read_recording(path) for path in earlier],
+                         [read_recording(path, required=("time_s", "reference_um")) for path in references])
     document = replace(found.document, model=model, model_digest=parameters.digest())
     if report is not None:
         make_folder(report)  # the model may go there too

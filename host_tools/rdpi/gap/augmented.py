@@ -80,7 +80,7 @@ class AugmentedModel:
         """The recordings driven by the command, whether there is a monitor or not."""
         if not self.dataset.monitored:
             return self.dataset
-        return self._started(self.by_command_before.restarted(self.acting()) if self.chosen else self.by_command_before)
+        return self.started(self.by_command_before.restarted(self.acting()) if self.chosen else self.by_command_before)
 
     @cached_property
     def predicted_by_command(self) -> np.ndarray:
@@ -95,10 +95,10 @@ class AugmentedModel:
 
     def residual_in(self, dataset: Dataset) -> list[np.ndarray]:
         """The same of the displacement in another dataset of the same recordings."""
-        dataset = self._started(dataset)
+        dataset = self.started(dataset)
         return dataset.split(dataset.measured - self._predict(dataset))
 
-    def _started(self, dataset: Dataset) -> Dataset:
+    def started(self, dataset: Dataset) -> Dataset:
         """With the plays where accepted effects start them."""
         for one in self.chosen:
             dataset = dataset if one.memory_um is None else dataset.starting(one.memory_um)

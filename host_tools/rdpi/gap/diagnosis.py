@@ -18,12 +18,15 @@ from ..fit import checks, localise, passport
 from ..model import Model, Passport, records
 from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE
-from . import document, thresholds
+from . import document, promise, thresholds
 from .augmented import AugmentedModel
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
 from .sections import GapDocument, Offset, Verdict
 from .selection import Excess, Selection, detection_threshold, excess, select
+
+REFERENCE_COLUMNS = "time_s", "reference_um"
+
 
 @dataclass
 class Diagnosis:
@@ -39,15 +42,18 @@ class Diagnosis:
 
 
 def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (),
-             progress: Callable[[float], None] = lambda fraction: None, earlier: Sequence[Recording] = ()) -> Diagnosis:
+             progress: Callable[[float], None] = lambda fraction: None, earlier: Sequence[Recording] = (),
+             references: Sequence[Recording] = ()) -> Diagnosis:
     """Diagnose the gap between a model and recordings of its actuator; effects named in `without` are not known.
 
     With `earlier` recordings, one of the same drive for each run, the gap is what has changed since: what the model
-    missed then is taken off, and with it its own error.
+    missed then is taken off, and with it its own error. `references`, with the column reference_um, are what the
+    promise for tracking is made for; without any, it is for the movements of the recordings.
 
     Raises BadInput for recordings that cannot be this model's, and for a run whose drive no earlier recording has.
     """
     runs, earlier, known, notes = _checked(model, runs, without, earlier)
+    references = taken(references, REFERENCE_COLUMNS, "references")
     given = AugmentedModel.given(model, runs, earlier)
     decision = decide(given, known, without, progress)
     selection, verdict, before = decision.selection, decision.verdict, decision.selection.before_um
@@ -60,6 +66,7 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     spectrum = localise.along_frequency(runs, after, decision.coords, known, noise) if state.chosen else None
     improved = replace(state.model, effects=_entries(model, selection, found, bool(earlier)),
                        offset_um=model.offset_um + offset.added)
+    found.promised.tracking = promise.tracking(selection, improved, passport.read(model), decision.coords, references)
     progress(1.0)
     return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords), spectrum)
 

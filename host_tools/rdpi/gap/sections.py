@@ -113,12 +113,24 @@ class PassportFigures(Document):
 
 
 @dataclass(kw_only=True)
+class TrackingPromise(Document):
+    """What compensating the effects promises for the tracking error, that of a constant apart."""
+
+    shrink: float = json_key("share by which its rms shrinks, over all references together", high=1)
+    ci90: Interval | None = json_key("90 % interval of shrink; null: one recording only", high=1)
+
+
+@dataclass(kw_only=True)
 class Promise(Document):
     """What adding the effects to the model promises on new recordings."""
 
     shrink: float | None = json_key("share by which the gap's rms shrinks; null: no effect was accepted", high=1)
     ci90: Interval | None = json_key("90 % interval of shrink; null: see why_no_interval", high=1)
     why_no_interval: str | None = json_key("why ci90 is null; null: it is not")
+    tracking: TrackingPromise | None = json_key(
+        "what the inverse of the improved model promises beside that of the given one: for the references of "
+        "--reference, else for the movements of the recordings; all that the model misses counts, with --earlier too; "
+        "null: no effect was accepted, or a model has no inverse", omitted=True)
 
 
 @dataclass(kw_only=True)

@@ -56,6 +56,7 @@ WIDEN = 1.3  # [width] by which bootstrapped intervals are widened; coverage
 REFIT_FREEDOM = 0.2  # [slope] standard deviation of a slope's prior when the model is refitted; judged
 CORRELATED = 30  # [samples] of the residual that count as one: what the model misses is no white noise; judged
 REACH = 0.5  # [change] share of a candidate's change, as far as its Jacobian is taken to hold; judged
+TRACKED_SPREAD = 0.25  # [ln] scatter of what no effect explains, from recordings to tracked references; rigs
 
 # --- has the zero moved?
 ZERO_AGREES = 4.0  # [scatter] of zeros, from which their mean is carried over to the improved model; rigs

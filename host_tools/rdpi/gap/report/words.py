@@ -277,7 +277,12 @@ def promise(document: GapDocument) -> str:
         text = (f"Adding this to the model should remove {share}{sure} of the change on new recordings. What the "
                 "model always missed remains. In all, the residual of these recordings goes from "
                 f"{change(whole.before, whole.after, 'to')}")
-    return f"{text}." if sure else f"{text}; no interval can be given: {promised.why_no_interval}."
+    text = f"{text}." if sure else f"{text}; no interval can be given: {promised.why_no_interval}."
+    if tracking := promised.tracking:
+        sure = f" (90 % interval {shrinks(tracking.ci90)})" if tracking.ci90 else ""
+        text += (f" Compensated by the firmware, it should {'shrink' if tracking.shrink >= 0 else 'increase'} the "
+                 f"tracking error by {percent(abs(tracking.shrink))}{sure}.")
+    return text
 
 
 # ---- where, why, how far ----
