@@ -1,16 +1,20 @@
-"""Commands that compare a model with recordings: simulate, gap."""
+"""Commands that judge recordings: simulate, gap, score."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from .. import version
 from ..errors import BadInput
 from .program import command
 from .progress import progress
-from .types import Output, Percent, Report
+from .types import Choices, Output, Percent, Report
+
+if TYPE_CHECKING:
+    from ..gap import GapDocument
 
 
 @command("simulate")
@@ -85,8 +89,13 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
                    "several times. Default: the movements of the RUNs.")
 @click.option("--without", multiple=True, metavar="EFFECT",
               help="Do not try this effect. May be given several times.")
+@click.option("--fail-on", type=Choices("effect", "ambiguous", "unknown"), default=(), metavar="VERDICT,...",
+              help="Exit with status 1 if the verdict is one of these: effect, ambiguous, unknown.")
+@click.option("--max-gap", "max_gap_percent", type=Percent(), metavar="PERCENT",
+              help="Exit with status 1 if the rms gap exceeds this, % of stroke.")
 def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | None, earlier: tuple[str, ...],
-        references: tuple[str, ...], without: tuple[str, ...]) -> dict[str, Any]:
+        references: tuple[str, ...], without: tuple[str, ...], fail_on: tuple[str, ...],
+        max_gap_percent: float | None) -> dict[str, Any]:
     """Diagnose the gap between a model and recordings: where it is, what causes it, how far that effect closes it.
 
     RUNs are recordings that the model was not fitted to. Give several with different waveforms, if possible. With a
@@ -107,7 +116,8 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
         found = diagnose(parameters, [read_recording(path) for path in runs], without, report_progress,
                          [read_recording(path) for path in earlier],
                          [read_recording(path, required=("time_s", "reference_um")) for path in references])
-    document = replace(found.document, model=model, model_digest=parameters.digest())
+    missed = _missed_gates(found.document, fail_on, max_gap_percent)
+    document = replace(found.document, model=model, model_digest=parameters.digest(), gate_failed=bool(missed))
     if report is not None:
         make_folder(report)  # the model may go there too
     if output is not None:
@@ -120,4 +130,52 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
         added = [one.name if one.was is None else f"{one.name} changed" for one in document.effects]
         undecided = ", one of those that explain the gap" if document.verdict == "ambiguous" else ""
         click.echo(f"{output}: the model " + (f"with {', '.join(added)}{undecided}" if added else "unchanged"))
+    for line in missed:
+        click.echo(f"rdpi: {line}", err=True)
     return document.to_json()
+
+
+def _missed_gates(document: GapDocument, fail_on: tuple[str, ...], max_gap_percent: float | None) -> list[str]:
+    """A line for each limit that is exceeded."""
+    lines, percent = [], document.gap.percent_of_stroke
+    if document.verdict in fail_on:
+        lines.append(f"the verdict is {document.verdict}, which --fail-on names")
+    if max_gap_percent is not None and percent > max_gap_percent:
+        lines.append(f"the gap is {percent:.3g} % of the stroke; --max-gap allows {max_gap_percent:g} %")
+    return lines
+
+
+@command("score")
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
+@click.option("--remove-offset", is_flag=True, help="Remove the mean error before scoring.")
+@click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
+              help="Exit with status 1 if the rms error of any run exceeds this, % of the reference's peak-to-peak.")
+@click.option("--report", metavar="DIR", type=Report("score.json", "score.html"),
+              help="Write score.html (one page with pictures) and score.json to this directory.")
+def score(runs: tuple[str, ...], remove_offset: bool, max_rms_percent: float | None,
+          report: str | None) -> dict[str, Any]:
+    """Say how well references were tracked.
+
+    RUNs are recordings with the columns time_s, reference_um and displacement_um. Errors in percent refer to the
+    peak-to-peak of each run's reference. The delay is that with which the displacement follows the reference best.
+    """
+    from ..data import read_recording
+    from ..fit import report as reports
+    from ..simulate import scoring, tracking
+
+    recordings = [read_recording(path, required=tracking.COLUMNS) for path in runs]
+    scores = [tracking.track(run, remove_offset) for run in recordings]
+    worst = max(one.rms_percent for one in scores)
+    failed = max_rms_percent is not None and worst > max_rms_percent
+    result = {"tool": version(), "runs": [{"file": run.path, **one._asdict()} for run, one in zip(recordings, scores)],
+              "rms_percent": scoring.overall_rms_percent(scores, [len(run) for run in recordings]),
+              "max_percent": max(one.max_percent for one in scores), "gate_failed": failed}
+    if report is not None:
+        reports.write_score(report, recordings, scores, result)
+    click.echo("\n".join(scoring.table(
+        [(run.path, one, f"{1e3 * one.delay_s:.3g} ms late, offset {one.offset_um:.3g} um; without both "
+          f"{one.rms_percent_without_delay:.3f} % rms") for run, one in zip(recordings, scores)],
+        "the reference's peak-to-peak")))
+    if failed:
+        click.echo(f"rdpi: the rms error is {worst:.3g} %; --max-rms allows {max_rms_percent:g} %", err=True)
+    return result

@@ -41,7 +41,7 @@ def main() -> None:
     \b
     Exit status:
       0    success
-      1    success, but a limit that you set was exceeded (--max-rms, --max-lost)
+      1    success, but a limit that you set was exceeded (--max-rms, --max-gap, --fail-on, --max-lost)
       2    bad input
       130  stopped by Ctrl-C
     """

@@ -65,6 +65,22 @@ class Numbers(click.ParamType):
             self.fail(f"{value!r}: give numbers separated by commas", param, ctx)
 
 
+class Choices(click.ParamType):
+    """Comma-separated words, each one of those given."""
+
+    name = "choices"
+
+    def __init__(self, *words: str) -> None:
+        self.words = words
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        found = value if isinstance(value, tuple) else tuple(part.strip() for part in value.split(","))
+        for word in found:
+            if word not in self.words:
+                self.fail(f"{word!r}: must be one of {', '.join(self.words)}", param, ctx)
+        return found
+
+
 class Rows(click.ParamType):
     """START:STOP, as Python slices count."""
 

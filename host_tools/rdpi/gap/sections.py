@@ -232,5 +232,6 @@ class GapDocument(Document):
     next_experiment: NextExperiment | None = json_key("the recording to make next; null: none would settle anything")
     notes: list[str] = json_key("remarks of the diagnosis")
     offset_um: Offset = json_key("means that no other figure counts", "um")
+    gate_failed: bool = json_key("true: the verdict is one of --fail-on, or the gap exceeds --max-gap", default=False)
     model: str | None = json_key("path of the model file", omitted=True)
     model_digest: str | None = json_key("SHA-256 of what the firmware takes from the model", omitted=True)

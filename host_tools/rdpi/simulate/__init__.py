@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from . import chain, effects, scoring, signals
+from . import chain, effects, scoring, signals, tracking
 from .chain import Prediction
 from .inverse import ALL, Inverse, inverse_of
 from .shown import ASSUMED, shown
 
-__all__ = ["ALL", "ASSUMED", "Inverse", "Prediction", "chain", "effects", "inverse_of", "scoring", "shown", "signals"]
+__all__ = ["ALL", "ASSUMED", "Inverse", "Prediction", "chain", "effects", "inverse_of", "scoring", "shown", "signals",
+           "tracking"]

@@ -1,4 +1,4 @@
-"""What is said of predictions: the table of their errors, the error over all runs, and why not to trust one."""
+"""What is said of predictions and of tracking: the table of errors, the error over all runs, why not to trust one."""
 
 from __future__ import annotations
 
@@ -7,20 +7,21 @@ from collections.abc import Sequence
 from ..data import Recording
 from ..model import Model
 from .chain import Prediction, Score
+from .tracking import Tracked
 
 WORTH_A_NOTE = 0.01  # of the drive's range, or of the samples
 
 
-def overall_rms_percent(scores: Sequence[Score], samples: Sequence[int]) -> float:
+def overall_rms_percent(scores: Sequence[Score | Tracked], samples: Sequence[int]) -> float:
     """rms error over all runs in percent of the stroke, each run weighted by its number of samples."""
     squares = sum(weight * score.rms_percent**2 for weight, score in zip(samples, scores))
     return (squares / sum(samples)) ** 0.5
 
 
-def table(rows: Sequence[tuple[str, Score, str]]) -> list[str]:
-    """Lines of a table: path, errors and a remark for each run; at least one."""
+def table(rows: Sequence[tuple[str, Score | Tracked, str]], of: str = "the run's stroke") -> list[str]:
+    """Lines of a table: path, errors in um and in % `of` something, and a remark for each run; at least one."""
     width = max(len(path) for path, _, _ in rows)
-    lines = [f"  {'':{width}}  {'rms um':>9} {'max um':>9} {'rms %':>7} {'max %':>7}   (% of the run's stroke)"]
+    lines = [f"  {'':{width}}  {'rms um':>9} {'max um':>9} {'rms %':>7} {'max %':>7}   (% of {of})"]
     return lines + [f"  {path:{width}}  {score.rms_um:9.4g} {score.max_um:9.4g} "
                     f"{score.rms_percent:7.3f} {score.max_percent:7.3f}   {remark}" for path, score, remark in rows]
 

@@ -1,4 +1,4 @@
-"""The report of `rdpi fit`, `rdpi plot`'s picture, and what other reports share: numbers, pictures, pages."""
+"""The reports of `rdpi fit` and `rdpi score`, `rdpi plot`'s picture, and what all share: numbers, pictures, pages."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from .numbers import (NONE, SAME, base, bin_names, bracketed, change, drawn, edg
                       moved, number, percent, plain, quantity, sentence_of, shrink, shrinks, sized, tight, times, um,
                       unit_of)
 from .page import page_of
+from .score import write_score
 from .templating import environment
 
 __all__ = ["NONE", "SAME", "base", "bin_names", "bracketed", "change", "check_picture_name", "drawing", "drawn",
            "edge_names", "environment", "given", "interval", "listed", "moved", "number", "page_of", "percent",
            "picture", "plain", "quantity", "sentence_of", "shrink", "shrinks", "sized", "tight", "times", "um", "unit_of",
-           "write_picture"]
+           "write_picture", "write_score"]

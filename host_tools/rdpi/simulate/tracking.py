@@ -1,0 +1,81 @@
+"""How well a reference was tracked: error, and the delay with which the actuator followed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..data import Recording
+from ..errors import BadInput
+
+COLUMNS = "time_s", "reference_um", "displacement_um"
+LONGEST = 0.1  # of a recording, looked for as a delay
+ALIKE, NOTHING = 1.02, 1e-6  # delays fit as well whose squares differ by less, relative or of the reference's square
+WORST = 1e6  # rms error in stroke: a percentage beyond is a mistake
+
+
+class Tracked(NamedTuple):
+    """How one recording follows its reference. Percentages are of the reference's peak-to-peak."""
+
+    rms_um: float
+    max_um: float
+    rms_percent: float
+    max_percent: float
+    offset_um: float  # mean of displacement - reference; in the figures above unless it was removed
+    delay_s: float  # by which the displacement follows the reference; below 0: leads it
+    rms_percent_without_delay: float  # of the reference delayed so; offset removed
+
+
+def track(run: Recording, remove_offset: bool = False) -> Tracked:
+    """Compare the columns displacement_um and reference_um of a recording.
+
+    The delay minimises the rms error, mean removed, within LONGEST of the recording either way; between samples it is
+    the vertex of a parabola. Raises BadInput if the reference does not move.
+    """
+    reference_um, displacement_um = run.columns["reference_um"], run.displacement_um
+    size_um, error = float(np.ptp(reference_um)), displacement_um - reference_um
+    if not size_um > 0 or not np.sqrt(np.mean(error**2)) <= WORST * size_um:
+        raise BadInput(f"{run.path}: reference_um spans {size_um:g} um: the error cannot be given in percent; "
+                       "check the data")
+    offset = float(np.mean(error))
+    error = error - offset if remove_offset else error
+    samples, square = _delay(reference_um, displacement_um)
+    scale = 100 / size_um
+    rms, most = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error)))
+    return Tracked(rms, most, rms * scale, most * scale, offset, samples * run.sample_time_s, square**0.5 * scale)
+
+
+def _delay(reference: np.ndarray, displacement: np.ndarray) -> tuple[float, float]:
+    """The delay in samples, and the variance of what is left."""
+    count = len(reference)
+    most = max(1, int(LONGEST * count))
+    shifts = np.arange(-most, most + 1)
+    squares = _variances(reference - np.mean(reference), displacement - np.mean(displacement), shifts)
+    near = np.flatnonzero(squares <= ALIKE * squares.min() + NOTHING * np.var(reference))  # a period later, say
+    at = int(near[np.argmin(np.abs(shifts[near]))])
+    while 0 < at < len(shifts) - 1 and min(squares[at - 1], squares[at + 1]) < squares[at]:
+        at += 1 if squares[at + 1] < squares[at - 1] else -1
+    if not 0 < at < len(shifts) - 1:
+        return float(shifts[at]), float(squares[at])
+    left, middle, right = squares[at - 1:at + 2]
+    bend = left - 2 * middle + right
+    step = 0.5 * (left - right) / bend if bend > 0 else 0.0
+    return float(shifts[at] + step), max(float(middle - 0.25 * (left - right) * step), 0.0)
+
+
+def _variances(reference: np.ndarray, displacement: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+    """Variance of displacement[k] - reference[k - shift] over the samples that both have, for each shift."""
+    count = len(reference)
+    size = 1 << (2 * count - 1).bit_length()
+    products = np.fft.irfft(np.fft.rfft(displacement, size) * np.conj(np.fft.rfft(reference, size)), size)[shifts]
+    first, last = np.maximum(shifts, 0), count + np.minimum(shifts, 0)  # of the displacement's samples
+
+    def sums(values: np.ndarray, ends: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        whole = np.concatenate([[0.0], np.cumsum(values)])
+        return whole[ends[1]] - whole[ends[0]]
+
+    here, there = (first, last), (first - shifts, last - shifts)
+    square = sums(displacement**2, here) + sums(reference**2, there) - 2 * products
+    mean = (sums(displacement, here) - sums(reference, there)) / (last - first)
+    return np.maximum(square / (last - first) - mean**2, 0.0)
