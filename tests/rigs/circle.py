@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The whole circle, labels sealed: what does a rig track better by when `rdpi gap` and the firmware have done their work?
+"""The whole circle, labels sealed: how much better does a rig track after `rdpi gap` and `rdpi header`?
 
     .venv/bin/python tests/rigs/circle.py --cases 300 --seed 7 -o build/circle
     .venv/bin/python tests/rigs/circle.py --table build/circle
@@ -16,9 +16,9 @@ times, each time on the rig as it was commissioned.
 What appeared stands in DIR/sealed.jsonl. Nothing but the table opens that file. DIR/cases.jsonl holds what was said and
 measured. A run that was cut off goes on where it ended.
 
-* promise: promised - realised shrink, of cases with an improved model; means removed. median: of its size. inside: share
-  of 90 % intervals that hold what was realised. Beside --earlier recordings no promise is made for the prediction of
-  all that the model misses.
+* promise: promised - realised shrink, of cases with an improved model; means removed. median: of its size. inside:
+  share of 90 % intervals that hold what was realised. Beside --earlier recordings no promise is made for the prediction
+  of all that the model misses.
 * harm: cases whose error with the improved model, the zero included, exceeds that with the old one by more than 2 %; of
   all new recordings together, of all references together, and of every one of them by itself ("each"). at worst: the
   largest ratio of errors of a case.
@@ -270,8 +270,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rate", type=float, default=5000.0, help="samples per second (default 5000)")
     parser.add_argument("--scale", type=float, default=0.4, help="length of the recordings (default 0.4)")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--models", type=Path, metavar="DIR", help="take commissioned models, and leave new ones, there; "
-                        "only for another run of the same seed, rate and scale (default: models in the output)")
+    parser.add_argument("--models", type=Path, metavar="DIR", help="take commissioned models, and leave new ones, "
+                        "there; only for another run of the same seed, rate and scale (default: OUTPUT/models)")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="cases.jsonl and sealed.jsonl go there")
     parser.add_argument("--table", type=Path, metavar="DIR", help="only print the table of an earlier run")
     options = parser.parse_args(arguments)

@@ -533,7 +533,8 @@ def test_a_delay_beside_what_the_model_lacks_is_not_called_a_resonance(tmp_path)
 
 # --- circle.py -------------------------------------------------------------------------------------------------------
 
-def closed(case: int, effects: list[str], promised: float, prediction: float, tracking: float, zero: float = 0.0) -> tuple:
+def closed(case: int, effects: list[str], promised: float, prediction: float, tracking: float, zero: float = 0.0
+           ) -> tuple[dict, dict]:
     """A case and its label: the old model misses 2 um, the improved one so much, and its zero."""
     after = [[float(np.hypot(tracking, zero)), zero]] * 2
     promise = {"shrink": promised, "ci90": [promised - 0.1, promised + 0.1]}

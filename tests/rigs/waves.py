@@ -1,6 +1,7 @@
 """Drives and references for the rigs, in shares of the range or of the stroke. Nothing here comes from rdpi.
 
-Commissioning, field, and what nobody has seen use different waveforms. Every drive starts where it is told to start and stays there for 20 ms.
+Commissioning, field, and what nobody has seen use different waveforms. Every drive starts where it is told
+to start and stays there for 20 ms.
 """
 
 from __future__ import annotations
@@ -110,7 +111,8 @@ UNSEEN: dict[str, Wave] = {"wander": wander}
 
 def drive(name: str, rate_hz: float, seed: int, start: float = 0.5, scale: float = 1.0) -> np.ndarray:
     """A drive of COMMISSION, FIELD or UNSEEN from `start` on, in shares of the range. `scale` stretches its length."""
-    wave = np.clip({**COMMISSION, **FIELD, **UNSEEN}[name](rate_hz, scale, np.random.default_rng([seed, len(name)])), 0, 1)
+    make = {**COMMISSION, **FIELD, **UNSEEN}[name]
+    wave = np.clip(make(rate_hz, scale, np.random.default_rng([seed, len(name)])), 0, 1)
     way = np.linspace(start, wave[0], max(2, int(MOVE_S * abs(wave[0] - start) * rate_hz)), endpoint=False)
     return np.concatenate([np.full(int(START_S * rate_hz), start), way, wave])
 

@@ -22,7 +22,7 @@ from . import document, promise, thresholds
 from .augmented import AugmentedModel
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
-from .sections import GapDocument, Offset, Verdict
+from .sections import GapDocument, Offset, TrackingPromise, Verdict
 from .selection import Excess, Selection, detection_threshold, excess, select
 
 REFERENCE_COLUMNS = "time_s", "reference_um"
@@ -48,7 +48,7 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
 
     With `earlier` recordings, one of the same drive for each run, the gap is what has changed since: what the model
     missed then is taken off, and with it its own error. `references`, with the column reference_um, are what the
-    promise for tracking is made for; without any, it is for the movements of the recordings.
+    promise for tracking is made for; effects that would make that worse are left out.
 
     Raises BadInput for recordings that cannot be this model's, and for a run whose drive no earlier recording has.
     """
@@ -56,19 +56,45 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     references = taken(references, REFERENCE_COLUMNS, "references")
     given = AugmentedModel.given(model, runs, earlier)
     decision = decide(given, known, without, progress)
+    decision, offset, tracked = _worth_tracking(decision, known, passport.read(model), references)
     selection, verdict, before = decision.selection, decision.verdict, decision.selection.before_um
     state, after = selection.accepted, selection.after_um
-    offset = _offset(selection, known)
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
     axes = localise.localise(runs, before, decision.coords, known, noise)
     notes += [*decision.notes, *_remarks_on_what_is_left(selection, verdict, offset, noise, axes)]
     found = document.build(selection, decision.gap, verdict, known, axes, noise, offset, notes)
     spectrum = localise.along_frequency(runs, after, decision.coords, known, noise) if state.chosen else None
+    found.promised.tracking = tracked
     improved = replace(state.model, effects=_entries(model, selection, found, bool(earlier)),
                        offset_um=model.offset_um + offset.added)
-    found.promised.tracking = promise.tracking(selection, improved, passport.read(model), decision.coords, references)
     progress(1.0)
     return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords), spectrum)
+
+
+def _worth_tracking(decision: Decision, known: Passport | None, original: Passport | None,
+                    references: Sequence[Recording]) -> tuple[Decision, Offset, TrackingPromise | None]:
+    """The decision, its zero and its promise for references. What is to be tracked must not get worse: the last effect
+    is left out as long as references, or recordings that were left out, promise no better.
+
+    `known` is what to expect of the gap, `original` the passport of the model.
+    """
+    while True:
+        selection = decision.selection
+        offset, state = _offset(selection, known), selection.accepted
+        if not references or not state.chosen:
+            return decision, offset, None
+        moved = replace(state.model, offset_um=state.model.offset_um + offset.added)
+        tracked = promise.tracking(selection, moved, original, decision.coords, references)
+        ci90 = document.promised(selection, document.equations_of(state)).ci90
+        if ci90 is not None and ci90[0] < 0:
+            why = "recordings that were left out may as well be predicted worse"
+        elif tracked is not None and tracked.shrink < -thresholds.TRACKED_WORSE:
+            why = f"the inverse of the model with it is to track worse by {100 * -tracked.shrink:.0f} %"
+        else:
+            return decision, offset, tracked
+        name, left = state.chosen[-1].effect.name, selection.rejecting_last()
+        decision = replace(decision, selection=left, verdict=decision.verdict if left.accepted.chosen else "unknown",
+                           notes=[*decision.notes, f"{name} would explain more of the gap, but {why}; it is left out"])
 
 
 def _entries(model: Model, selection: Selection, found: GapDocument, paired: bool) -> list[Any]:
@@ -151,22 +177,32 @@ def _offset(selection: Selection, known: Passport | None) -> Offset:
     other figure counts it.
 
     The improved model's zero moves by their mean where they agree: where it exceeds what zeros scatter by, here and
-    where the model was identified. Creep and the room move one recording's zero and not the next one's. That of a
-    recording of unknown memory holds what its plays remember: it counts only if there is no other.
+    where the model was identified. Where they do not agree, it only makes up for what the effects do to it, if that
+    takes it away from where the recordings lie. Creep and the room move one recording's zero and not the next one's.
+    That of a recording of unknown memory holds what its plays remember: it counts only if there is no other.
     """
-    state, model = selection.with_starts, selection.given.model
+    state, given = selection.with_starts, selection.given
+    model, base = given.model, given.by_command
     now = [one.mean_residual_um(state.acting()) for one in state.by_command.model_runs]
+    old = [one.mean_residual_um(given.acting()) for one in base.model_runs]
     then = [0.0] * len(now)
-    if state.by_command.earlier:
-        then = [one.mean_residual_um(state.by_command.acting_then) for one in state.by_command.earlier.model_runs]
+    if base.earlier:  # of the model that was given: where a refitted one lies is no change of the actuator's
+        then = [one.mean_residual_um(base.acting_then) for one in base.earlier.model_runs]
         known = None  # what its recordings scatter by, a pair has lost
-    zeros = np.subtract(now, then)
+    zeros, before = np.subtract(now, then), np.subtract(old, then)
     sure = np.array([run.memory != "unknown" for run in state.recordings])
-    told = zeros[sure] if any(sure) else zeros
-    agree = abs(np.mean(told)) > thresholds.ZERO_AGREES * _scatter_um(model, known, told)
+    sure = sure if any(sure) else ~sure
+    told = zeros[sure]
+    agree, added = abs(np.mean(told)) > thresholds.ZERO_AGREES * _scatter_um(model, known, told), 0.0
+    if agree and state.chosen:
+        added = float(np.mean(told))
+    elif not any(one.effect.starts_memory for one in state.chosen) and np.sum(told**2) > np.sum(before[sure] ** 2):
+        # the effects take the zero away from where it is
+        taken_um = float(np.mean((zeros - before)[sure]))
+        added = taken_um if abs(taken_um) > thresholds.ZERO_SCATTER * model.stroke_um else 0.0
     least = max(thresholds.ZERO * rms(selection.before_um), thresholds.MUCH_ZERO * model.stroke_um)
     return Offset(mean=float(np.mean(zeros)), low=float(min(zeros)), high=float(max(zeros)),
-                  added=float(np.mean(told)) if agree and state.chosen else 0.0,
+                  added=added,
                   moved=bool(agree and min(abs(zeros)) > least))
 
 

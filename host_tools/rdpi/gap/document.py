@@ -13,6 +13,7 @@ from ..model import Passport, records
 from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE, STAGES
 from . import experiment, numerics, thresholds
+from .augmented import AugmentedModel
 from .candidates import Candidate
 from .dataset import Dataset
 from .normal_equations import NormalEquations
@@ -25,17 +26,22 @@ def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport |
           noise_um: float, offset_um: Offset, notes: list[str]) -> GapDocument:
     """The document, from a selection that has ended; `known` is the passport of the model that was given."""
     state, first = selection.accepted, selection.rounds[0]
-    final = NormalEquations(state.dataset, state.residual, [], state.chosen) if state.chosen else None
+    final = equations_of(state)
     passport = None if known is None else PassportFigures(ratio=gap.ratio, rms_um=gap.expected_um,
                                                           held_out=known.held_out, spread=gap.spread)
     return GapDocument(
         tool=f"rdpi {version()}", verdict=verdict, detection=selection.detection, paired=bool(state.earlier),
         effects=_effects(selection, final), candidates=_candidates(selection), gap=_gap(selection, noise_um),
         where=_where(selection, axes), runs=_runs(selection, gap), passport=passport,
-        promised=_promised(selection, final), refit=Refit(shrink=first.baseline.refit_alone),
+        promised=promised(selection, final), refit=Refit(shrink=first.baseline.refit_alone),
         numerics=numerics.compare(selection.given.model, state.recordings), not_excited=_not_excited(selection),
         leftover=_leftover(selection, gap), matrix=_matrix(first),
         next_experiment=experiment.propose(selection, verdict), notes=notes, offset_um=offset_um)
+
+
+def equations_of(state: AugmentedModel) -> NormalEquations | None:
+    """Of the accepted effects, for what they promise; None: none was accepted."""
+    return NormalEquations(state.dataset, state.residual, [], state.chosen) if state.chosen else None
 
 
 def _finite(value: float) -> float | None:
@@ -190,7 +196,7 @@ def _runs(selection: Selection, gap: Excess) -> list[RunEntry]:
                 state.recordings, selection.with_starts.dataset.model_runs, before, after))]
 
 
-def _promised(selection: Selection, final: NormalEquations | None) -> Promise:
+def promised(selection: Selection, final: NormalEquations | None) -> Promise:
     """Shrink of the gap's rms by all effects together, in recordings left out in turn."""
     if final is None:
         return Promise(shrink=None, ci90=None, why_no_interval="no effect was accepted")

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from .. import firmware
 from ..data import Recording
 from ..errors import BadInput
 from ..fit import localise, passport
@@ -25,99 +27,146 @@ from .selection import Selection
 DRAWS = 400
 
 
+Bands = dict[int, float]  # um^2 in the octaves [2^k, 2^(k + 1)) Hz
+
+
 @dataclass(frozen=True, eq=False)
-class _Left:
-    """Mean squares in um^2 of each recording, (recordings,), and its length in samples."""
+class _Movement:
+    """What goes with one recording, or with one reference; mean squares, means removed."""
 
-    after: np.ndarray  # what the prediction misses with the effects, disturbances apart
-    expected: np.ndarray  # what the passport expects
-    change: np.ndarray  # what the effects change
-    samples: np.ndarray
-
-    def factors(self, drawn: np.ndarray) -> tuple[float, float]:
-        """Of what the passport expects, and of what the effects change: they add up to what is left."""
-        weight = self.samples[drawn]
-        after, expected, change = (float(weight @ part[drawn]) for part in (self.after, self.expected, self.change))
-        if after <= expected or change <= 0:
-            return after / max(expected, 1e-300), 0.0
-        return 1.0, (after - expected) / change
+    samples: int
+    before: float  # what is missed without the effects
+    after: Bands  # with them: of a recording measured, of a reference what the improved model's own inverse misses
+    change: Bands  # what the effects change; of a reference what the inverse of the given model misses of them
+    expected: Bands  # what the passport expects
 
 
-def tracking(selection: Selection, improved: Model, known: Passport | None, coords: Sequence[localise.Coordinates],
+def tracking(selection: Selection, operator: Model, known: Passport | None, coords: Sequence[localise.Coordinates],
              references: Sequence[Recording]) -> TrackingPromise | None:
-    """The promise for these references, column reference_um; without any, for the movements of the recordings.
+    """The promise for these references, column reference_um.
 
-    None without accepted effects, and if a model has no inverse. `known` is the passport of the model that was given,
-    `coords` are those of the recordings.
+    None without references or accepted effects, and if a model has no inverse. `operator` is the improved model,
+    its effects apart. `known` is the passport of the model that was given, `coords` are those of the recordings.
     """
-    if not selection.accepted.chosen:
+    if not references or not selection.accepted.chosen:
         return None
-    given = replace(selection.given.model, effects=effects.entries(selection.given.known))
+    given = selection.given.model
+    improved = replace(operator, effects=_entries(selection))
     try:
-        profiles = list(references) or [_asked(given, run) for run in selection.given.recordings]
-        before, after, expected, samples = _simulated(given, improved, known, profiles)
+        tracked = [_tracked(given, improved, known, run) for run in references]
     except BadInput:
         return None
-    left = _left(selection, known, coords)
+    runs = _recorded(selection, known, coords)
     if known is None:  # what is left is taken to grow with the movement
-        span = np.mean([np.std(run.displacement_um) for run in selection.given.recordings]) ** 2
-        expected = np.array([float(np.nanstd(run.columns["reference_um"])) ** 2 / span for run in profiles]) * left.expected[0]
-    runs = np.arange(len(left.after))
-
-    def shrink(drawn: np.ndarray, level: float) -> float:
-        factor, share = left.factors(drawn)
-        unexplained = level * (factor * expected + share * before)
-        return float(1 - np.sqrt(samples @ (after + unexplained) / max(samples @ (before + unexplained), 1e-300)))
-
+        size = np.mean([np.var(run.displacement_um) for run in selection.given.recordings])
+        tracked = [replace(one, expected=_times(_mean(runs, "after"), float(np.nanvar(run.reference_um)) / size))
+                   for one, run in zip(tracked, references)]
+    level = thresholds.TRACKED_LEVEL
+    promised = _shrink(runs, tracked, level)
     if len(runs) < 2:
-        return TrackingPromise(shrink=shrink(runs, 1.0), ci90=None)
+        return TrackingPromise(shrink=promised, ci90=None)
     random = np.random.default_rng(0)
-    sigma = thresholds.TRACKED_SPREAD
-    found = [shrink(random.integers(len(runs), size=len(runs)), float(np.exp(2 * sigma * random.standard_normal())))
-             for _ in range(DRAWS)]
-    low, high = np.percentile(found, (5, 95))
-    return TrackingPromise(shrink=shrink(runs, 1.0), ci90=(float(low), float(high)))
+    levels = level * np.exp(2 * thresholds.TRACKED_SPREAD * random.standard_normal(DRAWS))
+    drawn = [_shrink([runs[k] for k in random.integers(len(runs), size=len(runs))], tracked, float(one))
+             for one in levels] + thresholds.TRACKED_SCATTER * random.standard_normal(DRAWS)
+    low, high = np.percentile(drawn, (5, 95))
+    return TrackingPromise(shrink=promised, ci90=(float(min(low, promised)), float(min(max(high, promised), 1.0))))
 
 
-def _asked(given: Model, run: Recording) -> Recording:
-    """What the inverse of the model was asked for, had it made the drive of a recording."""
-    (found,) = chain.simulate(_without_disturbances(given), [run])
-    return replace(run, columns={"time_s": run.time_s, "reference_um": found.predicted_um},
-                   metadata={**run.metadata, "memory": "reset"})
+def _entries(selection: Selection) -> list[dict[str, Any]]:
+    """All effects that act, as the improved model's file holds them."""
+    given, dataset, found = selection.given.model, selection.accepted.dataset, []
+    new = [one.effect for one in selection.accepted.chosen]
+    for acting, entry in zip(selection.accepted.acting(), effects.entries(selection.accepted.acting())):
+        place = effects.place(given, acting.effect)
+        held = {"origin": "gap"} if place is None else given.effects[place]
+        shown = acting.effect in new and (dataset.monitored or acting.effect.shows_stage)
+        found.append({**held, **entry, **({"stage_shown": True} if shown else {})})
+    return found
+
+
+def _shrink(runs: Sequence[_Movement], tracked: Sequence[_Movement], level: float) -> float:
+    """Of the tracking error; `level` times what these recordings say that no effect explains."""
+    after, change, expected = (_mean(runs, name) for name in ("after", "change", "expected"))
+    left, usual, moved = (sum(bands.values()) for bands in (after, expected, change))
+    # What the model missed anyway may cancel a part of the change, or add to it.
+    gained = max(_weighted(runs, [one.before for one in runs]) - left, 0.0) / max(moved, 1e-300)
+    factor = min(1.0, left / max(usual, 1e-300))
+    beyond = {k: min(max(0.0, value - expected.get(k, 0.0)) / max(change.get(k, 0.0), 1e-300), thresholds.MOST_BEYOND)
+              for k, value in after.items()} if left > usual else {}
+    now, then = [], []
+    for one in tracked:
+        unexplained = factor * sum(one.expected.values()) + sum(beyond.get(k, 0.0) * value
+                                                                for k, value in one.change.items())
+        own = sum(one.after.values())
+        less = sum(one.change.values()) - own
+        now.append(level * unexplained + own)
+        then.append(now[-1] + (gained if less > 0 else 1.0) * less)
+    return float(1 - np.sqrt(_weighted(tracked, now) / max(_weighted(tracked, then), 1e-300)))
+
+
+def _weighted(movements: Sequence[_Movement], values: Sequence[float]) -> float:
+    return float(np.average(values, weights=[one.samples for one in movements]))
+
+
+def _mean(movements: Sequence[_Movement], name: str) -> Bands:
+    """Over all samples."""
+    octaves = {k for one in movements for k in getattr(one, name)}
+    return {k: _weighted(movements, [getattr(one, name).get(k, 0.0) for one in movements]) for k in octaves}
+
+
+def _times(bands: Bands, factor: float) -> Bands:
+    return {k: factor * value for k, value in bands.items()}
+
+
+def _bands(signal: np.ndarray, sample_rate_hz: float) -> Bands:
+    found = passport.octaves(signal - np.mean(signal), sample_rate_hz)
+    return dict(enumerate(found.power.tolist(), found.first))
+
+
+def _expected(known: Passport | None, at: localise.Coordinates, signal: np.ndarray, sample_rate_hz: float) -> Bands:
+    if known is None:
+        return {}
+    spectrum = passport.octaves(signal - np.mean(signal), sample_rate_hz)
+    power = passport.expected_octaves(known, at, spectrum, sample_rate_hz)
+    return dict(enumerate(np.asarray(power).tolist(), spectrum.first))
 
 
 def _without_disturbances(model: Model) -> Model:
     return replace(model, effects=effects.entries(one for one in effects.acting(model) if not one.effect.disturbance))
 
 
-def _simulated(given: Model, improved: Model, known: Passport | None, profiles: Sequence[Recording]
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of each reference: mean squares of what the improved model, driven by both inverses, misses of it; what the
-    passport expects of the movement; samples.
-    """
-    actuator, rows = _without_disturbances(improved), []
-    for run in profiles:
-        wanted, missed = run.columns["reference_um"], []
-        for model in (given, improved):
-            steps, _ = chain.follow(model, run, engine="f64", by=inverse_of(model))
-            driven = replace(run, columns={**run.columns, "command_V": steps.drive_V.astype(float)},
-                             metadata={**run.metadata, "memory": "reset"})
-            (found,) = chain.simulate(actuator, [driven])
-            missed.append(float(np.nanvar(found.predicted_um - wanted)))
-        at = localise.coordinates(driven, found.predicted_um, found.rate_um_per_s)
-        rows.append([*missed, 0.0 if known is None else float(np.mean(passport.expected_um(known, at) ** 2)),
-                     len(wanted)])
-    before, after, expected, samples = np.array(rows).T
-    return before, after, expected, samples
+def _tracked(given: Model, improved: Model, known: Passport | None, run: Recording) -> _Movement:
+    """A reference behind the start-up sweep and the inverses of both models; the improved one is the actuator."""
+    actuator, wanted, rate_hz, missed = _without_disturbances(improved), run.reference_um, run.sample_rate_hz, []
+    wanted = np.where(np.isfinite(wanted), wanted, np.nanmean(wanted))
+    for model in (given, improved):
+        by = inverse_of(model)
+        library = firmware.engine(by.model, run.sample_time_s, "f64", by.chain if by.chain.acts else None)
+        end_V = library.sweep()[0][-1:]  # where the sweep ends; what it leaves, the models say themselves
+        drive_V = library.step(firmware.ahead(wanted - by.added_um(run), library.preview_samples)).drive_V
+        columns = {name: np.concatenate([values[:1], values]) for name, values in run.columns.items()
+                   if name != "displacement_um"}
+        columns["time_s"] = np.arange(1 + len(wanted)) * run.sample_time_s
+        columns["command_V"] = np.concatenate([end_V, drive_V]).astype(float)
+        swept = replace(run, columns=columns, metadata={**run.metadata, "memory": "reset"})
+        (found,) = chain.simulate(actuator, [swept], "reset")
+        missed.append(found.predicted_um[1:] - wanted)
+    driven = replace(run, columns={"time_s": run.time_s, "command_V": drive_V.astype(float)})
+    at = localise.coordinates(driven, found.predicted_um[1:], found.rate_um_per_s[1:])
+    return _Movement(len(wanted), float(np.var(missed[0])), _bands(missed[1], rate_hz), _bands(missed[0], rate_hz),
+                     _expected(known, at, missed[0], rate_hz))
 
 
-def _left(selection: Selection, known: Passport | None, coords: Sequence[localise.Coordinates]) -> _Left:
-    state = selection.accepted
-    # all that the displacement misses, also where earlier recordings took a part of it off
-    dataset = state.started(Dataset(state.model, state.recordings, monitored=False))
+def _recorded(selection: Selection, known: Passport | None, coords: Sequence[localise.Coordinates]) -> list[_Movement]:
+    """All that the displacement misses, also where earlier recordings took a part of it off."""
+    state, runs = selection.accepted, selection.given.recordings
+    dataset = state.started(Dataset(state.model, runs, monitored=False))
     acting = dataset.predict(state.acting())
-    after = np.array([np.mean(part**2) for part in dataset.split(dataset.measured - acting)])
-    change = np.array([np.mean(part**2) for part in dataset.split(acting - dataset.predict(state.known))])
-    expected = np.full(len(after), np.mean(after)) if known is None else \
-        np.array([np.mean(passport.expected_um(known, at) ** 2) for at in coords])
-    return _Left(after, expected, change, np.array(dataset.lengths, float))
+    given = dataset if state.model is selection.given.model else Dataset(selection.given.model, runs, monitored=False)
+    plain = given.predict(state.known)
+    parts = zip(runs, coords, *(dataset.split(one) for one in (dataset.measured - plain, dataset.measured - acting,
+                                                               acting - plain)))
+    return [_Movement(len(run), float(np.mean(before**2)), _bands(after, run.sample_rate_hz),
+                      _bands(change, run.sample_rate_hz), _expected(known, at, after, run.sample_rate_hz))
+            for run, at, before, after, change in parts]

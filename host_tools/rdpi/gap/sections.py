@@ -128,9 +128,9 @@ class Promise(Document):
     ci90: Interval | None = json_key("90 % interval of shrink; null: see why_no_interval", high=1)
     why_no_interval: str | None = json_key("why ci90 is null; null: it is not")
     tracking: TrackingPromise | None = json_key(
-        "what the inverse of the improved model promises beside that of the given one: for the references of "
-        "--reference, else for the movements of the recordings; all that the model misses counts, with --earlier too; "
-        "null: no effect was accepted, or a model has no inverse", omitted=True)
+        "what the inverse of the improved model promises beside that of the given one, for the references of "
+        "--reference; all that the model misses counts, with --earlier too; without the key, no reference was given, "
+        "no effect was accepted, or a model has no inverse", omitted=True)
 
 
 @dataclass(kw_only=True)

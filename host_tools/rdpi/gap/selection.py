@@ -124,6 +124,7 @@ class Selection:
     accepted: AugmentedModel  # one of them, by the verdict
     rounds: tuple[Round, ...]
     without: frozenset[str]  # effects that were not to be tried
+    states: tuple[AugmentedModel, ...]  # before the first round, and with the best of every further one
 
     @property
     def detection(self) -> float:
@@ -155,6 +156,10 @@ class Selection:
     def rejecting_all(self) -> Selection:
         """The same with no effect accepted."""
         return replace(self, accepted=self.given)
+
+    def rejecting_last(self) -> Selection:
+        """The same without the effect that was accepted last."""
+        return replace(self, accepted=self.states[len(self.accepted.chosen) - 1])
 
     def final(self, done: Round) -> Candidate:
         """The best of a round as it was fitted together with those of the others, the model as it was."""
@@ -202,8 +207,9 @@ def excess(given: AugmentedModel, known: Passport | None, coords: Sequence[local
 def select(given: AugmentedModel, gap: Excess, without: Sequence[str] = (),
            progress: Progress = lambda fraction: None) -> Selection:
     """Forward selection: the best effect joins as long as it explains what is not excused yet."""
-    state, rounds = given, []
-    while len(state.chosen) < thresholds.MOST_EFFECTS:
+    states, rounds = [given], []
+    while len(states) <= thresholds.MOST_EFFECTS:
+        state = states[-1]
         left = float(np.sum(state.residual**2)) - state.excused()
         if rounds and left < thresholds.FURTHER_RATIO**2 * gap.floor:
             break
@@ -211,9 +217,9 @@ def select(given: AugmentedModel, gap: Excess, without: Sequence[str] = (),
         rounds.append(done)
         if done.best is None:
             break
-        state = state.accept(done.best.candidate) if done.model_move is None else \
-            state.refit(done.best.candidate, done.model_move)
-    return Selection(given, state, state, tuple(rounds), frozenset(without))
+        states.append(state.accept(done.best.candidate) if done.model_move is None else
+                      state.refit(done.best.candidate, done.model_move))
+    return Selection(given, states[-1], states[-1], tuple(rounds), frozenset(without), tuple(states))
 
 
 def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),

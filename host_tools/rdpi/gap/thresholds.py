@@ -56,7 +56,11 @@ WIDEN = 1.3  # [width] by which bootstrapped intervals are widened; coverage
 REFIT_FREEDOM = 0.2  # [slope] standard deviation of a slope's prior when the model is refitted; judged
 CORRELATED = 30  # [samples] of the residual that count as one: what the model misses is no white noise; judged
 REACH = 0.5  # [change] share of a candidate's change, as far as its Jacobian is taken to hold; judged
-TRACKED_SPREAD = 0.25  # [ln] scatter of what no effect explains, from recordings to tracked references; rigs
+TRACKED_LEVEL = 0.6  # [of the squares] that recordings and passport leave unexplained, in tracked references; rigs
+TRACKED_SPREAD = 0.35  # [ln] scatter of the rms of that; rigs
+TRACKED_SCATTER = 0.08  # [1] of the shrink beside that: effects that have another name; rigs
+MOST_BEYOND = 1.0  # [of the change] in an octave, that no effect explains; rigs
+TRACKED_WORSE = 0.02  # [1] by which tracking may get worse as promised, before an effect is left out; rigs
 
 # --- has the zero moved?
 ZERO_AGREES = 4.0  # [scatter] of zeros, from which their mean is carried over to the improved model; rigs

@@ -1,0 +1,92 @@
+"""The promise of `rdpi gap` for tracking, against what the inverses of both models then make of the actuator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from injected import LATER, RATE_HZ, commissioned, drives, entry, plain_model, recorded
+
+from rdpi import BadInput
+from rdpi.data import Recording
+from rdpi.gap import diagnose, promise
+from rdpi.gap.sections import TrackingPromise
+from rdpi.model import Model
+from rdpi.simulate import chain
+
+LAG = entry("lag", time_constant_s=0.004)
+
+
+def sines(*frequencies_hz: float) -> Recording:
+    """A reference over half of the stroke, about its middle."""
+    t = np.arange(3000) / RATE_HZ
+    stroke_um, offset_um = commissioned().stroke_um, commissioned().offset_um
+    wave = sum(np.sin(2 * np.pi * f * t) for f in frequencies_hz) / len(frequencies_hz)
+    return Recording("reference.csv", {"sample_rate_hz": f"{RATE_HZ:g}"},
+                     {"time_s": t, "reference_um": offset_um + stroke_um * (0.5 + 0.25 * wave)})
+
+
+def tracking_um(model: Model, reference: Recording, *effects: dict) -> float:
+    """rms error of the plain actuator with these effects behind the model's inverse, mean removed."""
+    drive_V = chain.follow(model, reference)[0].drive_V.astype(float)
+    driven = replace(reference, columns={**reference.columns, "command_V": drive_V}, metadata={
+        **reference.metadata, "memory": "reset"})
+    (shown,) = chain.simulate(replace(plain_model(), effects=list(effects)), [driven])
+    return float(np.std(shown.predicted_um - reference.reference_um))
+
+
+def test_the_promise_comes_true() -> None:
+    """More is promised for a faster reference, and what comes is within the interval."""
+    runs, promises = recorded(plain_model(), drives(LATER), LAG), []
+    for reference in (sines(2.0), sines(5.0, 13.0)):
+        found = diagnose(commissioned(), runs, references=[reference])
+        promised = found.document.promised.tracking
+        before, after = (tracking_um(model, reference, LAG) for model in (commissioned(), found.improved))
+        assert promised.shrink == pytest.approx(1 - after / before, abs=0.25) and promised.ci90[1] <= 1
+        promises.append(promised.shrink)
+    assert promises[0] < promises[1]
+
+
+def test_there_is_no_promise_without_reference_effect_or_interval() -> None:
+    runs, reference = recorded(plain_model(), drives(LATER), LAG), [sines(5.0)]
+    assert diagnose(commissioned(), runs).document.promised.tracking is None
+    none = recorded(plain_model(), drives(LATER))
+    assert diagnose(commissioned(), none, references=reference).document.promised.tracking is None
+    assert diagnose(commissioned(), runs[2:3], references=reference).document.promised.tracking.ci90 is None
+    promised = [diagnose(model, runs, references=reference).document.promised.tracking.shrink
+                for model in (commissioned(), replace(commissioned(), passport=None))]
+    assert promised[0] == pytest.approx(promised[1], abs=0.3)
+
+
+def test_a_reference_may_have_gaps_but_must_be_one() -> None:
+    runs, whole = recorded(plain_model(), drives(LATER), LAG), sines(5.0)
+    holes = whole.reference_um.copy()
+    holes[100:103] = np.nan
+    broken = replace(whole, columns={**whole.columns, "reference_um": holes})
+    promised = [diagnose(commissioned(), runs, references=[one]).document.promised.tracking.shrink
+                for one in (whole, broken)]
+    assert promised[0] == pytest.approx(promised[1], abs=0.05)
+    with pytest.raises(BadInput, match="reference_um"):
+        diagnose(commissioned(), runs, references=runs[:1])
+
+
+def test_what_would_track_worse_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = recorded(plain_model(), drives(LATER), LAG)
+    worse = TrackingPromise(shrink=-0.5, ci90=None)
+    real = promise.tracking
+    monkeypatch.setattr(promise, "tracking", lambda selection, *others: real(selection, *others) and worse)
+    assert diagnose(commissioned(), runs).document.effects, "only asked for references"
+    found = diagnose(commissioned(), runs, references=[sines(5.0)])
+    assert found.document.verdict == "unknown" and not found.document.effects
+    assert found.improved.effects == commissioned().effects and found.document.promised.tracking is None
+    assert any(note.startswith("lag would explain more") and "worse by 50 %" in note for note in found.document.notes)
+
+
+def test_the_zero_stays_where_a_refitted_model_lies() -> None:
+    """With earlier recordings, the improved model misses on average what was missed before the change."""
+    before, after = (recorded(plain_model(), drives(LATER), *which, seed=k) for k, which in enumerate(((), (LAG,))))
+    found = diagnose(commissioned(), after, earlier=before)
+    then, now = ([np.mean(run.displacement_um - one.predicted_um) for run, one in zip(runs, chain.simulate(model, runs))]
+                 for model, runs in ((commissioned(), before), (found.improved, after)))
+    assert np.mean(now) == pytest.approx(np.mean(then), abs=0.005 * commissioned().stroke_um)
