@@ -1,0 +1,45 @@
+/* A bare Cortex-M33 with floating-point unit: its own SysTick, no vendor's library. Your start-up code calls run_axis,
+ * your vector table names SysTick_Handler, and you write write_dac.
+ *
+ * Registers: Armv8-M Architecture Reference Manual (DDI 0553): SYST_CSR, SYST_RVR, SYST_CVR, CPACR. */
+#include "axis.h"
+
+#if RDPI_PARAMS_DAC_BITS == 0
+#error "fit with --dac-bits, the bits of your DAC"
+#endif
+
+#define RATE_HZ 1000u
+#define CORE_HZ 20000000u
+
+#define SYST_CSR (*(volatile uint32_t *)0xE000E010u)
+#define SYST_RVR (*(volatile uint32_t *)0xE000E014u)
+#define SYST_CVR (*(volatile uint32_t *)0xE000E018u)
+#define CPACR (*(volatile uint32_t *)0xE000ED88u)
+
+void write_dac(uint32_t code); /* yours */
+void SysTick_Handler(void);
+bool run_axis(void);
+
+static uint32_t code;
+
+/* The core saves the floating-point registers by itself. SysTick does not count what it misses: this handler must take
+ * less than a period. */
+void SysTick_Handler(void)
+{
+    write_dac(code);
+    code = axis_next(0);
+}
+
+bool run_axis(void)
+{
+    CPACR |= 0xFu << 20; /* the unit is off after reset; your start-up code may have done it */
+    __asm__ volatile("dsb\n\tisb" ::: "memory");
+    if (axis_start(RATE_HZ) != RDPI_OK) {
+        return false;
+    }
+    code = axis_first_code();
+    SYST_RVR = CORE_HZ / RATE_HZ - 1u;
+    SYST_CVR = 0u;
+    SYST_CSR = 7u; /* core clock, interrupt, on */
+    return true;
+}

@@ -1,0 +1,4 @@
+#pragma once
+#include <stdbool.h>
+typedef unsigned int uint;
+void gpio_put(uint gpio, bool value);

@@ -1,0 +1,163 @@
+"""The examples of "Your project, not ours", compiled for their cores and run in emulators, with stand-ins for their SDKs.
+
+The stand-ins in sdk/ declare what the examples call; main_*.c play it. No vendor's SDK is here.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parent
+OWN = ROOT / "examples/own"
+STRICT = "-std=gnu11 -O2 -ffp-contract=off -Wall -Wextra -Wconversion -Wshadow -Wno-unused-function -Werror".split()
+M0 = ["-mcpu=cortex-m0plus", "-mthumb"]
+M33 = ["-mcpu=cortex-m33", "-mthumb", "-mfpu=fpv5-sp-d16", "-mfloat-abi=hard"]
+RV32 = ["-march=rv32imc", "-mabi=ilp32", "-misa-spec=2.2", "--specs=picolibc.specs"]
+
+
+@dataclass
+class Target:
+    """An example and where it runs."""
+
+    compiler: list[str]
+    machine: list[str]
+    sdk: str
+    flash: str = "0"
+    ram: str = "0x20000000"
+    engine: str = "q31"
+    dac_bits: int = 16
+
+
+TARGETS = {
+    "rp2040": Target(["arm-none-eabi-gcc", *M0], ["qemu-system-arm", "-M", "microbit"], "pico"),
+    "stm32g0": Target(["arm-none-eabi-gcc", *M0], ["qemu-system-arm", "-M", "microbit"], "stm32g0", dac_bits=12),
+    "esp32c3": Target(["riscv64-unknown-elf-gcc", *RV32], ["qemu-system-riscv32", "-M", "virt", "-bios", "none"], "esp_idf"),
+    "cortex_m33": Target(["arm-none-eabi-gcc", *M33], ["qemu-system-arm", "-M", "mps2-an505"], "", "0x10000000", "0x38000000",
+                         "f32"),
+}
+
+
+def run(*command: object) -> str:
+    """What a program says; QEMU puts what picolibc prints on its standard error."""
+    done = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                          timeout=60)
+    assert done.returncode == 0, f"{command}\n{done.stdout}"
+    return done.stdout
+
+
+def linked(target: Target, work: Path) -> list[object]:
+    """What the linker needs of the emulated machine: start-up code and memories."""
+    if target.machine[0] == "qemu-system-riscv32":
+        return ["--oslib=semihost", "--crt0=hosted", "-Wl,--defsym=__flash=0x80000000", "-Wl,--defsym=__flash_size=4M",
+                "-Wl,--defsym=__ram=0x80400000", "-Wl,--defsym=__ram_size=4M"]
+    script = (ROOT / "port/cortex_m/cortex_m.ld").read_text()
+    assert "ORIGIN = 0x20000000" in script
+    (work / "machine.ld").write_text(script.replace("ORIGIN = 0x20000000", f"ORIGIN = {target.ram}"))
+    return [ROOT / "tests/emulator/board.c", "--specs=rdimon.specs", "-nostartfiles", "-T", work / "machine.ld",
+            "-Wl,--gc-sections", f"-Wl,--defsym=flash_origin={target.flash}", "-Wl,--defsym=flash_size=256K",
+            "-Wl,--defsym=ram_size=16K"]
+
+
+def codes_of(name: str, params: Path, work: Path) -> list[int]:
+    """The codes that an example's DAC gets."""
+    target = TARGETS[name]
+    includes = [f"-I{folder}" for folder in (ROOT / "lib/include", params, OWN, HERE / "sdk" / target.sdk)]
+    objects = []
+    for source in (OWN / f"{name}.c", OWN / "axis.c"):
+        objects.append(work / f"{source.stem}.o")
+        run(*target.compiler, *STRICT, *includes, "-c", source, "-o", objects[-1])
+    image = work / "image"
+    run(*target.compiler, "-std=gnu11", "-O2", "-ffp-contract=off", "-ffunction-sections", *includes, *objects,
+        *sorted((ROOT / "lib/src").glob("*.c")), HERE / f"main_{name}.c", *linked(target, work), "-o", image)
+    said = run(*target.machine, "-nographic", "-monitor", "none", "-serial", "none", "-semihosting", "-kernel", image)
+    return [int(line) for line in said.split()]
+
+
+def parameters(dac_bits: int, work: Path) -> Path:
+    """A model file for a DAC of that many bits, with rdpi_params.h beside it."""
+    model = json.loads((ROOT / "examples/track/params/model.json").read_text())
+    model["drive"]["dac_bits"] = dac_bits
+    (work / "model.json").write_text(json.dumps(model))
+    run(sys.executable, "-m", "rdpi", "header", work / "model.json", "-o", work / "rdpi_params.h")
+    return work
+
+
+def host_codes(target: Target, work: Path) -> list[int]:
+    """The codes by `rdpi compensate`, after the sweep."""
+    height = 160 - np.abs(np.arange(400) % 320 - 160)
+    if target.engine == "f32":
+        reference_um = (np.float32(0.05) * height.astype(np.float32)).astype(float)
+    else:
+        header = (work / "rdpi_params.h").read_text()
+        per_um = float(re.search(r"\(\(int32_t\)\(\(\(double\)\(um\) - \(0\.0\)\) \* \((\S+)\)", header)[1])
+        reference_um = int(0.05 * per_um + 0.5) * height / per_um
+    rows = [f"{k / 1000!r},{um!r}" for k, um in enumerate(reference_um.tolist())]
+    (work / "reference.csv").write_text("\n".join(["time_s,reference_um", *rows, ""]))
+    run(sys.executable, "-m", "rdpi", "compensate", "--sweep", "--engine", target.engine, work / "model.json",
+        work / "reference.csv", "-o", work / "drive.csv")
+    with (work / "drive.csv").open() as file:
+        return [int(row["dac_code"]) for row in csv.DictReader(line for line in file if not line.startswith("#"))]
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_the_dac_gets_the_codes_of_the_host(tmp_path: Path, name: str) -> None:
+    params = parameters(TARGETS[name].dac_bits, tmp_path)
+    codes, expected = codes_of(name, params, tmp_path), host_codes(TARGETS[name], tmp_path)
+    assert len(set(expected)) > 100 and len(codes) > 800
+    begin = next(k for k in range(len(codes) - 399) if codes[k:k + 400] == expected)
+    swept = codes[:begin]
+    assert min(swept) == 0 and max(swept) == 2 ** TARGETS[name].dac_bits - 1  # the sweep went from end to end
+
+
+def test_another_dac_is_refused(tmp_path: Path) -> None:
+    params = parameters(12, tmp_path)
+    with pytest.raises(AssertionError, match="fit with --dac-bits 16"):
+        codes_of("rp2040", params, tmp_path)
+
+
+def test_lost_samples_count_as_time(tmp_path: Path) -> None:
+    """axis.c on this computer, in both kinds of numbers: every third sample of a ramp has no call of its own."""
+    params = parameters(16, tmp_path)
+    main = tmp_path / "main.c"
+    main.write_text(r"""
+        #include <stdio.h>
+        #include "axis.h"
+        static uint32_t latest;
+        axis_reference_t axis_reference(uint32_t sample)
+        {
+            latest = sample + 1;
+            return AXIS_UM(0.1) * (axis_reference_t)sample;
+        }
+        int main(void)
+        {
+            if (axis_start(1000) != RDPI_OK) {
+                return 1;
+            }
+            while (latest == 0) {
+                axis_next(0); /* the sweep, and the first reference */
+            }
+            for (int k = 0; k < 60; k++) {
+                unsigned code = axis_next(k % 2);
+                printf("%u %u\n", (unsigned)latest, code);
+            }
+        }""")
+    for q31 in (0, 1):
+        program = tmp_path / f"program{q31}"
+        run("cc", f"-DAXIS_Q31={q31}", f"-I{ROOT / 'lib/include'}", f"-I{params}", f"-I{OWN}", main, OWN / "axis.c",
+            *sorted((ROOT / "lib/src").glob("*.c")), "-o", program)
+        samples, codes = np.array([line.split() for line in run(program).splitlines()], int).T
+        assert samples[-1] == 1 + 60 + 30
+        per_sample = np.diff(codes)[10:] / np.diff(samples)[10:]
+        assert set(np.diff(samples)) == {1, 2}
+        steepness = per_sample[1:] / per_sample[:-1]  # 1 but where a play engages; a wrong rate makes it go up and down
+        assert 0.7 < steepness.min() and steepness.max() < 1.2
