@@ -11,7 +11,7 @@ import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rdpi.fit import FitDocument
+from rdpi.identify import FitDocument
 from rdpi.gap import GapDocument
 from rdpi.model import Document, Model, schema
 
@@ -43,7 +43,7 @@ FORMATS = (
     Format(Model, "rdpi/model/schemas/rdpi-model-1.json", "Model file",
            "`rdpi fit -o MODEL.json` writes it, and `rdpi gap -o IMPROVED.json` with the effects that were found. "
            "Reading refuses every model that the firmware would refuse; the schema alone does not."),
-    Format(FitDocument, "rdpi/fit/schemas/rdpi-fit-1.json", "Fit document",
+    Format(FitDocument, "rdpi/identify/schemas/rdpi-fit-1.json", "Fit document",
            "`rdpi fit --json FILE` writes it, and `rdpi fit --report DIR` as `fit.json`."),
     Format(GapDocument, "rdpi/gap/schemas/rdpi-gap-1.json", "Gap document",
            "`rdpi gap --json FILE` writes it, and `rdpi gap --report DIR` as `gap.json`."))

@@ -1,8 +1,20 @@
-"""Rate-dependent hysteresis models of piezoelectric actuators and their exact inverses: the host tools."""
+"""Rate-dependent hysteresis models of piezoelectric actuators and their exact inverses: the host tools.
+
+`rdpi.api` documents the Python interface. Its names are here too, and are loaded when they are first used.
+"""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 from .errors import BadInput as BadInput
+
+if TYPE_CHECKING:
+    from .api import (Diagnosis as Diagnosis, Model as Model, Recording as Recording, diagnose as diagnose, fit as fit,
+                      read_recording as read_recording)
+
+_LATER = "Diagnosis", "Model", "Recording", "diagnose", "fit", "read_recording"
+__all__ = ["BadInput", "version", *_LATER]
 
 
 def version() -> str:
@@ -13,3 +25,15 @@ def version() -> str:
         return installed("rdpi")
     except PackageNotFoundError:
         return "unknown"
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module 'rdpi' has no attribute {name!r}")
+    from . import api
+
+    return getattr(api, name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LATER})

@@ -8,7 +8,7 @@ import numpy as np
 from plants import Plant, quasi_static, rate_of, recording, stack, waves
 
 from rdpi.data import Recording
-from rdpi.fit.identify import Fit, Options, fit
+from rdpi.identify.identify import Fit, Options, fit
 
 SPAN_V = 90.0
 STATIC = Options(rate_independent=True)

@@ -10,7 +10,7 @@ import numpy as np
 from plants import changed, model_of, recording, stack
 
 from rdpi.data import Recording, excite
-from rdpi.fit import Options, fit
+from rdpi.identify import Options, fit
 from rdpi.model import Drive, Model, Rate
 from rdpi.simulate import chain
 from rdpi.simulate.effects import CATALOGUE

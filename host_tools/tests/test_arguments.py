@@ -17,7 +17,7 @@ from rdpi import firmware
 from rdpi.data import Recording
 from rdpi.errors import BadInput
 from rdpi.firmware import header
-from rdpi.fit import Options, identify
+from rdpi.identify import Options, identify
 from rdpi.gap import diagnosis as gap
 from rdpi.model import Model
 from rdpi.simulate import chain

@@ -13,10 +13,10 @@ from plants import changed, stack
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.fit import Options, fit
-from rdpi.fit.around import lines
-from rdpi.fit.hypothesis import Setting
-from rdpi.fit.identify import Fit
+from rdpi.identify import Options, fit
+from rdpi.identify.around import lines
+from rdpi.identify.hypothesis import Setting
+from rdpi.identify.identify import Fit
 from rdpi.model import Model
 from rdpi.simulate import ALL, chain, inverse_of
 

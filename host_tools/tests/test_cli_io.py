@@ -221,7 +221,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("module", ["rdpi.cli", "click", "numpy", "rdpi.fit.identify", "scipy"])
+@pytest.mark.parametrize("module", ["rdpi.cli", "click", "numpy", "rdpi.identify.identify", "scipy"])
 def test_ctrl_c_while_modules_are_loaded(module: str, tmp_path: Path) -> None:
     """They are loaded for longer than small work takes."""
     (tmp_path / "run.csv").write_text("time_s,command_V,displacement_um\n"

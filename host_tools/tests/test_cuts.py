@@ -31,7 +31,7 @@ from streams import samples
 from rdpi.board import Decoder
 from rdpi.cli import main
 from rdpi.data import Recording, atomic_write, make_folder, read_recording, write_recording
-from rdpi.fit import identify
+from rdpi.identify import identify
 from rdpi.gap import diagnosis as gap
 from rdpi.model import write_model
 from rdpi.simulate.effects import CATALOGUE

@@ -20,7 +20,7 @@ from jsonschema import Draft202012Validator
 
 from rdpi.data import write_recording
 from rdpi.errors import BadInput
-from rdpi.fit import FitDocument
+from rdpi.identify import FitDocument
 from rdpi.gap import GapDocument, diagnose
 from rdpi.model import Document, Passport, json_key, schema
 

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from plants import changed, quasi_static, stack, waves
 
 from rdpi.data import Recording
-from rdpi.fit import localise
-from rdpi.fit.identify import Fit, Options, fit
-from rdpi.fit.report import drawing
-from rdpi.fit.report.page import WITH, WITHOUT, _loop_figure, _sides, _spectrum, _tables, _time_figure, page_of
+from rdpi.identify import localise
+from rdpi.identify.identify import Fit, Options, fit
+from rdpi.identify.report import drawing
+from rdpi.identify.report.page import WITH, WITHOUT, _loop_figure, _sides, _spectrum, _tables, _time_figure, page_of
 from rdpi.simulate import chain
 
 RATE_HZ = 2000.0

@@ -19,7 +19,7 @@ from plants import changed, marked, recording
 
 from rdpi.data import Recording, excite, sample_times
 from rdpi.errors import BadInput
-from rdpi.fit import Options, fit
+from rdpi.identify import Options, fit
 from rdpi.gap import Diagnosis, diagnose
 from rdpi.model import Memory, Model
 from rdpi.simulate import chain, effects

@@ -15,7 +15,7 @@ from plants import changed
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.fit import localise, passport
+from rdpi.identify import localise, passport
 from rdpi.gap import Diagnosis, candidates, diagnose, experiment
 from rdpi.gap.augmented import AugmentedModel
 from rdpi.gap.candidates import Candidate, search

@@ -21,9 +21,9 @@ from matplotlib.figure import Figure
 from plants import changed
 
 from rdpi.data import Recording, sample_times
-from rdpi.fit.localise import DIRECTIONS, Axis, Table
+from rdpi.identify.localise import DIRECTIONS, Axis, Table
 from rdpi.gap import diagnose
-from rdpi.fit.report import drawing, numbers
+from rdpi.identify.report import drawing, numbers
 from rdpi.gap.report import page as gap_report, pictures as gap_pictures, words as gap_words
 from rdpi.gap.report.pictures import Pictures
 from rdpi.gap.sections import GapDocument

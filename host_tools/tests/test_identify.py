@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from plants import changed, marked, rate_of, recording, slopes_um_per_V, stack, thresholds_um, waves
 
 from rdpi.errors import BadInput
-from rdpi.fit import thresholds
-from rdpi.fit.bands import rate_slopes
-from rdpi.fit.identify import Options, fit
+from rdpi.identify import thresholds
+from rdpi.identify.bands import rate_slopes
+from rdpi.identify.identify import Options, fit
 from rdpi.model import Drive
 
 

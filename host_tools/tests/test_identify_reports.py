@@ -13,8 +13,8 @@ from plants import changed, marked, quasi_static, stack, thresholds_um, waves
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.fit import passport
-from rdpi.fit.identify import FOLDS, Fit, Options, fit
+from rdpi.identify import passport
+from rdpi.identify.identify import FOLDS, Fit, Options, fit
 from rdpi.simulate import chain
 
 

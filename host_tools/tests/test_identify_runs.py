@@ -8,7 +8,7 @@ from fitted import NOISE_UM, STATIC, moving_runs, percent, static_fit, static_ru
 from plants import changed, marked, quasi_static, rate_of, slopes_um_per_V, stack, thresholds_um, waves
 
 from rdpi.errors import BadInput
-from rdpi.fit.identify import Options, fit
+from rdpi.identify.identify import Options, fit
 from rdpi.simulate import chain
 
 

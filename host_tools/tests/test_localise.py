@@ -9,9 +9,9 @@ import pytest
 from plants import marked, rate_of, recording, waves
 
 from rdpi.data import Recording
-from rdpi.fit import localise, passport
-from rdpi.fit.localise import BINS, UNITS, Axis, coordinates, dominant, table, turning_points
-from rdpi.fit.passport import FITTED, Residual
+from rdpi.identify import localise, passport
+from rdpi.identify.localise import BINS, UNITS, Axis, coordinates, dominant, table, turning_points
+from rdpi.identify.passport import FITTED, Residual
 
 RATE_HZ = 1000.0
 NOISE_UM = 0.004

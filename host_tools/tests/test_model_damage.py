@@ -18,7 +18,7 @@ from plants import changed, recording, waves
 from rdpi.data import Recording, write_recording
 from rdpi.errors import BadInput
 from rdpi.firmware import header
-from rdpi.fit import checks, localise, passport
+from rdpi.identify import checks, localise, passport
 from rdpi.model import Model, read_model
 from rdpi.simulate import chain
 

@@ -18,9 +18,9 @@ from plants import model_of, rate_of, recording, stack, waves
 
 from rdpi.data import Recording, excite, sample_times
 from rdpi.errors import BadInput
-from rdpi.fit import localise, passport, thresholds
-from rdpi.fit.identify import Fit, fit
-from rdpi.fit.passport import FITTED, LEFT_OUT, OTHER_RUNS, Residual
+from rdpi.identify import localise, passport, thresholds
+from rdpi.identify.identify import Fit, fit
+from rdpi.identify.passport import FITTED, LEFT_OUT, OTHER_RUNS, Residual
 from rdpi.model import Model, Passport, read_model, write_model
 from rdpi.simulate import chain
 

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from plants import quasi_static, rate_of, recording, stack, waves
 
 from rdpi.data import Recording
-from rdpi.fit import report
-from rdpi.fit.report import figure as drawn_figure
-from rdpi.fit.identify import Fit, Options, fit
+from rdpi.identify import report
+from rdpi.identify.report import figure as drawn_figure
+from rdpi.identify.identify import Fit, Options, fit
 from rdpi.simulate import chain
 
 

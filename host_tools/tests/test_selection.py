@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from injected import commissioned, drives, entry, plain_model, recorded
 
-from rdpi.fit import localise, passport
+from rdpi.identify import localise, passport
 from rdpi.gap import selection, thresholds
 from rdpi.gap.augmented import AugmentedModel
 from rdpi.gap.candidates import Candidate

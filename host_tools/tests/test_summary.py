@@ -11,10 +11,10 @@ import pytest
 from test_chain import paper_model, run_after
 
 from rdpi.errors import BadInput
-from rdpi.fit import report, summary
-from rdpi.fit.bands import RateSlopes
-from rdpi.fit.identify import Fit, RunScore
-from rdpi.fit.sweep_start import SweepStart
+from rdpi.identify import report, summary
+from rdpi.identify.bands import RateSlopes
+from rdpi.identify.identify import Fit, RunScore
+from rdpi.identify.sweep_start import SweepStart
 from rdpi.simulate import chain
 
 

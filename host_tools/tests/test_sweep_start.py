@@ -14,8 +14,8 @@ from test_chain import paper_model, recording
 from rdpi import firmware
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.fit import fit
-from rdpi.fit.sweep_start import sweep_start
+from rdpi.identify import fit
+from rdpi.identify.sweep_start import sweep_start
 from rdpi.model import Model, operators, read_model, swept_states, write_model
 from rdpi.simulate import chain
 

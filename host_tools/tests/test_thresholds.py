@@ -10,11 +10,11 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-import rdpi.fit.thresholds
+import rdpi.identify.thresholds
 import rdpi.gap.thresholds
-from rdpi.fit.regression import prior
+from rdpi.identify.regression import prior
 
-ROOMS = [rdpi.fit.thresholds, rdpi.gap.thresholds]
+ROOMS = [rdpi.identify.thresholds, rdpi.gap.thresholds]
 
 
 def names(thresholds: ModuleType) -> list[str]:
@@ -50,5 +50,5 @@ def test_each_is_read_when_it_is_used(thresholds: ModuleType) -> None:
 @pytest.mark.parametrize("name", ["PRIOR_BEND", "PRIOR_RATE_BEND", "PRIOR_RATE", "PRIOR_SATURATION"])
 def test_the_prior_that_is_kept_follows_its_weights(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     before = np.linalg.norm(prior(5, 10, 2)[0])
-    monkeypatch.setattr(rdpi.fit.thresholds, name, 2 * getattr(rdpi.fit.thresholds, name))
+    monkeypatch.setattr(rdpi.identify.thresholds, name, 2 * getattr(rdpi.identify.thresholds, name))
     assert np.linalg.norm(prior(5, 10, 2)[0]) > before

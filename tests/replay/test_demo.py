@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rdpi.data import Recording, excite
-from rdpi.fit import Options, fit
+from rdpi.identify import Options, fit
 from rdpi.simulate import chain
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -28,7 +28,7 @@ import numpy as np  # noqa: E402
 from actuators import FORMS, RICH, Put  # noqa: E402
 from cases import Bench  # noqa: E402
 from rdpi.data import Recording  # noqa: E402
-from rdpi.fit import localise, passport  # noqa: E402
+from rdpi.identify import localise, passport  # noqa: E402
 from rdpi.gap import GapDocument, diagnose  # noqa: E402
 from rdpi.gap.candidates import search  # noqa: E402
 from rdpi.gap.dataset import Dataset  # noqa: E402

@@ -5,7 +5,7 @@
     .venv/bin/python tests/withheld/thresholds.py build/tune --cases 24
     .venv/bin/python tests/withheld/thresholds.py build/tune --cases 24 --fit --only REPEATS
 
-Printed, per threshold of `rdpi.gap.thresholds` (with --fit: of `rdpi.fit.thresholds`) and per factor: the figures
+Printed, per threshold of `rdpi.gap.thresholds` (with --fit: of `rdpi.identify.thresholds`) and per factor: the figures
 below, of the first cases of a set that check.py has generated. Case names are random, so the first are a random sample.
 
   detected  of cases with an effect of rho 1 or more: a gap was reported
@@ -42,8 +42,8 @@ import score  # noqa: E402
 from cases import Case, read_labels  # noqa: E402
 
 from rdpi.data import read_recording  # noqa: E402
-from rdpi.fit import Options, fit, passport  # noqa: E402
-from rdpi.fit import thresholds as of_fit  # noqa: E402
+from rdpi.identify import Options, fit, passport  # noqa: E402
+from rdpi.identify import thresholds as of_fit  # noqa: E402
 from rdpi.gap import diagnosis, selection  # noqa: E402
 from rdpi.gap import thresholds as of_gap  # noqa: E402
 from rdpi.gap.augmented import AugmentedModel  # noqa: E402
@@ -228,7 +228,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="a set that check.py has generated")
     parser.add_argument("--cases", type=int, default=24, metavar="N", help="default: %(default)s")
     parser.add_argument("--only", action="append", metavar="NAME", help="this threshold; repeatable")
-    parser.add_argument("--fit", action="store_true", help="thresholds of rdpi.fit instead of rdpi.gap")
+    parser.add_argument("--fit", action="store_true", help="thresholds of rdpi.identify instead of rdpi.gap")
     given = parser.parse_args()
     thresholds = of_fit if given.fit else of_gap
     if unknown := set(given.only or ()) - set(names(thresholds)):

@@ -161,7 +161,7 @@ def score(runs: tuple[str, ...], remove_offset: bool, max_rms_percent: float | N
     peak-to-peak of each run's reference. The delay is that with which the displacement follows the reference best.
     """
     from ..data import read_recording
-    from ..fit import report as reports
+    from ..identify import report as reports
     from ..simulate import scoring, tracking
 
     recordings = [read_recording(path, required=tracking.COLUMNS) for path in runs]

@@ -58,7 +58,7 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
     amplitudes whose memory is known (metadata memory: reset). `rdpi excite commission` makes the drive for them.
     """
     from ..data import make_folder, read_recording
-    from ..fit import Options, fit as identify, summary
+    from ..identify import Options, fit as identify, summary
     from ..model import write_model
 
     with progress("fitting") as report_progress:
@@ -87,7 +87,7 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
 def plot(model: str, runs: tuple[str, ...], output: str) -> dict[str, Any]:
     """Plot loops, slopes against rate, the worst part of the prediction, and the residual."""
     from ..data import read_recording
-    from ..fit import rate_slopes, report
+    from ..identify import rate_slopes, report
     from ..model import read_model
     from ..simulate import chain
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import excite
+from . import arguments, excite
 from .excite import Limits, make_drive
 from .files import atomic_write, content, make_folder, read_bytes, sync_folder, write_all
 from .importer import ROLES, Request, import_recording
@@ -11,6 +11,6 @@ from .recording import (MIN_SAMPLES, RATE_TOLERANCE, RUN_COLUMNS, GrowingRecordi
                         read_recording, sample_times, taken, write_recording)
 
 __all__ = ["MIN_SAMPLES", "RATE_TOLERANCE", "ROLES", "RUN_COLUMNS", "GrowingRecording", "Limits", "Recording",
-           "Request", "atomic_write", "check_outputs", "check_sizes", "check_targets", "content", "excite",
+           "Request", "arguments", "atomic_write", "check_outputs", "check_sizes", "check_targets", "content", "excite",
            "import_recording", "is_device", "make_drive", "make_folder", "read_bytes", "read_recording", "same_file",
            "sample_times", "sync_folder", "taken", "targets", "write_all", "write_recording"]

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import arguments
+from . import arguments
 from ..errors import BadInput
 from .files import atomic_write, read_bytes, write_all
 from .rows import NUMBER, Place, line_of_row, parse_rows, quoted
@@ -42,6 +42,36 @@ class Recording:
     metadata: dict[str, str]
     columns: dict[str, np.ndarray]
     digest: str = field(default="")  # "sha256:…" of the file's bytes
+
+    @classmethod
+    def from_arrays(cls, time_s: Sequence[float] | np.ndarray, command_V: Sequence[float] | np.ndarray,
+                    displacement_um: Sequence[float] | np.ndarray, memory: str = "unknown",
+                    **columns: Sequence[float] | np.ndarray) -> Recording:
+        """A recording of arrays of numbers, all (samples,): times in s, evenly spaced, drive in V, displacement in um.
+
+        `memory` says what the hysteresis remembers at the first sample: "reset", "carried" or "unknown". Further
+        columns carry their unit in their name: monitor_V, temperature_degC.
+
+        Raises BadInput that names the argument, as `read_recording` names the place.
+
+        >>> time_s = np.arange(1000) / 1000
+        >>> command_V = 50 - 50 * np.cos(2 * np.pi * 5 * time_s)
+        >>> run = Recording.from_arrays(time_s, command_V, 0.1 * command_V, memory="reset")
+        >>> len(run), run.sample_time_s, run.memory
+        (1000, 0.001, 'reset')
+        """
+        given = {"time_s": time_s, "command_V": command_V, "displacement_um": displacement_um, **columns}
+        for name in given:
+            if not is_column_name(name):
+                raise BadInput(f"{name!r}: is no name of a column")
+        arrays = {name: arguments.series(values, name) for name, values in given.items()}
+        for name, values in arrays.items():
+            if len(values) != len(arrays["time_s"]):
+                raise BadInput(f"{name}: has {len(values)} values, time_s has {len(arrays['time_s'])}")
+        metadata = {"memory": arguments.one_of(memory, MEMORY, "memory")}
+        check_samples("time_s", arrays, "sample {}".format)
+        check_sizes(arrays, "sample {}".format)
+        return cls("arrays", metadata, {name: values.copy() for name, values in arrays.items()})
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .. import arguments
+from ..data import arguments
 from ..errors import BadInput
 from ..model import Model
 from . import parameters

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from .. import arguments
-from ..data import RUN_COLUMNS, Recording, taken
-from ..fit import checks, localise, passport
+from ..data import RUN_COLUMNS, Recording, arguments, taken
+from ..identify import checks, localise, passport
 from ..model import Model, Passport, records
 from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE

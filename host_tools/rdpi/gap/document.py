@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from .. import version
-from ..fit import localise
+from ..identify import localise
 from ..model import Passport, records
 from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE, STAGES

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..data import Recording, excite
 from ..errors import BadInput
-from ..fit import localise, passport
+from ..identify import localise, passport
 from ..model import Passport
 from ..simulate import effects
 from ..simulate.effects import Acting, Effect

@@ -16,7 +16,7 @@ import numpy as np
 from .. import firmware
 from ..data import Recording
 from ..errors import BadInput
-from ..fit import localise, passport
+from ..identify import localise, passport
 from ..model import Model, Passport
 from ..simulate import chain, effects, inverse_of
 from . import thresholds

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from ..fit import AxisEntry, BeforeAfter
+from ..identify import AxisEntry, BeforeAfter
 from ..model import Document, json_key, records
 
 Interval = tuple[float, float]

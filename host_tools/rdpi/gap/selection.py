@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadInput
-from ..fit import localise, passport
+from ..identify import localise, passport
 from ..model import Passport
 from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE, Effect

@@ -14,7 +14,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .. import arguments, version
+from .. import version
+from ..data import arguments
 from ..errors import BadInput
 from . import validation
 from .curves import along
@@ -104,7 +105,7 @@ class Model(Document):
     """One actuator.
 
     Arrays are float64: thresholds, slopes, slope rates (n + 1,), dead zones and weights (m + 1,). `fit`, `effects` and
-    `passport` are JSON as it was read. What uses them checks them first: fit.checks, simulate.effects, fit.passport.
+    `passport` are JSON as it was read. What uses them checks them first: identify.checks, simulate.effects, identify.passport.
     """
 
     SCHEMA: ClassVar[str] = "rdpi-model/1"

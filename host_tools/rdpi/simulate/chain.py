@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import arguments, firmware
-from ..data import Recording, check_sizes, taken
+from .. import firmware
+from ..data import Recording, arguments, check_sizes, taken
 from ..errors import BadInput
 from ..firmware import Firmware, Steps
 from ..model import LARGEST, Drive, Memory, Model, operators

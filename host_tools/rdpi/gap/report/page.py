@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...data import atomic_write, make_folder
-from ...fit.report import (NONE, base, bracketed, change, environment, given, interval, listed, number, percent, plain,
+from ...identify.report import (NONE, base, bracketed, change, environment, given, interval, listed, number, percent, plain,
                            shrink, shrinks, sized, tight, um)
 from ..sections import GapDocument
 from . import pictures as draw, words

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...data import Recording
-from ...fit.report import base, drawing, drawn, edge_names, plain
+from ...identify.report import base, drawing, drawn, edge_names, plain
 from ..sections import GapDocument, RunEntry
 from .words import AXES, terms
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ...fit import Axis, AxisEntry, Table
+    from ...identify import Axis, AxisEntry, Table
 
 AFTER, INK, NOW, WIDE = drawing.AFTER, drawing.INK, drawing.NOW, drawing.WIDE
 SMALL = 3.4, 2.3  # inches

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...fit import FITTED
-from ...fit.report import (SAME, bin_names, bracketed, change, drawing, given, interval, listed, moved, number, percent,
+from ...identify import FITTED
+from ...identify.report import (SAME, bin_names, bracketed, change, drawing, given, interval, listed, moved, number, percent,
                            plain, quantity, sentence_of, shrinks, sized, times, um, unit_of)
 from ...simulate.effects import CATALOGUE, PARAMETERS
 from ..sections import AcceptedEffect, CandidateEntry, GapDocument, NextExperiment

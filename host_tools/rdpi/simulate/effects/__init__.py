@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ... import arguments
-from ...data import Recording
+from ...data import Recording, arguments
 from ...errors import BadInput
 from ...model import Model, guarded
 from .backlash import Backlash

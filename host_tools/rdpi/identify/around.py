@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .. import arguments
-from ..data import Recording
+from ..data import Recording, arguments
 from ..errors import BadInput
 from ..model import records
 from ..simulate.effects import CATALOGUE, Effect

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import arguments
-from ..data import RUN_COLUMNS, Recording, taken
+from ..data import RUN_COLUMNS, Recording, arguments, taken
 from ..errors import BadInput
 from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, Passport,
                      guarded, records)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import BadInput
+from ..errors import BadInput
 
 
 def series(values: Any, name: str, finite: bool = True) -> np.ndarray:
