@@ -77,8 +77,8 @@ typedef struct {
 } rdpi_f32_line_t;
 typedef struct {
     uint32_t schema, digest;
-    uint16_t plays, deadzones;
-    uint8_t dac_bits, curve_pieces;
+    uint16_t plays;
+    uint8_t deadzones, dac_bits, curve_pieces, noise_shaping;
     uint16_t sweep_cycles;
     rdpi_real_t offset_um;
     rdpi_real_t rate_window_s, rate_filter_s, max_um_per_s, min_slope_ratio;
@@ -150,8 +150,8 @@ typedef struct {
 typedef struct {
     uint32_t schema, digest;
     uint64_t slew_per_us, sweep_per_us;
-    uint16_t plays, deadzones;
-    uint8_t dac_bits, curve_pieces;
+    uint16_t plays;
+    uint8_t deadzones, dac_bits, curve_pieces, noise_shaping;
     uint16_t sweep_cycles;
     uint8_t saturation_shift, inverse_shift, code_shift, drive_shift;
     int16_t guard_exponent;

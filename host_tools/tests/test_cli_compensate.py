@@ -171,6 +171,26 @@ def test_the_models_own_dac(folder: Path, rdpi: Callable) -> None:
     assert json.loads(Path("static.json").read_text())["drive"]["dac_bits"] == 8  # the file is only read
 
 
+@pytest.mark.parametrize("engine", [*ENGINES])
+def test_noise_shaping(engine: str, folder: Path, rdpi: Callable) -> None:
+    """Held between two codes of 5 bits, the actuator is where it shall be in the mean."""
+    change_model(drive=Drive(-20.0, 120.0, None, 5))
+    write_reference("held.csv", np.full(400, 3.21))
+    away_um = []
+    for options in ((), ("--noise-shaping",)):
+        compensated(rdpi, "--engine", engine, *options, source="held.csv")
+        assert rdpi("simulate", "static.json", "drive.csv", "-o", "back.csv").exit_code == 0
+        back_um = read_recording("back.csv", required=("predicted_um",)).columns["predicted_um"]
+        away_um.append(abs(np.mean(back_um[-200:]) - 3.21))
+    assert away_um[1] < 0.01 < 0.05 < away_um[0]
+
+
+@pytest.mark.parametrize("command", ["header", "compensate"])
+def test_noise_shaping_needs_codes(command: str, folder: Path, rdpi: Callable) -> None:
+    words = refusal(rdpi, command, "static.json", None if command == "compensate" else (), "--noise-shaping")
+    assert "--noise-shaping: is only valid with DAC codes, but static.json has no drive.dac_bits" in words
+
+
 def test_compensate_follows_a_recording(folder: Path, rdpi: Callable) -> None:
     """The measured displacement as reference: its own command comes back, and is kept beside the computed one."""
     run = read_recording("large.csv")

@@ -141,8 +141,8 @@ static rdpi_status_t rdpi_f32_check_curve(const rdpi_f32_params_t *params)
 
 static rdpi_status_t rdpi_f32_check_drive(const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
 {
-    if (params->max_V - params->min_V < MIN_SPAN_V || params->slew_V_per_s < 0 ||
-        params->dac_bits > RDPI_MAX_DAC_BITS) {
+    if (params->noise_shaping > RDPI_NOISE_SHAPING || params->max_V - params->min_V < MIN_SPAN_V ||
+        params->slew_V_per_s < 0 || params->dac_bits > RDPI_MAX_DAC_BITS) {
         return RDPI_ERR_DRIVE;
     }
     /* The change per sample must survive rounding anywhere in the range, or the sweep would never arrive. */

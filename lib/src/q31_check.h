@@ -102,7 +102,7 @@ static rdpi_status_t rdpi_q31_check_drive(const rdpi_q31_params_t *params)
     if (params->min_drive >= params->max_drive || !rdpi_q31_in_format(params->min_drive) ||
         !rdpi_q31_in_format(params->max_drive) ||
         (params->drive_of_code_0 != params->min_drive && params->drive_of_code_0 != params->max_drive) ||
-        params->dac_bits > RDPI_MAX_DAC_BITS) {
+        params->dac_bits > RDPI_MAX_DAC_BITS || params->noise_shaping > RDPI_NOISE_SHAPING) {
         return RDPI_ERR_DRIVE;
     }
     if (params->dac_bits > 0u && !rdpi_q31_codes_fit(params)) {

@@ -50,6 +50,16 @@ static void end_quick(rdpi_f32_t *self)
     }
 }
 
+/* What the codes so far have missed is forgotten. */
+static void forget_codes(rdpi_f32_t *self)
+{
+#if RDPI_NOISE_SHAPING
+    self->carried_um = 0;
+#else
+    (void)self;
+#endif
+}
+
 /* The next sample is the first: the rate history is forgotten. */
 static void forget_samples(rdpi_f32_t *self)
 {
@@ -66,6 +76,7 @@ static void put_drive(rdpi_f32_t *self, rdpi_real_t drive_V)
     rdpi_real_t x_um = self->bank.y_um[0];
     self->dac_code = rdpi_f32_code_of_x(self->params, rdpi_f32_line_of_x(self->params, x_um), x_um);
     self->sweep_turns = 0;
+    forget_codes(self);
     end_quick(self);
 }
 
@@ -164,6 +175,36 @@ static inline rdpi_real_t limit_drive(rdpi_f32_t *self, rdpi_real_t wish_V, cons
     return drive_V;
 }
 
+/* Noise shaping. What a code misses is counted as a displacement, at the output of the plays, and not as a drive: a code
+ * that goes too far can move plays that one which falls short does not move, so that drives which add up to nothing leave
+ * displacements which do not. */
+static inline bool shapes_noise(const rdpi_f32_t *self)
+{
+    return RDPI_NOISE_SHAPING != 0 && self->params->noise_shaping != 0u;
+}
+
+#if RDPI_NOISE_SHAPING
+/* How far x is moved before it is rounded, to make up for what the codes so far have missed. By half a code at most: the
+ * code is one of the two next to x, and what is left waits. The slope need not be the true one, because what the code
+ * really misses is counted afterwards: that of the identity serves all. */
+static RDPI_F32_SELDOM rdpi_real_t carry_um(const rdpi_f32_t *self, const rdpi_f32_line_t *line)
+{
+    rdpi_real_t half_um = fabs(line->um_per_code) / 2;
+    return rdpi_f32_clamp(self->carried_um / self->params->play[0].slope, -half_um, half_um);
+}
+
+/* Counts what the code of this step has missed of `v_um`. Where the drive was clipped, nothing is made up for later. Two
+ * codes on the last slope are more than what adds up by rounding to the codes next to x. */
+static RDPI_F32_SELDOM void count_missed_um(rdpi_f32_t *self, rdpi_real_t v_um)
+{
+    const rdpi_f32_params_t *params = self->params;
+    rdpi_real_t missed_um = rdpi_f32_bank_climb(&self->bank, self->rate_um_per_s, v_um);
+    rdpi_real_t most_um = 2 * fabs(params->curve[0].um_per_code) * params->play[params->plays - 1u].slope;
+    bool clipped = (self->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) != 0u;
+    self->carried_um = clipped ? 0 : rdpi_f32_clamp(self->carried_um + missed_um, -most_um, most_um);
+}
+#endif
+
 /* The piece of the input curve on which dac_code lies, for the quick way. */
 static inline const rdpi_f32_line_t *line_of_code(const rdpi_f32_t *self)
 {
@@ -213,7 +254,7 @@ static bool next_is_quick(const rdpi_f32_t *self)
 {
     const rdpi_f32_params_t *params = self->params;
     return self->rate_estimator.window == 1u && self->rate_estimator.keep <= 0 && params->slew_V_per_s <= 0 &&
-           self->dac_code > 0u && (rdpi_real_t)self->dac_code < params->last_code &&
+           !shapes_noise(self) && self->dac_code > 0u && (rdpi_real_t)self->dac_code < params->last_code &&
            fabs(line_of_code(self)->code_of_x_0) <= MAX_CODE_0;
 }
 
@@ -312,6 +353,12 @@ static RDPI_F32_HOT rdpi_real_t finish_step(rdpi_f32_t *self, rdpi_real_t climb_
         line = rdpi_f32_line_of_drive(params, drive_V);
         target.x_um = rdpi_f32_x_of_drive(line, drive_V);
     }
+#if RDPI_NOISE_SHAPING
+    if (!quick && drive_V == wish_V && shapes_noise(self)) {
+        target.x_um += carry_um(self, line);
+        line = rdpi_f32_line_of_x(params, target.x_um);
+    }
+#endif
     rdpi_real_t side = output(self, drive_V, target, line, quick);
     if (RDPI_QUICK_STEP && !quick) {
         self->quick = next_is_quick(self);
@@ -355,7 +402,14 @@ static RDPI_F32_SELDOM rdpi_real_t step_without_quick(rdpi_f32_t *self, rdpi_rea
         self->latest_piece = piece;
     }
     rdpi_real_t v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
-    return finish_step(self, rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um), rate_um_per_s, false);
+    rdpi_real_t climb_um = rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um);
+    rdpi_real_t drive_V = finish_step(self, climb_um, rate_um_per_s, false);
+#if RDPI_NOISE_SHAPING
+    if (shapes_noise(self)) {
+        count_missed_um(self, v_um);
+    }
+#endif
+    return drive_V;
 }
 
 /* Taken while `quick` is true, if the rate is above the guard or the reference is not inside latest_piece. References
@@ -449,6 +503,7 @@ bool rdpi_f32_sweep(rdpi_f32_t *self)
     self->flags = 0;
     self->rate_um_per_s = 0;
     forget_samples(self);
+    forget_codes(self);
     if (drive_V == turn_V) {
         self->sweep_turns--;
     }

@@ -22,6 +22,12 @@ uint32_t rdpi_q31_digest_layout(uint64_t layout, const rdpi_q31_params_t *params
     return layout == RDPI_Q31_LAYOUT ? rdpi_q31_checksum(params) : 0u;
 }
 
+/* Noise shaping: see rdpi_f32.c. */
+static inline bool shapes_noise(const rdpi_q31_t *self)
+{
+    return RDPI_NOISE_SHAPING != 0 && self->params->noise_shaping != 0u;
+}
+
 /* A slope per us as a change per sample. It saturates: no drive is further than 2^30 from another. */
 static int64_t per_sample(uint64_t per_us, uint32_t sample_time_ns)
 {
@@ -46,7 +52,8 @@ rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi
         self->params = params;
         self->slew = per_sample(params->slew_per_us, sample_time_ns);
         self->sweep_step = per_sample(params->sweep_per_us, sample_time_ns);
-        self->direct_output = self->slew == 0 && rdpi_q31_pieces(params) == 1u && rdpi_q31_codes_are_coarse(params);
+        self->direct_output = self->slew == 0 && rdpi_q31_pieces(params) == 1u && rdpi_q31_codes_are_coarse(params) &&
+                              !shapes_noise(self);
         self->latest_piece.length = 0;
         rdpi_q31_reset(self);
         if (self->sweep_step < 1) { /* it would never arrive */
@@ -57,6 +64,16 @@ rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi
 }
 
 /* ---- memory ---- */
+
+/* What the codes so far have missed is forgotten. */
+static void forget_codes(rdpi_q31_t *self)
+{
+#if RDPI_NOISE_SHAPING
+    self->carried = 0;
+#else
+    (void)self;
+#endif
+}
 
 /* The next sample is the first: the rate history is forgotten. */
 static void forget_samples(rdpi_q31_t *self)
@@ -74,6 +91,7 @@ static void put_drive(rdpi_q31_t *self, int32_t drive)
     self->ramp = widen(self->drive);
     self->dac_code = params->dac_bits > 0u ? (uint32_t)rdpi_q31_code_of_drive(params, self->drive) : 0u;
     self->sweep_turns = 0;
+    forget_codes(self);
 }
 
 void rdpi_q31_reset(rdpi_q31_t *self)
@@ -182,6 +200,36 @@ static RDPI_Q31_SELDOM int64_t v_beyond_piece(rdpi_q31_t *self, int32_t referenc
     return (int64_t)v * RDPI_Q31_ONE;
 }
 
+#if RDPI_NOISE_SHAPING
+/* How far codes are apart, in drive units, rounded down. */
+static int32_t code_step(const rdpi_q31_params_t *params)
+{
+    int64_t step = params->drive_per_code < 0 ? -(int64_t)params->drive_per_code : params->drive_per_code;
+    return (int32_t)(step >> params->drive_shift);
+}
+
+/* How far the drive is moved before it is rounded: see carry_um in rdpi_f32.c. Where the input curve is bent, the slope
+ * is not that of the drive, and need not be. */
+static RDPI_Q31_SELDOM int32_t carry(const rdpi_q31_t *self)
+{
+    int32_t half = code_step(self->params) / 2, slope = self->params->play[0].slope;
+    int64_t carried = self->carried < 0 ? -self->carried : self->carried;
+    int32_t way = carried < rdpi_q31_mul(slope, half) ? rdpi_q31_divide(carried, slope) : half;
+    return self->carried < 0 ? -way : way;
+}
+
+/* See count_missed_um in rdpi_f32.c. Scaling and overflow: what is carried stays within 2^61, and what one step misses
+ * within 2^62. */
+static RDPI_Q31_SELDOM void count_missed(rdpi_q31_t *self, int64_t v)
+{
+    const rdpi_q31_params_t *params = self->params;
+    int64_t most = 2 * rdpi_q31_mul(code_step(params), params->play[params->plays - 1u].slope);
+    int64_t carried = self->carried + rdpi_q31_bank_climb(&self->bank, self->rate, v);
+    carried = carried > most ? most : (carried < -most ? -most : carried);
+    self->carried = (self->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) != 0u ? 0 : carried;
+}
+#endif
+
 /* Outputs the ramp, rounded to a code if there are codes, and moves the plays there. `from` is that of
  * rdpi_q31_bank_move. */
 static void output(rdpi_q31_t *self, int32_t from)
@@ -189,6 +237,11 @@ static void output(rdpi_q31_t *self, int32_t from)
     const rdpi_q31_params_t *params = self->params;
     self->drive = (int32_t)(self->ramp >> 32);
     if (params->dac_bits > 0u) {
+#if RDPI_NOISE_SHAPING
+        if (shapes_noise(self)) {
+            self->drive = rdpi_q31_in_range(params, self->drive + carry(self));
+        }
+#endif
         int64_t code = rdpi_q31_code_of_drive(params, self->drive);
         self->dac_code = (uint32_t)code;
         /* clamped, because the last code may round past the end of the range */
@@ -213,6 +266,9 @@ static RDPI_Q31_SELDOM void output_limited(rdpi_q31_t *self, int32_t x)
             set_flag(self, RDPI_FLAG_SLEW, &self->clip_count);
         }
         self->flags |= RDPI_FLAG_SLEW;
+    }
+    if ((self->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) != 0u) {
+        forget_codes(self);
     }
     self->ramp += limited;
     output(self, self->x);
@@ -260,6 +316,11 @@ int32_t rdpi_q31_step(rdpi_q31_t *self, int32_t reference)
     } else {
         output_limited(self, x);
     }
+#if RDPI_NOISE_SHAPING
+    if (shapes_noise(self)) {
+        count_missed(self, v);
+    }
+#endif
     return self->drive;
 }
 
@@ -290,6 +351,7 @@ bool rdpi_q31_sweep(rdpi_q31_t *self)
     self->flags = 0;
     self->rate = 0;
     forget_samples(self);
+    forget_codes(self);
     if (change > self->sweep_step) {
         self->ramp += self->sweep_step;
     } else if (change < -self->sweep_step) {

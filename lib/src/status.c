@@ -32,7 +32,7 @@ const char *rdpi_status_text(rdpi_status_t status)
     case RDPI_ERR_WINDOW:
         return "rate window spans more samples than RDPI_MAX_WINDOW";
     case RDPI_ERR_DRIVE:
-        return "drive limits: need min < max, slew not negative, at most 20 dac_bits, codes that fit the range";
+        return "drive limits: need min < max, slew not negative, at most 20 dac_bits, codes that fit, noise shaping compiled in";
     case RDPI_ERR_MEMORY:
         return "memory is not a state one history can leave inside the drive range";
     case RDPI_ERR_SWEEP:

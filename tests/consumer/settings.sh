@@ -11,6 +11,7 @@ settings=(
     "-DRDPI_MAX_PLAYS=12 -DRDPI_MAX_WINDOW=1"
     "-DRDPI_MAX_PLAYS=1 -DRDPI_MAX_WINDOW=4096"
     "-DRDPI_MAX_CURVE_PIECES=1"
+    "-DRDPI_NOISE_SHAPING=0"
     "-fpack-struct -Wno-address-of-packed-member"
 )
 

@@ -21,7 +21,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     uint8_t how = take_u8();
     params.schema = how & SCHEMA ? take_u32() : RDPI_PARAMS_SCHEMA;
     params.plays = how & LARGE ? take_u16() : take_u8() % (RDPI_MAX_PLAYS + 2);
-    params.deadzones = how & LARGE ? take_u16() : take_u8() % (RDPI_MAX_DEADZONES + 2);
+    params.deadzones = how & LARGE ? take_u8() : take_u8() % (RDPI_MAX_DEADZONES + 2);
     params.dac_bits = how & LARGE ? take_u8() : take_u8() % (RDPI_MAX_DAC_BITS + 2);
     params.curve_pieces = how & LARGE ? take_u8() : take_u8() % (RDPI_MAX_CURVE_PIECES + 2);
     params.sweep_cycles = take_u16();

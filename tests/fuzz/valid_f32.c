@@ -20,7 +20,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     rdpi_f32_params_t params = {
         .schema = RDPI_PARAMS_SCHEMA,
         .plays = (uint16_t)(1 + take_u8() % RDPI_MAX_PLAYS),
-        .deadzones = (uint16_t)(1 + take_u8() % RDPI_MAX_DEADZONES),
+        .deadzones = (uint8_t)(1 + take_u8() % RDPI_MAX_DEADZONES),
         .dac_bits = take_u8() % (RDPI_MAX_DAC_BITS + 1),
         .sweep_cycles = (uint16_t)(1 + take_u16() % 50),
         .offset_um = (rdpi_real_t)take_between(-100, 100),

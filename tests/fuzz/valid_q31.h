@@ -81,7 +81,7 @@ static void take_valid(valid_q31_t *self)
     *params = (params_t){
         .schema = RDPI_PARAMS_SCHEMA,
         .plays = (uint16_t)(1 + take_u8() % RDPI_MAX_PLAYS),
-        .deadzones = (uint16_t)(1 + take_u8() % RDPI_MAX_DEADZONES),
+        .deadzones = (uint8_t)(1 + take_u8() % RDPI_MAX_DEADZONES),
         .dac_bits = take_u8() % RDPI_MAX_DAC_BITS,
         .sweep_cycles = (uint16_t)(1 + take_u16() % 50),
         .sweep_per_us = sweep_per_us,

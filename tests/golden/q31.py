@@ -33,7 +33,8 @@ LIMIT = Fraction(MAX, 2**20)
 # In the order of rdpi_q31_params_t from slew_per_us on: its digest is over these.
 NUMBERS = {
     "slew_per_us": ctypes.c_uint64, "sweep_per_us": ctypes.c_uint64, "plays": ctypes.c_uint16,
-    "deadzones": ctypes.c_uint16, "dac_bits": ctypes.c_uint8, "curve_pieces": ctypes.c_uint8,
+    "deadzones": ctypes.c_uint8, "dac_bits": ctypes.c_uint8, "curve_pieces": ctypes.c_uint8,
+    "noise_shaping": ctypes.c_uint8,
     "sweep_cycles": ctypes.c_uint16,
     "saturation_shift": ctypes.c_uint8, "inverse_shift": ctypes.c_uint8, "code_shift": ctypes.c_uint8,
     "drive_shift": ctypes.c_uint8, "guard_exponent": ctypes.c_int16, "min_slope_ratio": ctypes.c_uint16,
@@ -177,7 +178,7 @@ def actuators() -> list[Actuator]:
             sweep_cycles=20, saturation_shift=shift, inverse_shift=shift, guard_exponent=guard[1], min_slope_ratio=1,
             guard_mantissa=guard[0], rate_window_ns=window, rate_filter_ns=filter_ns, min_drive=low, max_drive=high,
             min_x=curve[0][1] if curve else low, max_x=curve[-1][1] if curve else high,
-            curve_pieces=max(len(curve) - 1, 1),
+            curve_pieces=max(len(curve) - 1, 1), noise_shaping=0,
             sweep_end=(low + high) // 2, sweep_forgotten=0, **codes(bits, low, high, falling))
         result.append(Actuator(name, time, numbers, plays, stage, inverse, lines(list(curve)), memory, references(random, count, reach)))
 
@@ -310,7 +311,7 @@ def replay(lib: ctypes.CDLL, actuator: Actuator) -> list[tuple[int, ...]]:
     """Rows missed, reference, drive, rate, dac_code, flags."""
     arrays = {name: (ctypes.c_int32 * len(actuator.flat(name)))(*actuator.flat(name)) for name in ARRAYS}
     pointers = {name: ctypes.cast(array, ctypes.POINTER(ctypes.c_int32)) for name, array in arrays.items()}
-    params, axis = Params(schema=5, digest=actuator.digest(), **actuator.numbers, **pointers), Axis()
+    params, axis = Params(schema=6, digest=actuator.digest(), **actuator.numbers, **pointers), Axis()
     status = lib.init(ctypes.byref(axis), ctypes.byref(params), ctypes.c_uint32(actuator.sample_time_ns))
     if status != 0:
         sys.exit(f"{actuator.name}: rdpi_q31_init returns {status}")

@@ -163,7 +163,7 @@ struct Actuator {
           inverse(new rdpi_f32_piece_t[deadzones]), curve(new rdpi_f32_line_t[deadzones]), memory(new Number[plays])
     {
         params.plays = static_cast<std::uint16_t>(plays);
-        params.deadzones = static_cast<std::uint16_t>(deadzones);
+        params.deadzones = static_cast<std::uint8_t>(deadzones);
         params.curve_pieces = static_cast<std::uint8_t>(RDPI_MAX_CURVE_PIECES > 1 ? deadzones : 1);
         params.sweep_cycles = 2;
         params.play = play.get();

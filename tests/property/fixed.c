@@ -105,7 +105,7 @@ static void random_saturation(actuator_t *self, int32_t reach)
     int32_t one = 1 << 27, before = 0, inverse_before = 0;
     int steeper = one_in(3) ? 0 : 3 + choose(2);
     int64_t z = 0;
-    self->params.deadzones = (uint16_t)count;
+    self->params.deadzones = (uint8_t)count;
     self->params.saturation = self->saturation;
     self->params.inverse_saturation = self->inverse_saturation;
     self->params.saturation_shift = (uint8_t)(27 - steeper);

@@ -151,7 +151,7 @@ static inline void random_scenario(scenario_t *self, law_t law)
     }
     *params = (rdpi_f32_params_t){
         .plays = (uint16_t)plays,
-        .deadzones = (uint16_t)deadzones,
+        .deadzones = (uint8_t)deadzones,
         .sweep_cycles = 10,
         .offset_um = (rdpi_real_t)(stroke_um * offset_um),
         .rate_window_s = (rdpi_real_t)(sample_time_s * window),

@@ -55,6 +55,7 @@ void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
     ADD(deadzones);
     ADD(dac_bits);
     ADD(curve_pieces);
+    ADD(noise_shaping);
     ADD(sweep_cycles);
     ADD(saturation_shift);
     ADD(inverse_shift);

@@ -25,6 +25,7 @@ void test_init_refuses_more_dead_zones_than_the_maximum(void);
 void test_init_refuses_a_rate_window_of_too_many_samples(void);
 void test_init_leaves_the_drive_that_holds_the_memory(void);
 void test_init_with_memory_zero_starts_at_rest(void);
+void test_init_refuses_noise_shaping_that_the_library_does_not_have(void);
 #include "axis_init.inc"
 
 void test_init_accepts_as_many_plays_and_dead_zones_as_the_maxima(void)

@@ -9,14 +9,15 @@
 
 #include "rdpi/rdpi.h"
 
-#if RDPI_PARAMS_SCHEMA != 5
-#error "these parameters have schema 5, the library another: generate them again with its own rdpi"
+#if RDPI_PARAMS_SCHEMA != 6
+#error "these parameters have schema 6, the library another: generate them again with its own rdpi"
 #endif
 
 #define RDPI_PARAMS_PLAYS 10 /* n + 1 */
 #define RDPI_PARAMS_DEADZONES 3 /* m + 1 */
 #define RDPI_PARAMS_DAC_BITS 16 /* 0: output not quantised */
 #define RDPI_PARAMS_CURVE_PIECES 1 /* of the input curve; 1: it is straight */
+#define RDPI_PARAMS_NOISE_SHAPING 0 /* 1: what a code misses is carried to the next one */
 #define RDPI_PARAMS_MIN_V (-20.0) /* output range, double: code 0 ... */
 #define RDPI_PARAMS_MAX_V (120.0) /* ... and the last one */
 
@@ -28,6 +29,9 @@
 #endif
 #if RDPI_PARAMS_CURVE_PIECES > RDPI_MAX_CURVE_PIECES
 #error "define RDPI_MAX_CURVE_PIECES as 1 or more, for the library and its users alike"
+#endif
+#if RDPI_PARAMS_NOISE_SHAPING > RDPI_NOISE_SHAPING
+#error "define RDPI_NOISE_SHAPING as 1, for the library and its users alike"
 #endif
 #if 0 > RDPI_MAX_POLES
 #error "define RDPI_MAX_POLES as 0 or more, for the library and its users alike"
@@ -87,12 +91,13 @@ typedef char rdpi_params_memory_um_check[
     sizeof rdpi_params_memory_um == RDPI_PARAMS_PLAYS * sizeof(rdpi_real_t) ? 1 : -1];
 
 static const rdpi_f32_params_t rdpi_params = {
-    5u, /* schema */
-    0xB4BC5937u, /* digest of what follows */
+    6u, /* schema */
+    0xD12E64F3u, /* digest of what follows */
     RDPI_PARAMS_PLAYS,
     RDPI_PARAMS_DEADZONES,
     RDPI_PARAMS_DAC_BITS,
     RDPI_PARAMS_CURVE_PIECES,
+    RDPI_PARAMS_NOISE_SHAPING,
     20, /* sweep_cycles: of the start-up sweep */
     0.00000000f, /* offset_um, um: displacement = z + offset_um */
     0.00100000005f, /* rate_window_s, s: the rate is a difference over this time ... */
@@ -116,7 +121,7 @@ static const rdpi_f32_params_t rdpi_params = {
 
 /* The chain around it, for rdpi_f32_chain_init. */
 static const rdpi_f32_chain_params_t rdpi_chain = {
-    5u, /* schema */
+    6u, /* schema */
     0x04CD2019u, /* digest of what follows */
     0, /* poles */
     1, /* preview: 1: the caller knows the future, and passes it; 0: it is extrapolated */
@@ -200,14 +205,15 @@ typedef char rdpi_params_q31_memory_check[
     sizeof rdpi_params_q31_memory == RDPI_PARAMS_PLAYS * sizeof(int32_t) ? 1 : -1];
 
 static const rdpi_q31_params_t rdpi_params_q31 = {
-    5u, /* schema */
-    0x27C82A86u, /* digest of what follows */
+    6u, /* schema */
+    0xB2889BBEu, /* digest of what follows */
     0ull, /* slew_per_us: largest change of the output, drive units per us times 2^32; 0: unlimited */
     107605955786096ull, /* sweep_per_us: speed of the start-up sweep, likewise */
     10, /* plays */
     3, /* deadzones */
     16, /* dac_bits */
     1, /* curve_pieces: of the input curve; 1: it is straight */
+    0, /* noise_shaping: 1: what a code misses is carried to the next one */
     20, /* sweep_cycles: of the start-up sweep */
     29, /* saturation_shift: of the weights of S */
     31, /* inverse_shift: of the weights of S^-1 */
@@ -236,7 +242,7 @@ static const rdpi_q31_params_t rdpi_params_q31 = {
 
 /* The chain around it, for rdpi_q31_chain_init. */
 static const rdpi_q31_chain_params_t rdpi_chain_q31 = {
-    5u, /* schema */
+    6u, /* schema */
     0x4EF484F9u, /* digest of what follows */
     0ull, /* lead_ns2: ns^2: beta of the lead */
     0u, /* delay_ns: ns: delay */

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from ..model import Model
     from ..simulate import Inverse
 
+NOISE_SHAPING = click.option(
+    "--noise-shaping", is_flag=True,
+    help="Carry what each DAC code misses to the next one, so that slow errors of rounding become small and fast ones "
+         "larger. For sample rates far above the bandwidth. Default: each drive is rounded to the nearest code.")
 EFFECT_OPTIONS = (
     click.option("--effects", type=click.Choice(["all", "none"]), default="all", show_default=True,
                  help="Compensate all effects of the model that the firmware can compensate, or none. With none, the "
@@ -38,6 +42,16 @@ def effect_options(function: Callable) -> Callable:
     for option in reversed(EFFECT_OPTIONS):
         function = option(function)
     return function
+
+
+def _shaped(model: Model) -> None:
+    """Ask for noise shaping."""
+    from dataclasses import replace
+
+    if not model.drive.dac_bits:
+        raise BadInput(f"--noise-shaping: is only valid with DAC codes, but {model.where} has no drive.dac_bits; "
+                       "give --dac-bits to `rdpi fit`, or to `rdpi compensate`")
+    model.drive = replace(model.drive, noise_shaping=True)
 
 
 def _inverse(model: Model, effects: str, leave_out: tuple[str, ...], preview: bool, sensor_delay_s: float,
@@ -79,8 +93,9 @@ def _effects_of(inverse: Inverse) -> list[dict[str, Any]]:
 @click.option("--sweep-rate", "sweep_V_per_s", type=float, metavar="V/S",
               help="Speed of the start-up sweep, V/s. Default: the model's; without one, 20 Hz over the whole range, "
                    "or the slew limit if that is lower.")
+@NOISE_SHAPING
 @effect_options
-def header(model: str, output: str, name: str, effects: str, leave_out: tuple[str, ...], preview: bool,
+def header(model: str, output: str, name: str, noise_shaping: bool, effects: str, leave_out: tuple[str, ...], preview: bool,
            sensor_delay_s: float, sensor_lag_s: float, **sweep: float | None) -> dict[str, Any]:
     """Generate the C header with the parameters of a model, to be compiled into the firmware.
 
@@ -95,6 +110,8 @@ def header(model: str, output: str, name: str, effects: str, leave_out: tuple[st
 
     parameters = read_model(model)
     parameters.drive = replace(parameters.drive, **{key: value for key, value in sweep.items() if value is not None})
+    if noise_shaping:
+        _shaped(parameters)
     inverse = _inverse(parameters, effects, leave_out, preview, sensor_delay_s, sensor_lag_s)
     parameters, chain = inverse.model, inverse.chain
     written = write_header(parameters, output, name, model, chain,
@@ -174,9 +191,11 @@ def profile(source: str, output: str, reference_column: str | None,
                    "matches the recorded one.")
 @click.option("--remove-offset", is_flag=True,
               help="Remove the mean difference between recording and model from the reference first (thermal drift).")
+@NOISE_SHAPING
 @effect_options
 def compensate(model: str, reference: str, output: str, engine: str, fixed_point: bool, sweep: bool,
-               dac_bits: int | None, reference_column: str, remove_offset: bool, **of_effects: Any) -> dict[str, Any]:
+               dac_bits: int | None, reference_column: str, remove_offset: bool, noise_shaping: bool,
+               **of_effects: Any) -> dict[str, Any]:
     """Compute the drive in V for a reference in um, as the firmware does.
 
     REFERENCE.csv needs the columns time_s and reference_um (or --reference-column). A board runs its start-up sweep
@@ -213,6 +232,8 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     if dac_bits is not None:
         parameters.drive = replace(parameters.drive, dac_bits=dac_bits)
         parameters.validate()
+    if noise_shaping:
+        _shaped(parameters)
     inverse = _inverse(parameters, **of_effects)
     run = read_recording(reference, required=("time_s", reference_column))
     with progress("compensating") as report:

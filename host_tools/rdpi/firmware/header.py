@@ -25,7 +25,7 @@ from .parameters import INT32_MAX, Q31
 if TYPE_CHECKING:
     import jinja2
 
-SCHEMA = 5  # of the parameters as the template fills them in; the header compares it with the library's
+SCHEMA = 6  # of the parameters as the template fills them in; the header compares it with the library's
 NAME = "rdpi_params"
 
 # What the header says of the fields of rdpi_f32_params_t, in its order. Tables: type, length, columns.
@@ -90,6 +90,7 @@ Q31_SCALARS = {
     "deadzones": ("", ""),
     "dac_bits": ("", ""),
     "curve_pieces": ("", "of the input curve; 1: it is straight"),
+    "noise_shaping": ("", "1: what a code misses is carried to the next one"),
     "sweep_cycles": ("", "of the start-up sweep"),
     "saturation_shift": ("", "of the weights of S"),
     "inverse_shift": ("", "of the weights of S^-1"),
@@ -167,7 +168,7 @@ def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequenc
         name=name, NAME=name.upper(), schema=SCHEMA, version=comment(version()), source=comment(file_name(source)),
         actuator=comment(model.actuator), digest=model_digest, rate_source=model.rate.source, runs=_runs(model.fit),
         plays=single.plays, deadzones=single.deadzones, dac_bits=single.dac_bits, curve_pieces=single.curve_pieces,
-        sweep_cycles=single.sweep_cycles,
+        noise_shaping=single.noise_shaping, sweep_cycles=single.sweep_cycles,
         limits_V=(float(model.drive.min_V), float(model.drive.max_V)),
         params_digest=f"0x{digest(single):08X}u",
         tables=[(field, *about, _rows(getattr(single, field), literal)) for field, about in TABLES.items()],

@@ -28,6 +28,7 @@ class F32:
     deadzones: int
     dac_bits: int
     curve_pieces: int
+    noise_shaping: int
     sweep_cycles: int
     offset_um: float
     rate_window_s: float
@@ -76,7 +77,7 @@ def f32(model: Model, dtype: type = np.float32) -> F32:
         curve = _curve(model, *limits_V, rounded)
         play = (r, slopes, slope_rates, intercepts(r, slopes), intercepts(r, slope_rates))
         return F32(
-            len(r), len(d), drive.dac_bits or 0, len(curve), drive.sweep_cycles,
+            len(r), len(d), drive.dac_bits or 0, len(curve), int(drive.noise_shaping), drive.sweep_cycles,
             **{key: float(rounded(value)) for key, value in numbers.items()},
             play=np.stack(play, axis=1).astype(dtype), saturation=np.stack([d, weights], axis=1).astype(dtype),
             inverse_saturation=_pieces(d, corners, np.cumsum(inverse), float(rounded(model.offset_um))).astype(dtype),
@@ -154,6 +155,7 @@ class Q31:
     deadzones: int
     dac_bits: int
     curve_pieces: int
+    noise_shaping: int
     sweep_cycles: int
     saturation_shift: int
     inverse_shift: int
@@ -249,8 +251,8 @@ def q31(model: Model) -> Q31:
     memory_um = model.memory.plays_um.copy()
     memory_um[0] = min(max(memory_um[0], range_um[0]), range_um[1])
     return Q31(
-        slew, sweep, len(r), len(d), drive.dac_bits or 0, len(curve), drive.sweep_cycles, saturation_shift, inverse_shift,
-        code_shift, drive_shift, exponent, ratio, mantissa, round(rate.window_s * 1e9), round(rate.filter_s * 1e9),
+        slew, sweep, len(r), len(d), drive.dac_bits or 0, len(curve), int(drive.noise_shaping), drive.sweep_cycles,
+        saturation_shift, inverse_shift, code_shift, drive_shift, exponent, ratio, mantissa, round(rate.window_s * 1e9), round(rate.filter_s * 1e9),
         min_drive, max_drive, min_x, max_x, min_drive if rising else max_drive, per_drive, per_code,
         round(model.gain_um_per_V * (model.sweep_end() - model.offset_V) * per_um), round((1 - model.memory.followed_share()) * ONE),
         np.stack([r, rest, fastest - rest], axis=1).astype(np.int32),

@@ -27,7 +27,8 @@ from .sweep import swept_states
 
 SECTIONS = "rate", "drive", "memory"
 NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "operator_alone",
-               "where", "dac_bits", "sweep_cycles", "curve_V", "singular_um_per_s", "smoothing_s", "identified_um_per_s"}
+               "where", "dac_bits", "sweep_cycles", "noise_shaping", "curve_V", "singular_um_per_s", "smoothing_s",
+               "identified_um_per_s"}
 WHOLE = "dac_bits", "sweep_cycles"
 _OF_OPERATOR = ("gain_um_per_V", "offset_V", "offset_um", "stroke_um", "thresholds_um", "slopes",
                 "slope_rate_s_per_um", "deadzones_um", "deadzone_weights")
@@ -67,6 +68,8 @@ class Drive(Document):
     # The input curve that the firmware inverts, and no key of the file: points in V at the output and in V at the
     # plays, the ends of the range first and last. None: straight, the same V at both.
     curve_V: tuple[tuple[float, float], ...] = ()
+    # Whether the firmware carries what a code misses to the next one; no key of the file either.
+    noise_shaping: bool = False
 
     def at_plays(self, output_V: np.ndarray | float) -> np.ndarray | float:
         """Where the input curve leads drives."""
@@ -267,4 +270,6 @@ class Model(Document):
             document.pop(key, None)
         if self.drive.curve_V:
             document["drive"]["curve_V"] = self.drive.curve_V
+        if self.drive.noise_shaping:
+            document["drive"]["noise_shaping"] = True
         return "sha256:" + hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()

@@ -100,6 +100,20 @@ def displacement(model: Model, drive_V: float, rate_um_per_s: float, states_um: 
     return float(operators.forward(model, np.array([drive_V]), np.array([rate_um_per_s]), states_um)[0][0])
 
 
+def _moved_V(model: Model, x_um: float, carried_um: float) -> float:
+    """The drive that is rounded to a code: with noise shaping, x makes up for what the codes so far have missed, by half
+    a code at most.
+    """
+    drive = model.drive
+    drive_V = model.drive_of(x_um)
+    if not drive.noise_shaping or drive.dac_bits is None:
+        return drive_V
+    step_V = (drive.max_V - drive.min_V) / (2**drive.dac_bits - 1)
+    half_um = abs(model.x_of(drive_V + step_V / 2) - model.x_of(drive_V - step_V / 2)) / 2
+    moved_V = model.drive_of(x_um + float(np.clip(carried_um / model.slopes[0], -half_um, half_um)))
+    return float(np.clip(moved_V, drive.min_V, drive.max_V))
+
+
 def step(model: Model, chain: Chain, ahead_um: np.ndarray, sample_time_s: float) -> tuple[Steps, np.ndarray]:
     """References (samples,), in um, as rdpi_f32_chain_step is given them, to drives, from the model's memory.
 
@@ -110,6 +124,7 @@ def step(model: Model, chain: Chain, ahead_um: np.ndarray, sample_time_s: float)
     drive_V = ramp_V = min(max(model.drive_of(y[0]), drive.min_V), drive.max_V)
     poles = Poles(chain, sample_time_s, displacement(model, drive_V, 0.0, y))
     lead, rate = Lead(chain, sample_time_s), RateOf(model, sample_time_s)
+    carried_um = 0.0
     missed, rho, code = 0, 0.0, operators.quantise(drive, drive_V)[1]
     rows = []
     for asked_um in np.asarray(ahead_um, float):
@@ -124,12 +139,14 @@ def step(model: Model, chain: Chain, ahead_um: np.ndarray, sample_time_s: float)
         estimated = rate.step(h, missed)
         rho = float(operators.guard(model.rate, np.array(estimated)))
         v = float(operators.saturation_inverse(np.array([h]), model.deadzones_um, model.deadzone_weights)[0])
-        x = operators.solve(v, r, operators.play_weights(model, rho), y)
+        weights = operators.play_weights(model, rho)
+        x = operators.solve(v, r, weights, y)
         ramp_V, limited = operators.limit(drive, model.drive_of(x), ramp_V, sample_time_s)
-        drive_V, code = operators.quantise(drive, ramp_V)
+        drive_V, code = operators.quantise(drive, ramp_V if limited else _moved_V(model, x, carried_um))
         flags |= limited | operators.GUARD * (estimated > rho) | operators.MISSED * (missed > 0)
         poles.follow(displacement(model, drive_V, rho, y) if limited & clipped else wish_um)
         y = operators.play(model.x_of(drive_V), r, y)
+        carried_um = 0.0 if limited else carried_um + v - float(weights @ y)
         missed = 0
         rows.append((drive_V, rho, flags, code))
     kinds = (np.float64, np.float64, np.uint32, np.uint32)

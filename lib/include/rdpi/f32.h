@@ -29,7 +29,7 @@
  * is the cost without them.
  *
  * The quick way: most steps take some 70 instructions if DAC codes are output, the rate window is one sample, and there
- * is neither a rate filter nor a slew limit. The macro RDPI_QUICK_STEP, defined as 0 or 1 for lib/src, leaves the quick
+ * is no rate filter, no slew limit and no noise shaping. The macro RDPI_QUICK_STEP, defined as 0 or 1 for lib/src, leaves the quick
  * way out or compiles it. Its default is 0 with -Os and 1 otherwise, because the quick way adds 2 to 3 kB of code.
  * Codes, drives, flags and counts are the same with and without it, bit for bit. */
 #ifndef RDPI_F32_H
@@ -105,9 +105,10 @@ typedef struct {
     uint32_t schema;             /**< RDPI_PARAMS_SCHEMA */
     uint32_t digest;             /**< rdpi_f32_digest of the rest */
     uint16_t plays;              /**< n + 1, 1 .. RDPI_MAX_PLAYS */
-    uint16_t deadzones;          /**< m + 1, 1 .. RDPI_MAX_DEADZONES */
+    uint8_t deadzones;           /**< m + 1, 1 .. RDPI_MAX_DEADZONES */
     uint8_t dac_bits;            /**< codes 0 .. 2^bits - 1 span min_V .. max_V; <= RDPI_MAX_DAC_BITS; 0: no codes */
     uint8_t curve_pieces;        /**< 1 .. RDPI_MAX_CURVE_PIECES; 1: the input curve is straight */
+    uint8_t noise_shaping;       /**< 1: what a code misses is carried to the next, see rdpi_f32_step; 0: it is not */
     uint16_t sweep_cycles;       /**< cycles of the start-up sweep, > 0 */
     rdpi_real_t offset_um;       /**< displacement = z + offset_um; references are displacements */
     rdpi_real_t rate_window_s;   /**< >= 0; rho_k = |z_k - z_(k-N)| / (N T) with N = max(1, round(window / T)) */
@@ -179,13 +180,16 @@ typedef struct {
     const rdpi_f32_line_t *line; /**< the piece of the input curve on which dac_code lies; only kept for the quick way.
                                       A code at an end between two pieces lies on the upper one */
 #endif
+#if RDPI_NOISE_SHAPING
+    rdpi_real_t carried_um; /**< noise shaping: what the codes so far have missed, added up at the output of the plays */
+#endif
     rdpi_real_t ramp_V;   /**< drive_V before it is rounded to a code; without it, a slow slew would never leave a code.
                                Steps without a slew limit may leave it behind; a sweep then starts from drive_V */
     uint16_t sweep_turns; /**< turning points that the start-up sweep has still to reach; 0: no sweep runs */
     uint8_t missed;       /**< samples since the latest usable reference; stops at its largest value */
     bool quick;           /**< the next step may take the quick way. While it is true, this holds:
-                               - DAC codes are output, the rate window is one sample, and there is neither a rate filter
-                                 nor a slew limit. Code 0 is so near to x = 0 that single precision resolves a code.
+                               - DAC codes are output, the rate window is one sample, and there is no rate filter, no
+                                 slew limit and no noise shaping. Code 0 is so near to x = 0 that single precision resolves a code.
                                - rate_estimator.z_um[0] is the latest reference; none was missed or refused since.
                                - latest_piece is the piece of S^-1 on which the latest reference lies.
                                - drive_V and x are those of dac_code, to the last bit, and `line` is its piece.
@@ -263,6 +267,10 @@ void rdpi_f32_get_memory(const rdpi_f32_t *self, rdpi_real_t *y_um);
  * - A drive beyond the range or the slew limit is clipped (RDPI_FLAG_RANGE, RDPI_FLAG_SLEW). The plays follow the
  *   clipped drive, so that model and actuator stay in step.
  * - With dac_bits, the drive is rounded to a code. The plays follow the rounded drive.
+ * - With noise_shaping, one of the two codes next to the drive is output, so that what the codes miss of the displacement
+ *   adds up to nothing (first order). Slow errors become small, fast ones larger: for sample rates far above the
+ *   bandwidth. Without dac_bits it does nothing. The sum starts again from 0 where the drive is clipped, and after reset,
+ *   rdpi_f32_set_memory, rdpi_f32_forward and a sweep, which round to the nearest code.
  * - A reference that is NaN, infinite or beyond RDPI_MAX_REFERENCE_UM holds the last drive and changes no state
  *   (RDPI_FLAG_INPUT). It counts as a missed sample: see rdpi_f32_missed.
  *

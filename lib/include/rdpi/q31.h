@@ -78,9 +78,10 @@ typedef struct {
                                      0: unlimited */
     uint64_t sweep_per_us;      /**< slope of the start-up sweep, in the same unit, > 0 */
     uint16_t plays;             /**< n + 1, 1 .. RDPI_MAX_PLAYS */
-    uint16_t deadzones;         /**< m + 1, 1 .. RDPI_MAX_DEADZONES */
+    uint8_t deadzones;          /**< m + 1, 1 .. RDPI_MAX_DEADZONES */
     uint8_t dac_bits;           /**< codes 0 .. 2^bits - 1 span the range; <= RDPI_MAX_DAC_BITS; 0: no codes */
     uint8_t curve_pieces;       /**< 1 .. RDPI_MAX_CURVE_PIECES; 1: the input curve is straight, and the drive is x */
+    uint8_t noise_shaping;      /**< see rdpi/f32.h */
     uint16_t sweep_cycles;      /**< cycles of the start-up sweep, > 0 */
     uint8_t saturation_shift;   /**< shift of the weights of S, 0 .. 62 */
     uint8_t inverse_shift;      /**< shift of the weights of S^-1, 0 .. 62 */
@@ -161,10 +162,13 @@ typedef struct {
     const rdpi_q31_params_t *params; /**< as given to init */
     uint8_t missed;       /**< samples since the latest usable reference; stops at its largest value */
     bool direct_output;   /**< x goes to the nearest code directly: codes are output, they are coarse enough for 32-bit
-                               arithmetic, the input curve is straight, and there is no slew limit. init sets it for
-                               good */
+                               arithmetic, the input curve is straight, and there is neither a slew limit nor noise
+                               shaping. init sets it for good */
     uint16_t sweep_turns; /**< turning points that the start-up sweep has still to reach; 0: no sweep runs */
     int32_t x;            /**< where the plays were brought for `drive`; not kept if direct_output */
+#if RDPI_NOISE_SHAPING
+    int64_t carried;      /**< noise shaping: see carried_um in rdpi/f32.h; times 2^30 */
+#endif
     int64_t ramp;         /**< drive before it is rounded to a code, times 2^32 */
     int64_t slew;         /**< largest change of the ramp per sample, 0: unlimited */
     int64_t sweep_step;   /**< change of the ramp per sample of the start-up sweep */
@@ -219,7 +223,7 @@ void rdpi_q31_get_memory(const rdpi_q31_t *self, int32_t *y);
  * The step is fastest if all of these hold:
  *
  * - the rate window is one sample, and there is no rate filter;
- * - there is no slew limit, and the input curve is straight;
+ * - there is no slew limit and no noise shaping, and the input curve is straight;
  * - codes are output that are some 4 drive units apart or more;
  * - S^-1 has a shift of 30 .. 61 and slopes below 2.
  *

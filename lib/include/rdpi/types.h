@@ -15,7 +15,7 @@ extern "C" {
 
 /** The version of the layout of rdpi_f32_params_t and rdpi_q31_params_t. It changes whenever one of the layouts does.
  * init refuses parameters of another version. */
-#define RDPI_PARAMS_SCHEMA 5u
+#define RDPI_PARAMS_SCHEMA 6u
 
 /** The most bits of a DAC. init refuses more, because single precision does not resolve more. */
 #define RDPI_MAX_DAC_BITS 20
@@ -23,13 +23,15 @@ extern "C" {
 /* Compile-time maxima. Define them the same for the library and for the code that uses it. RDPI_MAX_PLAYS and
  * RDPI_MAX_WINDOW set the size of the state in RAM, RDPI_MAX_POLES that of the state of a chain; init returns
  * RDPI_ERR_SIZE if they differ. RDPI_MAX_CURVE_PIECES 1 leaves the input curve out of code and state: the drive is then
- * proportional to x, but for an offset. init returns RDPI_ERR_SIZE if only one side leaves it out.
- * RDPI_MAX_DEADZONES and other numbers of pieces only limit what init accepts. */
+ * proportional to x, but for an offset. RDPI_NOISE_SHAPING 0 leaves noise shaping out of code and state. init returns
+ * RDPI_ERR_SIZE if only one side leaves one of them out. RDPI_MAX_DEADZONES and other numbers of pieces only limit what
+ * init accepts. */
 #ifndef RDPI_MAX_PLAYS
 #define RDPI_MAX_PLAYS 16 /**< most play operators: n + 1, the identity (r_0 = 0) included */
 #endif
 #ifndef RDPI_MAX_DEADZONES
-#define RDPI_MAX_DEADZONES 8 /**< most pieces of the saturation stage: m + 1, the identity (d_0 = 0) included */
+#define RDPI_MAX_DEADZONES 8 /**< most pieces of the saturation stage: m + 1, up to 255, the identity (d_0 = 0)
+                                  included */
 #endif
 #ifndef RDPI_MAX_WINDOW
 #define RDPI_MAX_WINDOW 16 /**< most samples in the window of the rate estimator: N */
@@ -41,9 +43,18 @@ extern "C" {
 #ifndef RDPI_MAX_CURVE_PIECES
 #define RDPI_MAX_CURVE_PIECES 8 /**< most straight pieces of the input curve, up to 255; 1: the curve is left out */
 #endif
+#ifndef RDPI_NOISE_SHAPING
+#define RDPI_NOISE_SHAPING 1 /**< 1: parameters may ask for noise shaping; 0: it is left out */
+#endif
 
 #if RDPI_MAX_PLAYS < 1 || RDPI_MAX_DEADZONES < 1 || RDPI_MAX_WINDOW < 1 || RDPI_MAX_POLES < 1
 #error "define RDPI_MAX_PLAYS, RDPI_MAX_DEADZONES, RDPI_MAX_WINDOW and RDPI_MAX_POLES as at least 1"
+#endif
+#if RDPI_MAX_DEADZONES > 255
+#error "define RDPI_MAX_DEADZONES as at most 255"
+#endif
+#if RDPI_NOISE_SHAPING != 0 && RDPI_NOISE_SHAPING != 1
+#error "define RDPI_NOISE_SHAPING as 0 or 1"
 #endif
 #if RDPI_MAX_CURVE_PIECES < 1 || RDPI_MAX_CURVE_PIECES > 255
 #error "define RDPI_MAX_CURVE_PIECES as at least 1 and at most 255"
@@ -53,7 +64,7 @@ extern "C" {
  * number of its caller with the number of the library. */
 #define RDPI_LAYOUT(state, params)                                                                                    \
     (((uint64_t)1 << 44) * sizeof(state) + ((uint64_t)1 << 32) * sizeof(params) +                                     \
-     ((uint64_t)1 << 43) * (RDPI_MAX_CURVE_PIECES > 1) +                                                              \
+     ((uint64_t)1 << 43) * (RDPI_MAX_CURVE_PIECES > 1) + ((uint64_t)1 << 42) * RDPI_NOISE_SHAPING +                    \
      ((uint64_t)1 << 16) * RDPI_MAX_PLAYS + RDPI_MAX_WINDOW)
 
 /** The most missed samples that the rate still takes into account. Each of them costs one turn of a loop. After more,
@@ -80,8 +91,9 @@ typedef enum {
     RDPI_ERR_RATE = -12,        /**< the rate window or the filter time is negative, or the rate of the guard is not
                                      positive */
     RDPI_ERR_WINDOW = -13,      /**< the rate window spans more than RDPI_MAX_WINDOW samples */
-    RDPI_ERR_DRIVE = -14,       /**< min is not below max (f32: by 1 nV), the slew limit is negative, or there are too
-                                     many DAC bits (q31: or the steps of the codes do not fit the range) */
+    RDPI_ERR_DRIVE = -14,       /**< min is not below max (f32: by 1 nV), the slew limit is negative, there are too many
+                                     DAC bits (q31: or the steps of the codes do not fit the range), or noise_shaping is
+                                     above RDPI_NOISE_SHAPING */
     RDPI_ERR_MEMORY = -15,      /**< no single history leads to these states, or their drive is outside its range */
     RDPI_ERR_SWEEP = -16,       /**< the start-up sweep does not have 1 to 10000 cycles, ends outside the range, is
                                      faster than the slew limit, or is so slow that rounding swallows the change of one
@@ -90,7 +102,8 @@ typedef enum {
                                      or they were generated for another RDPI_REAL */
     RDPI_ERR_SIZE = -18,        /**< the caller was compiled with other maxima (RDPI_MAX_PLAYS, RDPI_MAX_WINDOW; of a
                                      chain, RDPI_MAX_POLES), another RDPI_REAL or another alignment than the library, or
-                                     only one of them without the input curve (RDPI_MAX_CURVE_PIECES 1) */
+                                     only one of them without the input curve (RDPI_MAX_CURVE_PIECES 1) or without
+                                     noise shaping (RDPI_NOISE_SHAPING 0) */
     RDPI_ERR_CHAIN = -19,       /**< a number of the chain is outside what its field says, or its delay is longer than
                                      2^24 samples */
     RDPI_ERR_CURVE = -20        /**< the input curve does not have 1 to RDPI_MAX_CURVE_PIECES pieces, or these are out of

@@ -56,7 +56,9 @@ class Quantisation(Effect):
         return values["origin"] + step * np.round((signal - values["origin"]) / step)
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
-        return left_out("the inverse does not carry the remainder of a code to the next one yet")
+        if self.stage == "DAC" and folded_into.drive.noise_shaping:
+            return Treatment("compensated", "what a code misses is carried to the next one")
+        return left_out("noise shaping was not asked for (--noise-shaping)")
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         if self.stage == "sensor":
