@@ -101,6 +101,7 @@ def exported(package: str) -> list[str]:
 
 def python() -> Iterator[str]:
     """A section for every package, with what it exports, and for every module that it exports whole."""
+    shown = set()
     for package in packages():
         module = importlib.import_module(package)
         yield from (package, "-" * len(package), "", f".. py:module:: {package}", "")
@@ -111,7 +112,10 @@ def python() -> Iterator[str]:
             if inspect.ismodule(value):
                 modules += [value.__name__] * (not hasattr(value, "__path__"))  # packages have their own section
             elif inspect.isclass(value):
-                yield from (f".. autoclass:: {package}.{name}", "   :members:", "")
+                again = value in shown
+                shown.add(value)
+                yield from ((f":py:class:`rdpi.{name}`", "") if again else
+                            (f".. autoclass:: {package}.{name}", "   :members:", ""))
             elif inspect.isroutine(value):
                 yield from (f".. autofunction:: {package}.{name}", "")
             else:
