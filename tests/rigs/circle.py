@@ -137,9 +137,9 @@ def missed(model: Path, runs: Sequence[Path], folder: Path) -> list[Record]:
 def reference(rig: Rig, model: Path, name: str, rate_hz: float) -> np.ndarray:
     """One of TRACKS in um: from where the start-up sweep of the commissioned model ends."""
     wanted_um = rig.offset_um + rig.stroke_um * (0.5 + measure.TRACKED * waves.track(name, rate_hz, TRACKED_S))
-    _, inverted, library = firmware_of(model, rate_hz)
+    _, _, library = firmware_of(model, rate_hz)
     sweep_V, _ = library.sweep()
-    start_um = float(library.predict(sweep_V[-1:], np.zeros(1))[0]) + inverted.offset_um
+    start_um = float(library.predict(sweep_V[-1:], np.zeros(1))[0])
     left = 1 - np.arange(round(APPROACH_S * rate_hz)) / (APPROACH_S * rate_hz)
     return np.concatenate([wanted_um[0] + (start_um - wanted_um[0]) * left**2 * (3 - 2 * left), wanted_um])
 
