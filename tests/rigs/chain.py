@@ -16,7 +16,8 @@ recovered  Rigs with one of delay, lag, relaxation, creep and resonance, and wit
 tracked    The same rigs tracked by `rdpi compensate`, which compensates what the model holds: error over that of the
            same rig without the effects and with a model of its own. "true": that model and the rig's true effects,
            which the inverse cannot beat; "fitted": a model of recordings with the effects; "none": that with --effects
-           none.
+           none. "rung": what the same rig without the effects misses, passed through the true resonance. An inverse
+           makes the rig follow what it is asked; the resonance amplifies what the operator's model misses.
            Below, sines of several frequencies: error with and without preview.
 law        The paper's law on tests/bench, without and behind 0.5 ms of delay: the delay that is found, and the slopes'
            rate coefficients beside those found without it.
@@ -44,7 +45,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "ben
 import measure  # noqa: E402  before NumPy: it says how many threads
 import bench  # noqa: E402
 import numpy as np  # noqa: E402
-from rigs import FAMILIES, make_rig  # noqa: E402
+from rigs import FAMILIES, make_rig, second_order  # noqa: E402
 
 LATE = "delay", "lag", "overshoot", "relaxation"
 PUTS = "alone", "threes"
@@ -172,6 +173,7 @@ def tracked(job: tuple[str, Job], rate_hz: float, scale: float, options: Sequenc
             result["effects"] = measure.effects_of(models["fitted"])
             for track in measure.waves.TRACKS:
                 found = {"plain": measure.tracking(plain, folder, models["plain"], track, rate_hz, "--engine", "f32")}
+                found["rung"] = _rung(plain, truth, folder, models["plain"], track, rate_hz)
                 for way, (which, engine, *more) in WAYS.items():
                     found[way] = measure.tracking(rig, folder, models[which], track, rate_hz, "--engine", engine, *more)
                 result[track] = found
@@ -183,6 +185,16 @@ def tracked(job: tuple[str, Job], rate_hz: float, scale: float, options: Sequenc
         except measure.Refused as refusal:
             result["failed"] = f"{put}: {refusal}"
     return result
+
+
+def _rung(plain: Any, truth: dict[str, dict[str, float]], folder: Path, model: Path, track: str,
+          rate_hz: float) -> float:
+    """rms in % of the error of a rig without effects, passed through the resonance that it will have, if any."""
+    share = measure.waves.track(track, rate_hz, measure.TRACK_S)
+    error = measure.following_error(plain, folder, model, share, rate_hz, "--engine", "f32")
+    if one := truth.get("resonance"):
+        error = second_order(one["f0_hz"], one["damping"], 1 / rate_hz, held=False)(error)
+    return measure.spread(error[round(measure.SETTLED_S * rate_hz):])
 
 
 def _with(held: Sequence[dict[str, Any]], truth: dict[str, dict[str, float]]) -> list[dict[str, Any]]:
@@ -204,15 +216,16 @@ def _sine(rig: Any, folder: Path, model: Path, hz: float, rate_hz: float, *optio
 
 def tracked_table(results: Sequence[dict[str, Any]]) -> str:
     """Per family, and number of effects: rigs, median and worst ratio of every way; below, the sines."""
-    lines = [f"{'tracking error over plain':36}" + "".join(f"{way:>16}" for way in WAYS),
-             f"{'family':24}{'put':8}{'rigs':4}" + f"{'median':>9}{'worst':>7}" * len(WAYS)]
+    columns = *WAYS, "rung"
+    lines = [f"{'tracking error over plain':36}" + "".join(f"{way:>16}" for way in columns),
+             f"{'family':24}{'put':8}{'rigs':4}" + f"{'median':>9}{'worst':>7}" * len(columns)]
     done = [one for one in results if "failed" not in one]
     for name, part in by_family(done):
         for put in PUTS:
             some = [one for one in part if one["put"] == put]
             if some:
                 lines.append(f"{name:24}{put:8}{len(some):4}" + "".join(
-                    f"{np.median(ratio):9.2f}{np.max(ratio):7.2f}" for ratio in (_ratios(some, way) for way in WAYS)))
+                    f"{np.median(ratio):9.2f}{np.max(ratio):7.2f}" for ratio in (_ratios(some, way) for way in columns)))
     if done:
         lines += ["", f"{'sines, median rms %':24}" + "".join(f"{f'{hz:g} Hz':>9}" for hz in SINES_HZ)]
         lines.append(f"{'plain':24}" + _medians([one["sines"]["plain"] for one in done]))

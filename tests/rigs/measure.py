@@ -47,6 +47,7 @@ from rigs import CHAIN, FAMILIES, SEALED, SINS, Rig, make_rig, record, write_rec
 PLACES = {"middle": 0.5, "tenth": 0.1, "edge": 0.0}  # shares of the range where sweeps end
 TRACKED = 0.6  # of the stroke
 SETTLED_S = 0.3
+TRACK_S = 1.6
 # Sizes of sins that are put in: low, high, and whether evenly in the logarithm.
 PUT: dict[str, dict[str, tuple[float, float, bool]]] = {
     "delay": {"delay_s": (1e-4, 2e-3, True)},
@@ -147,17 +148,23 @@ def measure(rig: Rig, folder: Path, rate_hz: float, scale: float, options: Seque
 
 def tracking(rig: Rig, folder: Path, model: Path, name: str, rate_hz: float, *options: str) -> float:
     """rms error in % of the reference; `options` are those of `rdpi compensate`."""
-    return following(rig, folder, model, waves.track(name, rate_hz, 1.6), rate_hz, *options)
+    return following(rig, folder, model, waves.track(name, rate_hz, TRACK_S), rate_hz, *options)
 
 
 def following(rig: Rig, folder: Path, model: Path, share: np.ndarray, rate_hz: float, *options: str) -> float:
     """The same for a reference as a share of what is tracked, about its middle."""
+    error = following_error(rig, folder, model, share, rate_hz, *options)
+    return spread(error[round(SETTLED_S * rate_hz):])
+
+
+def following_error(rig: Rig, folder: Path, model: Path, share: np.ndarray, rate_hz: float,
+                    *options: str) -> np.ndarray:
+    """The error itself, in % of the reference's span once it has settled."""
     reference = rig.offset_um + rig.stroke_um * (0.5 + TRACKED * share)
     write_recording(folder / "reference.csv", rig, rate_hz, "swept", {"reference_um": reference})
     rdpi("compensate", model, folder / "reference.csv", "-o", folder / "drive.csv", *(options or ("--engine", "f64")))
     reading = rig.run(columns_of(folder / "drive.csv")["command_V"], rate_hz)
-    part = slice(round(SETTLED_S * rate_hz), None)
-    return 100 * spread((reading - reference)[part]) / float(np.ptp(reference[part]))
+    return 100 * (reading - reference) / float(np.ptp(reference[round(SETTLED_S * rate_hz):]))
 
 
 def both(job: tuple[str, int], put: str, rate_hz: float, scale: float, options: Sequence[str]) -> dict[str, Any]:
