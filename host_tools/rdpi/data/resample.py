@@ -1,4 +1,4 @@
-"""A recording on a uniform grid: for clocks that jitter, and for rates higher than needed."""
+"""A recording on a uniform grid: for clocks that jitter, and for rates higher than needed; every n-th sample and back."""
 
 from __future__ import annotations
 
@@ -86,3 +86,18 @@ def _filtered(values: np.ndarray, taps: np.ndarray) -> np.ndarray:
 
     half = len(taps) // 2
     return fftconvolve(np.pad(values, half, mode="reflect", reflect_type="odd"), taps, mode="valid")
+
+
+def thinned(values: np.ndarray, every: int) -> np.ndarray:
+    """Every n-th sample from the first on, behind the low-pass of `resample`; as many as reach the last sample."""
+    padded = np.pad(values, (0, -(len(values) - 1) % every), mode="reflect", reflect_type="odd")
+    return _filtered(padded, _low_pass(every))[::every]
+
+
+def filled(values: np.ndarray, every: int, count: int) -> np.ndarray:
+    """`count` samples of which `thinned` kept every n-th: the smooth signal through them."""
+    taps = _low_pass(every)
+    beyond = len(taps) // 2 // every + 1  # what the filter sees of them beyond the ends
+    fine = np.zeros((len(values) + 2 * beyond) * every)
+    fine[::every] = every * np.pad(values, beyond, mode="reflect", reflect_type="odd")
+    return _filtered(fine, taps)[beyond * every:][:count]
