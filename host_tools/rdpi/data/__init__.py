@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from . import arguments, excite
+from .align import amid, beside_drive
 from .excite import Limits, make_drive
 from .files import atomic_write, content, make_folder, read_bytes, sync_folder, write_all
 from .importer import ROLES, Request, import_recording
@@ -12,6 +13,6 @@ from .recording import (MIN_SAMPLES, RATE_TOLERANCE, RUN_COLUMNS, GrowingRecordi
 from .resample import filled, thinned
 
 __all__ = ["MIN_SAMPLES", "RATE_TOLERANCE", "ROLES", "RUN_COLUMNS", "GrowingRecording", "Limits", "Recording",
-           "Request", "arguments", "atomic_write", "check_made", "check_outputs", "check_sizes", "check_targets", "content", "excite",
-           "filled", "import_recording", "is_device", "make_drive", "make_folder", "read_bytes", "read_recording", "same_file",
+           "Request", "amid", "arguments", "atomic_write", "beside_drive", "check_made", "check_outputs",
+           "check_sizes", "check_targets", "content", "excite", "filled", "import_recording", "is_device", "make_drive", "make_folder", "read_bytes", "read_recording", "same_file",
            "sample_times", "sync_folder", "taken", "targets", "thinned", "write_all", "write_recording"]

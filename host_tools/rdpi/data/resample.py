@@ -72,7 +72,17 @@ def resample(path: str, columns: Mapping[str, np.ndarray], rate_hz: float, place
                      (float(steps.min()), float(steps.max())), taps is not None)
 
 
-def _low_pass(times: int) -> np.ndarray:
+def at_times(time_s: np.ndarray, columns: Mapping[str, np.ndarray], wanted_s: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns of uniform samples at other, uniform times, interpolated as by `resample`; beyond the ends the last value."""
+    from scipy.interpolate import PchipInterpolator
+
+    times = (len(time_s) - 1) / (time_s[-1] - time_s[0]) * (wanted_s[-1] - wanted_s[0]) / (len(wanted_s) - 1)
+    taps = _low_pass(times) if times > 1 / NEAR else None
+    return {name: PchipInterpolator(time_s, values if taps is None else _filtered(values, taps))(
+        np.clip(wanted_s, time_s[0], time_s[-1])) for name, values in columns.items()}
+
+
+def _low_pass(times: float) -> np.ndarray:
     """An odd number of taps, for the grid that is `times` as fine as the new one."""
     from scipy.signal import firwin, kaiserord
 
