@@ -10,8 +10,9 @@ from test_chain import paper_model, recording, run_after
 
 from rdpi import firmware
 from rdpi.board import compensate, emulator, memory_after
-from rdpi.board.sweep import AMID, OFF_THE_MIDDLE, STILL
+from rdpi.board.sweep import OFF_THE_MIDDLE, STILL
 from rdpi.data import Recording
+from rdpi.data.align import AMID
 from rdpi.errors import BadInput
 from rdpi.model import Drive
 from rdpi.simulate import chain

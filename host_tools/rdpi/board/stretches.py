@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..data import MIN_SAMPLES, sample_times
-from .sweep import OFF_THE_MIDDLE, STILL, amid
+from ..data import MIN_SAMPLES, amid, sample_times
+from .sweep import OFF_THE_MIDDLE, STILL
 from .telemetry import (BODY, HELD, NO_READING, NO_REFERENCE, SWEEP, Decoder, Info, Run, displacement_um, references_um,
                         step_by, ticks_between, volts)
 

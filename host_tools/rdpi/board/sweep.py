@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
+from ..data import amid
 from ..model import Model
 
 STILL = 1e-3  # of the DAC's range: a drive that moves no more has stayed where the sweep ended
-AMID = 0.05  # of a sweep's range: from its middle, where a sweep has decayed from both sides
 OFF_THE_MIDDLE = "the sweep does not end in the middle of its range"
-
-
-def amid(end: float, lowest: float, highest: float) -> bool:
-    """Whether a decaying sweep over this range has left every play at x: near an edge the larger are left behind."""
-    return abs(end - (lowest + highest) / 2) <= AMID * (highest - lowest)
 
 
 def memory_after(model: Model, first_V: float) -> tuple[str, str]:

@@ -84,6 +84,9 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
               help="Earlier recording of the same drive as one of the RUNs, e.g. from commissioning. Give one for "
                    "each RUN, each after an --earlier of its own. The diagnosis then covers only what has changed "
                    "since, without the model's own error.")
+@click.option("--no-kept", is_flag=True,
+              help="Do not use the recordings that `rdpi fit --keep` kept with the model. Without --earlier, they are "
+                   "used if each RUN has the same drive as one of them.")
 @click.option("--reference", "references", multiple=True, metavar="REFERENCE.csv", type=click.Path(dir_okay=False),
               help="What is to be tracked, a column reference_um. The command then promises by how much compensation "
                    "shrinks the tracking error, and leaves out effects that would increase it, or of which "
@@ -95,7 +98,7 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
 @click.option("--max-gap", "max_gap_percent", type=Percent(), metavar="PERCENT",
               help="Exit with status 1 if the rms gap exceeds this, % of stroke.")
 def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | None, earlier: tuple[str, ...],
-        references: tuple[str, ...], without: tuple[str, ...], fail_on: tuple[str, ...],
+        no_kept: bool, references: tuple[str, ...], without: tuple[str, ...], fail_on: tuple[str, ...],
         max_gap_percent: float | None) -> dict[str, Any]:
     """Diagnose the gap between a model and recordings: where it is, what causes it, how far that effect closes it.
 
@@ -106,6 +109,7 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
     """
     from ..data import make_folder, read_recording
     from ..gap import diagnose, report as gap_report
+    from ..identify import kept
     from ..model import read_model, write_model
     from ..simulate import effects
 
@@ -114,11 +118,14 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
             raise BadInput(f"--without {name}: is not an effect; the effects are {', '.join(effects.CATALOGUE)}")
     with progress("diagnosing") as report_progress:
         parameters = read_model(model)
-        found = diagnose(parameters, [read_recording(path) for path in runs], without, report_progress,
-                         [read_recording(path) for path in earlier],
+        recordings, before, told = [read_recording(path) for path in runs], [read_recording(path) for path in earlier], []
+        if not before and not no_kept:
+            before, told = kept.earlier(parameters, recordings)
+        found = diagnose(parameters, recordings, without, report_progress, before,
                          [read_recording(path, required=("time_s", "reference_um")) for path in references])
     missed = _missed_gates(found.document, fail_on, max_gap_percent)
-    document = replace(found.document, model=model, model_digest=parameters.digest(), gate_failed=bool(missed))
+    document = replace(found.document, model=model, model_digest=parameters.digest(), gate_failed=bool(missed),
+                       notes=[*told, *found.document.notes])
     if report is not None:
         make_folder(report)  # the model may go there too
     if output is not None:

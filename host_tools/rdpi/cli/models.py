@@ -8,7 +8,7 @@ import click
 
 from .program import command
 from .progress import progress
-from .types import Numbers, Output, Percent, Report
+from .types import Folder, Numbers, Output, Percent, Report
 
 
 @command("fit")
@@ -49,8 +49,12 @@ from .types import Numbers, Output, Percent, Report
                    "--hold-out, the limit applies to all runs.")
 @click.option("--report", metavar="DIR", type=Report("fit.json", "fit.png", "fit.html"),
               help="Write fit.html (one page with pictures), fit.png and fit.json to this directory.")
+@click.option("--keep", metavar="DIR", type=Folder(),
+              help="Keep copies of the recordings in this directory, thinned out as far as nothing but noise is lost. "
+                   "`rdpi gap MODEL.json` then compares new recordings of the same drives with them, as with --earlier. "
+                   "Move the directory together with MODEL.json.")
 def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_percent: float | None,
-        report: str | None, **options: Any) -> dict[str, Any]:
+        report: str | None, keep: str | None, **options: Any) -> dict[str, Any]:
     """Identify a model from recordings.
 
     The fit finds the operator and what stands around it, such as a delay, creep or a resonance. An effect is kept if it
@@ -58,7 +62,7 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
     amplitudes whose memory is known (metadata memory: reset). `rdpi excite commission` makes the drive for them.
     """
     from ..data import make_folder, read_recording
-    from ..identify import Options, fit as identify, summary
+    from ..identify import Options, fit as identify, kept, summary
     from ..model import write_model
 
     with progress("fitting") as report_progress:
@@ -67,6 +71,9 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
         result = identify(fitted, Options(**options), held, report_progress)
     if report is not None:
         make_folder(report)  # the model may go there too
+    if keep is not None:  # before the model, which names what is kept
+        with progress("keeping"):
+            kept.keep([*fitted, *held], keep, result.model)
     write_model(output, result.model)
     worst = summary.worst_rms_percent(result)
     failed = max_rms_percent is not None and worst > max_rms_percent
@@ -74,6 +81,8 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
     if report is not None:
         summary.write_report(report, result, [*fitted, *held], document)
     click.echo(f"{output}: " + "\n".join(summary.lines(result)))
+    for line in kept.lines(result.model):
+        click.echo(line)
     if failed:
         click.echo(f"rdpi: the rms error is {worst:.3g} %; --max-rms allows {max_rms_percent:g} %", err=True)
     return document.to_json()

@@ -20,7 +20,7 @@ import click
 from .. import version
 from ..__main__ import stopped
 from ..errors import BadInput, printable
-from .types import Output, Report
+from .types import Folder, Output, Report
 
 
 class Program(click.Group):
@@ -115,6 +115,7 @@ def _check_paths(context: click.Context) -> None:
     inputs: list[str] = []
     outputs: list[str] = []
     folders: list[str] = []
+    kept: list[tuple[str, str]] = []
     made = None
     for parameter in context.command.params:
         kind, value = parameter.type, context.params.get(parameter.name)
@@ -125,6 +126,8 @@ def _check_paths(context: click.Context) -> None:
         if isinstance(kind, Report):
             made = value
             outputs += [os.path.join(value, file) for file in kind.files]
+        elif isinstance(kind, Folder):
+            kept.append((value, parameter.opts[0]))
         elif not isinstance(kind, Output):
             inputs += [value] if isinstance(value, str) else value
         elif value != "-":
@@ -138,6 +141,10 @@ def _check_paths(context: click.Context) -> None:
         from ..data import check_outputs
 
         check_outputs(outputs, inputs, made, folders)
+    for folder, option in kept:
+        from ..data import check_made
+
+        check_made(folder, outputs, option)
 
 
 def other_outputs() -> list[str]:

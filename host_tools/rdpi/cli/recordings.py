@@ -104,6 +104,11 @@ def _too_many_lost(missing: int, max_lost: int | None) -> bool:
 @click.option("--command-gain", metavar="GAIN", type=float, default=1.0,
               help="Multiply the command by this gain, V/V. Use it if the voltage was recorded before an amplifier of "
                    "fixed gain.")
+@click.option("--drive", metavar="DRIVE.csv", type=click.Path(dir_okay=False),
+              help="The drive that was played, as `rdpi excite` wrote it. The command finds it in the recorded voltage, "
+                   "and says delay, clock, gain and offset. The recording then has the drive's samples as command_V, "
+                   "starts where its sweep ends, and knows its memory. Give the clock's rate as the file has it; it may "
+                   "be off by 1 %.")
 @click.option("--as", "purpose", type=click.Choice(["run", "drive", "reference"]), default="run", show_default=True,
               help="What the file must contain. run: command and displacement. drive: a command. reference: a "
                    "reference.")
@@ -118,8 +123,8 @@ def _too_many_lost(missing: int, max_lost: int | None) -> bool:
 @_telemetry_options
 def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: slice, resample_hz: float | None,
             command_gain: float, purpose: str, also: dict[str, str], actuator: str | None, memory: str | None,
-            note: str | None, telemetry: bool, stretches: bool, max_lost: int | None, um_per_count: float | None,
-            count_0_um: float | None, **columns: str | None) -> dict[str, Any]:
+            note: str | None, drive: str | None, telemetry: bool, stretches: bool, max_lost: int | None,
+            um_per_count: float | None, count_0_um: float | None, **columns: str | None) -> dict[str, Any]:
     """Convert files of other formats to recordings.
 
     SOURCE is one of these:
@@ -137,16 +142,20 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
 
     \b
     rdpi import Model_Vi_Do.dat --command 0 --displacement 4 --rate 200 --rows 400:4400 -o fit.csv
+    rdpi import scope.csv --drive drive.csv -o run.csv
     rdpi import scope.csv --time t:ms --command Vin:mV --displacement pos_nm -o run.csv
     rdpi import monday/*.mat -o runs/
     rdpi import --telemetry captured.bin -o run.csv
     """
-    from ..data import ROLES, Request, import_recording, make_folder, targets, write_recording
+    from ..data import (ROLES, Request, beside_drive, import_recording, make_folder, read_recording, targets,
+                        write_recording)
 
     _check_telemetry_options(click.get_current_context(), telemetry)
     reserved = {role.column: key for key, role in ROLES.items()}
     for name in set(also) & set(reserved):
         raise BadInput(f"--also {name}: this column has its own option, --{reserved[name]}")
+    if drive is not None and (purpose != "run" or resample_hz is not None):
+        raise BadInput("--drive: makes a run at the drive's samples; leave out --as and --resample")
     texts = _texts(actuator=actuator, memory=memory, note=note)
     if telemetry:
         return _import_telemetry(sources, output, texts, (um_per_count, count_0_um), stretches, max_lost)
@@ -157,8 +166,13 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
     results = []
     with progress("importing") as report:
         imported = []
+        played = None if drive is None else read_recording(drive, required=("command_V",))
         for index, source in enumerate(sources):
-            imported.append(import_recording(source, request))
+            recording, lines = import_recording(source, request)
+            if played is not None:
+                recording, found = beside_drive(recording, played)
+                lines += found
+            imported.append((recording, lines))
             report((index + 0.5) / len(sources))
         # Only now, so that a bad source leaves nothing behind.
         for file, (recording, lines) in zip(files, imported):

@@ -24,6 +24,13 @@ class Report(click.Path):
         self.files = files
 
 
+class Folder(click.Path):
+    """A folder that the command makes, and where it chooses the names of files itself."""
+
+    def __init__(self) -> None:
+        super().__init__(file_okay=False)
+
+
 class Percent(click.ParamType):
     """A positive finite number."""
 

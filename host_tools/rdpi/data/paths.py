@@ -30,7 +30,7 @@ def check_outputs(outputs: Sequence[str], inputs: Collection[str] = (), made: st
     which the caller makes too. Devices may be given several times.
     """
     if made is not None:
-        _check_made(made, outputs)
+        check_made(made, outputs)
     for k, name in enumerate(outputs):
         _check_folder(name, made, folders)
         for other in (*inputs, *outputs[:k]):
@@ -39,18 +39,18 @@ def check_outputs(outputs: Sequence[str], inputs: Collection[str] = (), made: st
                 raise BadInput(f"{name}: would be written over {kind}; give another name")
 
 
-def _check_made(made: str, outputs: Sequence[str]) -> None:
-    """Raise BadInput unless the directory of --report is there or can be made."""
+def check_made(made: str, outputs: Sequence[str], option: str = "--report") -> None:
+    """Raise BadInput unless the directory of an option is there or can be made, and is none of the outputs."""
     above = Path(made)
     while not os.path.lexists(above) and above != above.parent:
         above = above.parent
     if not above.is_dir():
-        raise BadInput(f"{above}: is not a directory; give another name for --report")
+        raise BadInput(f"{above}: is not a directory; give another name for {option}")
     if not os.access(above, os.W_OK):
         raise BadInput(f"{made}: you may not write to the directory {above}; check its permissions")
     for name in outputs:
         if same_file(name, made):
-            raise BadInput(f"{name}: is the directory of --report too; give another name")
+            raise BadInput(f"{name}: is the directory of {option} too; give another name")
 
 
 def _check_folder(name: str, made: str | None, folders: Collection[str]) -> None:

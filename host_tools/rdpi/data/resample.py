@@ -1,4 +1,4 @@
-"""A recording on a uniform grid: for clocks that jitter, and for rates higher than needed."""
+"""A recording on a uniform grid: for clocks that jitter, and for rates higher than needed; every n-th sample and back."""
 
 from __future__ import annotations
 
@@ -72,7 +72,17 @@ def resample(path: str, columns: Mapping[str, np.ndarray], rate_hz: float, place
                      (float(steps.min()), float(steps.max())), taps is not None)
 
 
-def _low_pass(times: int) -> np.ndarray:
+def at_times(time_s: np.ndarray, columns: Mapping[str, np.ndarray], wanted_s: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns of uniform samples at other, uniform times, interpolated as by `resample`; beyond the ends the last value."""
+    from scipy.interpolate import PchipInterpolator
+
+    times = (len(time_s) - 1) / (time_s[-1] - time_s[0]) * (wanted_s[-1] - wanted_s[0]) / (len(wanted_s) - 1)
+    taps = _low_pass(times) if times > 1 / NEAR else None
+    return {name: PchipInterpolator(time_s, values if taps is None else _filtered(values, taps))(
+        np.clip(wanted_s, time_s[0], time_s[-1])) for name, values in columns.items()}
+
+
+def _low_pass(times: float) -> np.ndarray:
     """An odd number of taps, for the grid that is `times` as fine as the new one."""
     from scipy.signal import firwin, kaiserord
 
@@ -86,3 +96,18 @@ def _filtered(values: np.ndarray, taps: np.ndarray) -> np.ndarray:
 
     half = len(taps) // 2
     return fftconvolve(np.pad(values, half, mode="reflect", reflect_type="odd"), taps, mode="valid")
+
+
+def thinned(values: np.ndarray, every: int) -> np.ndarray:
+    """Every n-th sample from the first on, behind the low-pass of `resample`; as many as reach the last sample."""
+    padded = np.pad(values, (0, -(len(values) - 1) % every), mode="reflect", reflect_type="odd")
+    return _filtered(padded, _low_pass(every))[::every]
+
+
+def filled(values: np.ndarray, every: int, count: int) -> np.ndarray:
+    """`count` samples of which `thinned` kept every n-th: the smooth signal through them."""
+    taps = _low_pass(every)
+    beyond = len(taps) // 2 // every + 1  # what the filter sees of them beyond the ends
+    fine = np.zeros((len(values) + 2 * beyond) * every)
+    fine[::every] = every * np.pad(values, beyond, mode="reflect", reflect_type="odd")
+    return _filtered(fine, taps)[beyond * every:][:count]

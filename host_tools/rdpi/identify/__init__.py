@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import checks, identify, localise, passport, report, summary
+from . import checks, identify, kept, localise, passport, report, summary
 from .bands import rate_slopes
 from .document import BeforeAfter, FitDocument
 from .identify import Options, fit
@@ -10,4 +10,4 @@ from .localise import Axis, AxisEntry, Table
 from .passport import FITTED
 
 __all__ = ["FITTED", "Axis", "AxisEntry", "BeforeAfter", "FitDocument", "Options", "Table", "checks", "fit", "identify",
-           "localise", "passport", "rate_slopes", "report", "summary"]
+           "kept", "localise", "passport", "rate_slopes", "report", "summary"]

@@ -72,4 +72,7 @@ GAIN_SPREAD = 5.0  # [1] ratio of two runs' um per V; judged
 MODEL_SPREAD = 3.0  # [1] ratio of the model's um per V and a recording's; judged
 OTHER_UNITS = 200.0  # [1] the same, from which it is a matter of units; judged
 SAME_DRIVE = 0.005  # [range] two commands of the same drive differ at most: a converter's step, jitter; judged
+LOST_DRIVE = 0.001  # [range] by which the drive of a thinned copy may differ, well within SAME_DRIVE; judged
+LOST_NOISE = 1.6  # [noise] rms that a thinned copy may lose over a short window: all the noise, and its scatter; judged
+LOST_RANGE = 1e-4  # [range] the same beside it, for recordings without noise; judged
 CLIPPED_SHARE = 0.01  # [samples] at the very highest or lowest reading while the command moves; judged

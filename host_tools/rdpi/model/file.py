@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import sys
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,9 +45,23 @@ def read_model(path: str | os.PathLike[str]) -> Model:
 
 
 def write_model(path: str | os.PathLike[str], model: Model) -> None:
-    """Validate and write atomically."""
+    """Validate and write atomically. What is kept beside the old file is found from the new one."""
     model.validate(str(path))
-    atomic_write(path, json.dumps(model.to_json(), indent=1, allow_nan=False) + "\n")
+    moved = replace(model, kept=_seen_from(Path(path).parent, model))
+    atomic_write(path, json.dumps(moved.to_json(), indent=1, allow_nan=False) + "\n")
+
+
+def _seen_from(folder: Path, model: Model) -> Any:
+    """The key `kept` with paths from this folder; what is no list of paths stays."""
+    if not isinstance(model.kept, list):
+        return model.kept
+    return [{**one, "file": Path(os.path.relpath(beside(model, one["file"]), folder)).as_posix()}
+            if isinstance(one, dict) and isinstance(one.get("file"), str) else one for one in model.kept]
+
+
+def beside(model: Model, file: str) -> Path:
+    """Where a file is that the model names by its path from the folder of the model file."""
+    return Path(model.where).parent / file
 
 
 def _refuse_constant(name: str) -> None:
@@ -162,6 +178,7 @@ class _Reader:
             effects=self.effects(document),
             passport=passport,
             operator_alone=alone,
+            kept=document.pop("kept", None),
             extra=document,
             where=self.path,
         )

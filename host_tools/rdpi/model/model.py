@@ -22,11 +22,11 @@ from .curves import along
 from .documents import Document, json_key
 from .limits import (EPSILON, LARGEST, MAX_DAC_BITS, MAX_DEADZONES, MAX_PLAYS, MAX_SWEEP_CYCLES, MIN_SLOPE_RATIO,
                      SWEEP_CYCLES, SWEEP_HZ, TINY, Source)
-from .records import EffectEntry, FitRecord, OperatorAlone, Passport
+from .records import EffectEntry, FitRecord, KeptRun, OperatorAlone, Passport
 from .sweep import swept_states
 
 SECTIONS = "rate", "drive", "memory"
-NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "operator_alone",
+NOT_NUMBERS = {*SECTIONS, "source", "extra", "tool", "actuator", "fit", "effects", "passport", "operator_alone", "kept",
                "where", "dac_bits", "sweep_cycles", "noise_shaping", "curve_V", "singular_um_per_s", "smoothing_s",
                "identified_um_per_s"}
 WHOLE = "dac_bits", "sweep_cycles"
@@ -136,7 +136,9 @@ class Model(Document):
     operator_alone: Any = json_key("the operator fitted as if nothing stood around it, for an inverse that compensates "
                                    "no effect; null: that of the model", holds=OperatorAlone | None, default=None,
                                    omitted=True)
-    where: str = "model"  # names it in messages: the file that it was read from
+    kept: Any = json_key("copies of the recordings of the fit, written by `rdpi fit --keep`; null: none",
+                         holds=list[KeptRun] | None, default=None, omitted=True)
+    where: str = "model"  # names it in messages: the file that it was read from, beside whose folder `kept` lies
 
     def __post_init__(self) -> None:
         self._take_kinds(self.where)
@@ -266,7 +268,7 @@ class Model(Document):
         bare.memory = replace(bare.memory, sweep_share=self.memory.followed_share())
         bare.drive = replace(bare.drive, sweep_V_per_s=self.drive.sweep_speed(), sweep_end_V=self.sweep_end())
         document = bare.to_json()
-        for key in ("tool", "actuator", "fit", "effects", "passport", "operator_alone"):
+        for key in ("tool", "actuator", "fit", "effects", "passport", "operator_alone", "kept"):
             document.pop(key, None)
         if self.drive.curve_V:
             document["drive"]["curve_V"] = self.drive.curve_V

@@ -85,6 +85,20 @@ class FitRecord(Document):
 
 
 @dataclass(kw_only=True)
+class KeptRun(Document):
+    """A copy of a recording of the fit, for `rdpi gap` to compare later ones of the same drive with."""
+
+    file: str = json_key("path of the copy, from the folder of the model file")
+    digest: str = json_key("SHA-256 of the copy")
+    source: str = json_key("path of the recording as given")
+    source_digest: str = json_key("SHA-256 of the recording")
+    samples: int = json_key("number of samples of the recording", low=1)
+    sample_rate_hz: float = json_key("sample rate of the recording", "Hz", low=0)
+    every: int = json_key("the copy holds every so many-th sample, behind a low-pass; 1: all, as they are", low=1)
+    step_um: float = json_key("step of the sensor's grid; 0: none", "um", low=0)
+
+
+@dataclass(kw_only=True)
 class PassportRun(Document):
     """What the model misses of one recording."""
 

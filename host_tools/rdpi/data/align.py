@@ -1,0 +1,214 @@
+"""A recording of another clock beside the drive that was played: where the drive lies in it, to parts of a sample.
+
+The recorded voltage is taken for gain · drive + offset at times start + clock · (time of the drive). The place is
+searched by correlation on a coarse grid, for clocks that differ by up to MAX_CLOCK, and then refined by least squares
+(Gauss-Newton) on signals that are smoothed less and less. Where a converter holds each sample, the place is the middle
+of the hold.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import BadInput
+from .recording import Recording, sample_times
+from .resample import at_times
+
+AMID = 0.05  # of a sweep's range: from its middle, where a sweep has decayed from both sides
+MAX_CLOCK = 0.01  # by which two clocks may differ
+COARSE = 16_000  # samples of the drive among which the place is searched
+CLOCKS = 201  # at most so many clocks are tried, an odd number
+LEAST_ALIKE = 0.95  # correlation of a recorded voltage with its drive; noise of 30 % of the drive's rms leaves .957
+PART_ALIKE = 0.8  # the same of each of PARTS parts of the drive that move
+PARTS = 8
+MOVES = 0.5  # of the drive's rms: a part that moves less says little about noise
+MOST_DOUBT = 0.5  # samples of the drive: two standard errors of the place at either end of the drive
+ROUNDS = 40  # of refinement, at most, with each smoothing
+SETTLED = 0.02  # samples of the drive: a round that moves its ends by less is the last
+
+
+class Alignment(NamedTuple):
+    """Where a drive lies in a recording."""
+
+    start_s: float  # the drive's first sample, from the recording's first one; negative: the recording began later
+    clock: float  # seconds of the recording per second of the drive
+    gain: float  # recorded V per V of the drive; negative: inverted
+    offset_V: float  # recorded where the drive is 0 V
+    alike: float  # correlation of both, 0 to 1
+    doubt_s: float  # two standard errors of the place, at the end of the drive where it is larger
+
+
+def amid(end: float, lowest: float, highest: float) -> bool:
+    """Whether a decaying sweep over this range has left every play at x: near an edge the larger are left behind."""
+    return abs(end - (lowest + highest) / 2) <= AMID * (highest - lowest)
+
+
+def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]]:
+    """A recording at the samples of the drive that was played, from where its sweep ends; and lines that say what was
+    found.
+
+    command_V becomes that of the drive, every other column is interpolated behind a low-pass. Raises BadInput if the
+    drive is not in the recording from the end of its sweep to its own end, or if its place stays in doubt.
+    """
+    first, swept = _after_sweep(drive)
+    found = align(run, drive, first)
+    times = run.time_s[0] + found.start_s + found.clock * np.arange(first, len(drive)) / drive.sample_rate_hz
+    columns = {name: values for name, values in run.columns.items() if name not in ("time_s", "command_V")}
+    read = at_times(run.time_s, columns, times)
+    rate_hz = drive.sample_rate_hz
+    metadata = {**run.metadata, "memory": run.metadata.get("memory", "reset" if swept else "unknown"),
+                "sample_rate_hz": f"{rate_hz:.12g}", "played": drive.path, "played_digest": drive.digest,
+                "played_from_s": f"{found.start_s:.9g}", "played_clock": f"{found.clock:.9g}",
+                "played_gain": f"{found.gain:.6g}", "played_offset_V": f"{found.offset_V:.6g}"}
+    lines = [f"  aligned with {drive.path}: its first sample is {abs(found.start_s):.9g} s "
+             + ("after" if found.start_s >= 0 else "before") + " the first one used, known to "
+             f"{found.doubt_s * rate_hz:.1g} samples of the drive",
+             f"  clock {1e6 * (found.clock - 1):+.4g} ppm, recorded voltage = {found.gain:.6g} x drive "
+             f"{'+' if found.offset_V >= 0 else '-'} {abs(found.offset_V):.4g} V"
+             + (" (inverted)" if found.gain < 0 else "") + f", correlation {found.alike:.5f}",
+             f"  cut to {len(times)} samples at the drive's {rate_hz:g} per second"
+             + (f", from the end of its sweep at {first / rate_hz:.6g} s" if first else "")
+             + f"; memory: {metadata['memory']}"]
+    return Recording(run.path, metadata, {"time_s": sample_times(len(times), rate_hz),
+                                          "command_V": drive.command_V[first:], **read}), lines
+
+
+def align(run: Recording, drive: Recording, first: int = 0) -> Alignment:
+    """Where the drive lies in the recording, as its samples from number `first` on show it. Raises BadInput."""
+    wanted, where = drive.command_V[first:], f"{run.path}: --drive {drive.path}"
+    if np.ptp(wanted) <= 0:
+        raise BadInput(f"{where}: command_V does not move; give the drive that was played")
+    if np.ptp(run.command_V) <= 0:
+        raise BadInput(f"{where}: the recorded voltage is constant; choose its column with --command")
+    step_s, needed_s = 1 / drive.sample_rate_hz, (len(wanted) - 1) / drive.sample_rate_hz
+    lasts_s = run.time_s[-1] - run.time_s[0]
+    if lasts_s < needed_s * (1 - MAX_CLOCK):
+        raise BadInput(f"{where}: the recording lasts {lasts_s:.6g} s, but the drive {needed_s:.6g} s"
+                       + (" from the end of its sweep" if first else "") + "; record all of it, or cut the drive")
+    start_s, clock, width_s = _coarse(run, wanted, step_s)
+    finest_s = max(step_s, run.sample_time_s)
+    while True:
+        start_s, clock, fitted = _refined(run, wanted, step_s, start_s, clock, width_s)
+        if width_s <= finest_s:
+            break
+        width_s = max(width_s / 2, finest_s)
+    slack_s = max(step_s, run.sample_time_s)
+    before, after = -start_s, start_s + clock * needed_s - lasts_s
+    if max(before, after) > slack_s:
+        raise BadInput(f"{where}: the recording "
+                       + (f"begins {before:.4g} s after" if before > after else f"ends {after:.4g} s before")
+                       + (" the end of the drive's sweep" if before > after and first else " the drive does")
+                       + f" (or holds another drive: correlation {fitted.alike:.3f}); record all of it")
+    if fitted.alike < LEAST_ALIKE or fitted.least_alike < PART_ALIKE:
+        raise BadInput(f"{where}: the drive is not found in the recorded voltage (correlation {fitted.alike:.3f}, in "
+                       f"the worst part {fitted.least_alike:.3f}; needed are {LEAST_ALIKE:g} and {PART_ALIKE:g}); check "
+                       "that this drive was played as a whole, and the columns")
+    if not fitted.doubt_s < MOST_DOUBT * step_s:
+        raise BadInput(f"{where}: the drive is found, but only to {fitted.doubt_s / step_s:.2g} of its samples; record "
+                       "the voltage with less noise, or play a faster drive")
+    return Alignment(start_s - clock * first * step_s, clock, fitted.gain, fitted.offset_V, fitted.alike,
+                     fitted.doubt_s)
+
+
+class _Fitted(NamedTuple):
+    gain: float
+    offset_V: float
+    alike: float
+    least_alike: float
+    doubt_s: float
+
+
+def _after_sweep(drive: Recording) -> tuple[int, bool]:
+    """The sample at which the start-up sweep of the drive ends, and whether it leaves a known memory."""
+    def number(key: str) -> float | None:
+        try:
+            value = float(drive.metadata[key])
+        except (KeyError, ValueError):
+            return None
+        return value if np.isfinite(value) else None
+
+    sweep_s, low, high, end = (number(key) for key in ("sweep_s", "min_V", "max_V", "rest_V"))
+    if sweep_s is None:
+        return 0, False
+    first = round(sweep_s * drive.sample_rate_hz)
+    if not 0 < first < len(drive) - 1:
+        raise BadInput(f"{drive.path}: sweep_s is {sweep_s:g}, but the drive lasts "
+                       f"{(len(drive) - 1) / drive.sample_rate_hz:g} s; correct it, or leave it out")
+    return first, None not in (low, high, end) and amid(end, low, high)
+
+
+def _coarse(run: Recording, wanted: np.ndarray, step_s: float) -> tuple[float, float, float]:
+    """Start in s from the recording's first sample, clock, and the step of the grid on which both were searched."""
+    needed_s = (len(wanted) - 1) * step_s
+    grid_s = max(step_s, run.sample_time_s, needed_s / COARSE)
+    beyond_s = needed_s * MAX_CLOCK / 2  # a clock that is off must not push an end out
+    lasts_s = run.time_s[-1] - run.time_s[0]
+    heard = _smoothed(run.command_V, grid_s / run.sample_time_s)
+    heard = np.interp(np.arange(-beyond_s, lasts_s + beyond_s, grid_s), run.time_s - run.time_s[0], heard)
+    heard = heard - np.mean(heard)
+    smooth, own_s = _smoothed(wanted, grid_s / step_s), np.arange(len(wanted)) * step_s
+    size = 1 << int(len(heard) + 2).bit_length()
+    spectrum = np.fft.rfft(heard, size)
+    sums, squares = (np.concatenate([[0.0], np.cumsum(part)]) for part in (heard, heard**2))
+    clocks = min(CLOCKS, 2 * int(np.ceil(2 * MAX_CLOCK * needed_s / grid_s / 2)) + 1)
+    best = (0.0, 0.0, 1.0)
+    for clock in 1 + MAX_CLOCK * np.linspace(-1, 1, max(3, clocks)):
+        shape = np.interp(np.arange(0, needed_s * clock, grid_s), own_s * clock, smooth)
+        if len(shape) > len(heard):
+            continue
+        shape -= np.mean(shape)
+        product = np.fft.irfft(spectrum * np.conj(np.fft.rfft(shape, size)), size)[:len(heard) - len(shape) + 1]
+        mean = (sums[len(shape):] - sums[:-len(shape)]) / len(shape)
+        power = (squares[len(shape):] - squares[:-len(shape)]) - len(shape) * mean**2
+        power = np.maximum(power, 1e-6 * squares[-1])
+        alike = np.abs(product) / np.sqrt(power * (shape @ shape))
+        place = int(np.argmax(alike))
+        best = max(best, (float(alike[place]), place * grid_s - beyond_s, float(clock)))
+    return best[1], best[2], grid_s
+
+
+def _refined(run: Recording, wanted: np.ndarray, step_s: float, start_s: float, clock: float, width_s: float
+             ) -> tuple[float, float, _Fitted]:
+    """Start and clock after rounds of Gauss-Newton on signals smoothed over a width, and how well they fit."""
+    smooth, own_s = _smoothed(wanted, width_s / step_s), np.arange(len(wanted)) * step_s
+    slope, middle_s = np.gradient(smooth, step_s), own_s[-1] / 2
+    heard = _smoothed(run.command_V, width_s / run.sample_time_s)
+    columns = np.stack([smooth, np.ones_like(smooth), slope, slope * (own_s - middle_s)], axis=1)
+    normal = columns.T @ columns
+    for _ in range(ROUNDS):
+        read = np.interp(start_s + clock * own_s, run.time_s - run.time_s[0], heard)
+        gain, offset_V, late, stretch = np.linalg.lstsq(normal, columns.T @ read, rcond=None)[0]
+        if gain == 0:
+            break
+        # read = gain · drive(t + shift): the recording is ahead by the shift, of at most a width at each round
+        shift = float(np.clip(late / gain, -width_s, width_s))
+        faster = float(np.clip(stretch / gain, *(np.array([-1, 1]) * width_s / max(middle_s, step_s))))
+        start_s -= clock * (shift - faster * middle_s)
+        clock = float(np.clip(clock * (1 - faster), 1 - MAX_CLOCK, 1 + MAX_CLOCK))
+        if abs(shift) + abs(faster) * middle_s < SETTLED * step_s:
+            break
+    read = np.interp(start_s + clock * own_s, run.time_s - run.time_s[0], heard)
+    gain, offset_V = np.polyfit(smooth, read, 1)
+    left = read - gain * smooth - offset_V
+    lag = max(1.0, run.sample_time_s / step_s, width_s / step_s)  # samples over which noise is the same
+    places = columns[:, 2:] * (gain or np.finfo(float).tiny)
+    inverse, ends = np.linalg.pinv(places.T @ places), np.array([[1.0, -middle_s], [1.0, middle_s]])
+    # of noise alike everywhere; and of errors as they are, which stand at edges that a slow recording does not resolve
+    even, uneven = lag * np.mean(left**2) * inverse, lag * inverse @ (places.T * left**2) @ places @ inverse
+    doubt_s = 2 * float(np.sqrt(max(end @ kind @ end for end in ends for kind in (even, uneven))))
+    usual = float(np.std(smooth))
+    parts = [float(np.sqrt(max(0.0, 1 - np.mean(e**2) / max(np.var(gain * u), np.finfo(float).tiny))))
+             for e, u in zip(np.array_split(left, PARTS), np.array_split(smooth, PARTS)) if np.std(u) > MOVES * usual]
+    alike = float(np.sqrt(max(0.0, 1 - np.mean(left**2) / max(float(np.var(read)), np.finfo(float).tiny))))
+    return start_s, clock, _Fitted(float(gain), float(offset_V), alike, min(parts, default=alike), doubt_s)
+
+
+def _smoothed(values: np.ndarray, width: float) -> np.ndarray:
+    """Twice the mean over `width` samples, for what happens between samples of a grid as wide."""
+    from scipy.ndimage import uniform_filter1d
+
+    size = int(round(width)) | 1
+    return values if size < 3 else uniform_filter1d(uniform_filter1d(values, size, mode="nearest"), size,
+                                                    mode="nearest")
