@@ -208,6 +208,18 @@ static void flag_lead(rdpi_f32_t *axis)
     }
 }
 
+/* All behind the lead, which wishes to add `wish_um` to `base_um`. */
+static RDPI_F32_SELDOM rdpi_real_t step_limited(rdpi_f32_chain_t *self, rdpi_real_t base_um, rdpi_real_t wish_um)
+{
+    const rdpi_f32_lead_t *lead = &self->lead;
+    rdpi_real_t add_um = rdpi_f32_clamp(wish_um, -lead->max_um, lead->max_um);
+    rdpi_real_t drive_V = step_behind_lead(self, base_um + add_um);
+    if (add_um != wish_um) {
+        flag_lead(&self->axis);
+    }
+    return drive_V;
+}
+
 /* Any reference of a chain with a lead. After a reference that cannot be used or missed samples, the references lie on
  * a straight line. */
 static RDPI_F32_SELDOM rdpi_real_t step_general(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
@@ -227,33 +239,29 @@ static RDPI_F32_SELDOM rdpi_real_t step_general(rdpi_f32_chain_t *self, rdpi_rea
         lead->before_um = step_um;
     }
     rdpi_real_t wish_um = rdpi_f32_lead_at(lead, step_um);
-    rdpi_real_t add_um = rdpi_f32_clamp(wish_um, -lead->max_um, lead->max_um);
     rdpi_f32_lead_take(lead, ahead_um, step_um);
-    rdpi_real_t base_um = self->params->preview != 0u ? ahead_um - step_um : ahead_um;
-    rdpi_real_t drive_V = step_behind_lead(self, base_um + add_um);
-    if (add_um != wish_um) {
-        flag_lead(&self->axis);
-    }
-    return drive_V;
+    return step_limited(self, self->params->preview != 0u ? ahead_um - step_um : ahead_um, wish_um);
 }
 
-/* The usual lead, with preview. Returns false, and has changed nothing, if step_general has to serve the reference. */
-static RDPI_F32_HOT bool lead_usually(rdpi_f32_lead_t *lead, rdpi_real_t ahead_um, rdpi_real_t *z_um)
+/* The usual lead, with preview. `creeps`: creep comes behind it. */
+static RDPI_F32_HOT rdpi_real_t step_usually(rdpi_f32_chain_t *self, rdpi_real_t ahead_um, bool creeps)
 {
+    rdpi_f32_lead_t *lead = &self->lead;
     rdpi_real_t latest_um = lead->latest_um, step_um = ahead_um - latest_um;
     rdpi_real_t add_um = rdpi_f32_lead_at(lead, step_um);
-    if (!(fabs(add_um) <= lead->max_um) || !is_usable(ahead_um)) {
-        return false;
+    if (!is_usable(ahead_um)) {
+        return refuse(self);
     }
     rdpi_f32_lead_take(lead, ahead_um, step_um);
-    *z_um = latest_um + add_um;
-    return true;
+    if (!(fabs(add_um) <= lead->max_um)) {
+        return step_limited(self, ahead_um - step_um, add_um);
+    }
+    return creeps ? step_creep(self, latest_um + add_um) : rdpi_f32_step(&self->axis, latest_um + add_um);
 }
 
 static RDPI_F32_SELDOM rdpi_real_t step_lead(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
 {
-    rdpi_real_t z_um;
-    return lead_usually(&self->lead, ahead_um, &z_um) ? rdpi_f32_step(&self->axis, z_um) : step_general(self, ahead_um);
+    return step_usually(self, ahead_um, false);
 }
 
 static RDPI_F32_SELDOM rdpi_real_t step_creep_alone(rdpi_f32_chain_t *self, rdpi_real_t reference_um)
@@ -263,8 +271,7 @@ static RDPI_F32_SELDOM rdpi_real_t step_creep_alone(rdpi_f32_chain_t *self, rdpi
 
 static RDPI_F32_SELDOM rdpi_real_t step_lead_creep(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
 {
-    rdpi_real_t z_um;
-    return lead_usually(&self->lead, ahead_um, &z_um) ? step_creep(self, z_um) : step_general(self, ahead_um);
+    return step_usually(self, ahead_um, true);
 }
 
 rdpi_real_t rdpi_f32_chain_step(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)

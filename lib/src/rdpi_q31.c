@@ -188,7 +188,7 @@ static inline int32_t rate_of_sample(rdpi_q31_t *self, int32_t reference)
     return rdpi_q31_rate_direct(&self->rate_estimator, distance);
 }
 
-/* S^-1, times 2^30, if the reference does not lie on latest_piece. */
+/* S^-1, times 2^30, by a search. latest_piece is the one found. */
 static RDPI_Q31_SELDOM int64_t v_beyond_piece(rdpi_q31_t *self, int32_t reference)
 {
     const rdpi_q31_params_t *params = self->params;
@@ -254,7 +254,7 @@ static void output(rdpi_q31_t *self, int32_t from)
 }
 
 /* Outputs the drive of an x in range, as far as the slew limit allows. */
-static RDPI_Q31_SELDOM void output_limited(rdpi_q31_t *self, int32_t x)
+static RDPI_Q31_SELDOM void output_limited(rdpi_q31_t *self, int32_t x, int32_t reference)
 {
     int64_t change = widen(rdpi_q31_drive_of_x(self->params, x)) - self->ramp;
     int64_t limited = change;
@@ -272,6 +272,13 @@ static RDPI_Q31_SELDOM void output_limited(rdpi_q31_t *self, int32_t x)
     }
     self->ramp += limited;
     output(self, self->x);
+#if RDPI_NOISE_SHAPING
+    if (shapes_noise(self)) {
+        count_missed(self, v_beyond_piece(self, reference)); /* kept no longer, for the fast way */
+    }
+#else
+    (void)reference;
+#endif
 }
 
 /* Outputs the code nearest to an x in range, which is the drive: what `output` does, if `direct_output` holds. */
@@ -314,13 +321,8 @@ int32_t rdpi_q31_step(rdpi_q31_t *self, int32_t reference)
     if (self->direct_output) {
         output_direct(self, x);
     } else {
-        output_limited(self, x);
+        output_limited(self, x, reference);
     }
-#if RDPI_NOISE_SHAPING
-    if (shapes_noise(self)) {
-        count_missed(self, v);
-    }
-#endif
     return self->drive;
 }
 

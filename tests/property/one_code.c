@@ -130,7 +130,7 @@ static void random_model(scenario_t *scenario, int number)
         params->sweep_V_per_s = (rdpi_real_t)fmin(2e6, reach_V * log_uniform(1e-3, 0.3) / scenario->sample_time_s);
         params->slew_V_per_s = params->slew_V_per_s > 0 ? 4 * params->sweep_V_per_s : 0;
         params->sweep_cycles = (uint16_t)(1 + choose(4));
-        params->noise_shaping = RDPI_NOISE_SHAPING && !choose(8);
+        params->noise_shaping = RDPI_NOISE_SHAPING && number % 8 == 5;
         rdpi_real_t rest_V = (rdpi_real_t)uniform((double)params->min_V, (double)params->max_V);
         actuator_derive(&scenario->actuator);
         rdpi_real_t rest_um = rdpi_f32_x_of_drive(rdpi_f32_line_of_drive(params, rest_V), rest_V);

@@ -6,12 +6,16 @@
 TEST_SOURCE_FILE("lib/src/rdpi_f32.c")
 
 #include "axis_f32.inc"
+
+#define CARRIED carried_um
+#define MUCH 100 /* carried, more than codes miss */
 void setUp(void); /* there, named here for the generator of the runner */
 void tearDown(void);
 
 /* What both siblings do. */
 void test_what_codes_miss_adds_up_to_less_than_two_codes(void);
 void test_a_reference_that_a_code_makes_has_that_code(void);
+void test_x_is_moved_by_half_a_code_at_most(void);
 void test_the_code_is_the_nearest_or_the_one_beside_it_and_flags_are_the_same(void);
 void test_noise_shaping_keeps_the_slew_limit(void);
 void test_nothing_is_carried_over_a_clip(void);

@@ -166,15 +166,15 @@ typedef struct {
                                shaping. init sets it for good */
     uint16_t sweep_turns; /**< turning points that the start-up sweep has still to reach; 0: no sweep runs */
     int32_t x;            /**< where the plays were brought for `drive`; not kept if direct_output */
-#if RDPI_NOISE_SHAPING
-    int64_t carried;      /**< noise shaping: see carried_um in rdpi/f32.h; times 2^30 */
-#endif
     int64_t ramp;         /**< drive before it is rounded to a code, times 2^32 */
     int64_t slew;         /**< largest change of the ramp per sample, 0: unlimited */
     int64_t sweep_step;   /**< change of the ramp per sample of the start-up sweep */
     rdpi_q31_piece_t latest_piece;  /**< the piece of S^-1 on which the latest reference lay */
     rdpi_q31_rate_t rate_estimator; /**< its state */
     rdpi_q31_bank_t bank;           /**< the plays */
+#if RDPI_NOISE_SHAPING
+    int64_t carried;                /**< noise shaping: see carried_um in rdpi/f32.h; times 2^30 */
+#endif
 } rdpi_q31_t;
 
 /** RDPI_LAYOUT of this header. */
