@@ -159,7 +159,7 @@ def test_gap_compares_with_what_was_kept(folder: Path, rdpi: Callable) -> None:
     assert result["effects"][0]["parameters"]["delay_s"]["value"] == pytest.approx(0.002, rel=0.02)
     named = [Path(row["earlier"]) for row in result["runs"]]
     assert named == [copies()[name] for name in NAMES]
-    line = f"as with --earlier, compared with recordings that were kept with the model: {named[0]}, {named[1]}, {named[2]}"
+    line = f"as with --earlier, compared with recordings that were kept with the model: {', '.join(map(str, named))}"
     assert line in text and line in result["notes"]
     assert json.loads(Path("improved.json").read_text())["effects"][0]["new"] is True
     explicit, text = gap_of(rdpi, "model.json", *LATE[:1], *given[:2])  # what is given goes first
@@ -214,7 +214,8 @@ def test_a_copy_that_is_not_as_it_was(what: str, folder: Path, rdpi: Callable) -
 
 
 @pytest.mark.parametrize("wrong", [
-    {"samples": 10**8}, {"samples": "many"}, {"every": 0}, {"every": 1.5}, {"every": True}, {"file": 3}, {"sample_rate_hz": -1},
+    {"samples": 10**8}, {"samples": "many"}, {"every": 0}, {"every": 1.5}, {"every": True}, {"file": 3},
+    {"sample_rate_hz": -1},
     {"step_um": None}, {"digest": ""}])
 def test_entries_that_no_fit_wrote(wrong: dict, folder: Path) -> None:
     model = read_model("model.json")

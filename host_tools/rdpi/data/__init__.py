@@ -13,6 +13,7 @@ from .recording import (MIN_SAMPLES, RATE_TOLERANCE, RUN_COLUMNS, GrowingRecordi
 from .resample import filled, thinned
 
 __all__ = ["MIN_SAMPLES", "RATE_TOLERANCE", "ROLES", "RUN_COLUMNS", "GrowingRecording", "Limits", "Recording",
-           "Request", "amid", "arguments", "atomic_write", "beside_drive", "check_made", "check_outputs",
-           "check_sizes", "check_targets", "content", "excite", "filled", "import_recording", "is_device", "make_drive", "make_folder", "read_bytes", "read_recording", "same_file",
-           "sample_times", "sync_folder", "taken", "targets", "thinned", "write_all", "write_recording"]
+           "Request", "amid", "arguments", "atomic_write", "beside_drive", "check_made", "check_outputs", "check_sizes",
+           "check_targets", "content", "excite", "filled", "import_recording", "is_device", "make_drive", "make_folder",
+           "read_bytes", "read_recording", "same_file", "sample_times", "sync_folder", "taken", "targets", "thinned",
+           "write_all", "write_recording"]

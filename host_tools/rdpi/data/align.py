@@ -24,8 +24,9 @@ LEAST_ALIKE = 0.95  # correlation of a recorded voltage with its drive; noise of
 PART_ALIKE = 0.8  # the same of each of PARTS parts of the drive that move
 PARTS = 8
 MOVES = 0.5  # of the drive's rms: a part that moves less says little about noise
-MOST_DOUBT = 0.5  # samples of the drive: two standard errors of the place at either end of the drive
+MOST_DOUBT = 0.5  # samples of the drive: three standard errors of the place at either end of the drive
 ROUNDS = 40  # of refinement, at most, with each smoothing
+HELD = 1 / 8, 3 / 4, 1 / 8  # what two means over a sample's length make of samples that a converter holds
 SETTLED = 0.02  # samples of the drive: a round that moves its ends by less is the last
 
 
@@ -37,7 +38,7 @@ class Alignment(NamedTuple):
     gain: float  # recorded V per V of the drive; negative: inverted
     offset_V: float  # recorded where the drive is 0 V
     alike: float  # correlation of both, 0 to 1
-    doubt_s: float  # two standard errors of the place, at the end of the drive where it is larger
+    doubt_s: float  # three standard errors of the place, at the end of the drive where it is larger
 
 
 def amid(end: float, lowest: float, highest: float) -> bool:
@@ -103,11 +104,11 @@ def align(run: Recording, drive: Recording, first: int = 0) -> Alignment:
                        + f" (or holds another drive: correlation {fitted.alike:.3f}); record all of it")
     if fitted.alike < LEAST_ALIKE or fitted.least_alike < PART_ALIKE:
         raise BadInput(f"{where}: the drive is not found in the recorded voltage (correlation {fitted.alike:.3f}, in "
-                       f"the worst part {fitted.least_alike:.3f}; needed are {LEAST_ALIKE:g} and {PART_ALIKE:g}); check "
-                       "that this drive was played as a whole, and the columns")
+                       f"the worst part {fitted.least_alike:.3f}; needed are {LEAST_ALIKE:g} and {PART_ALIKE:g}); "
+                       "check that this drive was played as a whole, and the columns")
     if not fitted.doubt_s < MOST_DOUBT * step_s:
         raise BadInput(f"{where}: the drive is found, but only to {fitted.doubt_s / step_s:.2g} of its samples; record "
-                       "the voltage with less noise, or play a faster drive")
+                       "the voltage with less noise or at a higher rate, or play a faster drive")
     return Alignment(start_s - clock * first * step_s, clock, fitted.gain, fitted.offset_V, fitted.alike,
                      fitted.doubt_s)
 
@@ -173,8 +174,10 @@ def _refined(run: Recording, wanted: np.ndarray, step_s: float, start_s: float, 
              ) -> tuple[float, float, _Fitted]:
     """Start and clock after rounds of Gauss-Newton on signals smoothed over a width, and how well they fit."""
     smooth, own_s = _smoothed(wanted, width_s / step_s), np.arange(len(wanted)) * step_s
-    slope, middle_s = np.gradient(smooth, step_s), own_s[-1] / 2
     heard = _smoothed(run.command_V, width_s / run.sample_time_s)
+    if smooth is wanted and heard is not run.command_V:
+        smooth = np.convolve(np.pad(wanted, 1, mode="edge"), HELD, mode="valid")
+    slope, middle_s = np.gradient(smooth, step_s), own_s[-1] / 2
     columns = np.stack([smooth, np.ones_like(smooth), slope, slope * (own_s - middle_s)], axis=1)
     normal = columns.T @ columns
     for _ in range(ROUNDS):
@@ -192,12 +195,14 @@ def _refined(run: Recording, wanted: np.ndarray, step_s: float, start_s: float, 
     read = np.interp(start_s + clock * own_s, run.time_s - run.time_s[0], heard)
     gain, offset_V = np.polyfit(smooth, read, 1)
     left = read - gain * smooth - offset_V
-    lag = max(1.0, run.sample_time_s / step_s, width_s / step_s)  # samples over which noise is the same
+    # samples over which noise is the same: smoothing by two means of a sample makes neighbours alike too
+    lag = max(1.5, run.sample_time_s / step_s, width_s / step_s)
     places = columns[:, 2:] * (gain or np.finfo(float).tiny)
     inverse, ends = np.linalg.pinv(places.T @ places), np.array([[1.0, -middle_s], [1.0, middle_s]])
-    # of noise alike everywhere; and of errors as they are, which stand at edges that a slow recording does not resolve
-    even, uneven = lag * np.mean(left**2) * inverse, lag * inverse @ (places.T * left**2) @ places @ inverse
-    doubt_s = 2 * float(np.sqrt(max(end @ kind @ end for end in ends for kind in (even, uneven))))
+    # of noise alike everywhere; and of errors as they are: an edge lies anywhere between two samples of the recording
+    errors = left**2 + (gain * slope * run.sample_time_s) ** 2 / 12
+    even, uneven = lag * np.mean(left**2) * inverse, lag * inverse @ (places.T * errors) @ places @ inverse
+    doubt_s = 3 * float(np.sqrt(max(end @ kind @ end for end in ends for kind in (even, uneven))))
     usual = float(np.std(smooth))
     parts = [float(np.sqrt(max(0.0, 1 - np.mean(e**2) / max(np.var(gain * u), np.finfo(float).tiny))))
              for e, u in zip(np.array_split(left, PARTS), np.array_split(smooth, PARTS)) if np.std(u) > MOVES * usual]

@@ -1,4 +1,4 @@
-"""A recording on a uniform grid: for clocks that jitter, and for rates higher than needed; every n-th sample and back."""
+"""A recording on a uniform grid: for clocks that jitter, for rates higher than needed, for thinning out and back."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def resample(path: str, columns: Mapping[str, np.ndarray], rate_hz: float, place
 
 
 def at_times(time_s: np.ndarray, columns: Mapping[str, np.ndarray], wanted_s: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns of uniform samples at other, uniform times, interpolated as by `resample`; beyond the ends the last value."""
+    """Columns of uniform samples at other uniform times, as `resample` interpolates; beyond the ends the last value."""
     from scipy.interpolate import PchipInterpolator
 
     times = (len(time_s) - 1) / (time_s[-1] - time_s[0]) * (wanted_s[-1] - wanted_s[0]) / (len(wanted_s) - 1)

@@ -127,8 +127,8 @@ def _rounded(values: np.ndarray) -> np.ndarray:
 
 def _whole(model: Model, one: records.KeptRun, where: str) -> Recording:
     """The recording that a copy was made of. Raises BadInput for a copy that is not there or not as it was written."""
-    for name, kind in (("file", str), ("digest", str), ("samples", int), ("every", int), ("sample_rate_hz", (int, float)),
-                       ("step_um", (int, float))):
+    for name, kind in (("file", str), ("digest", str), ("samples", int), ("every", int),
+                       ("sample_rate_hz", (int, float)), ("step_um", (int, float))):
         if not isinstance(getattr(one, name), kind) or isinstance(getattr(one, name), bool):
             raise BadInput(f"{where}.{name}: is not as `rdpi fit` writes it")
     if not (1 <= one.every <= LARGEST_EVERY and 1 <= one.samples <= MOST_SAMPLES and one.sample_rate_hz > 0):

@@ -13,7 +13,7 @@ from .operators import MAX_REFERENCE_UM
 from .records import Passport
 from .sweep import swept_states
 
-__all__ = ["LARGEST", "MAX_CURVE_PIECES", "MAX_DAC_BITS", "MAX_OFFSET", "MAX_PLAYS", "MAX_REFERENCE_UM", "MIN_SLOPE_RATIO",
-           "SOURCES", "TOLERANCE", "Document", "Drive", "Memory", "Model", "Passport", "Rate", "along", "beside", "guarded", "intercepts",
-           "inverse_saturation", "json_key", "operators", "read_model", "records", "schema", "swept_states",
-           "write_model"]
+__all__ = ["LARGEST", "MAX_CURVE_PIECES", "MAX_DAC_BITS", "MAX_OFFSET", "MAX_PLAYS", "MAX_REFERENCE_UM",
+           "MIN_SLOPE_RATIO", "SOURCES", "TOLERANCE", "Document", "Drive", "Memory", "Model", "Passport", "Rate",
+           "along", "beside", "guarded", "intercepts", "inverse_saturation", "json_key", "operators", "read_model",
+           "records", "schema", "swept_states", "write_model"]
