@@ -58,7 +58,7 @@ CORRELATED = 30  # [samples] of the residual that count as one: what the model m
 REACH = 0.5  # [change] share of a candidate's change, as far as its Jacobian is taken to hold; judged
 TRACKED_LEVEL = 0.6  # [of the squares] that recordings and passport leave unexplained, in tracked references; rigs
 TRACKED_SPREAD = 0.35  # [ln] scatter of the rms of that; rigs
-TRACKED_SCATTER = 0.08  # [1] of the shrink beside that: effects that have another name; rigs
+TRACKED_SCATTER = 0.12  # [1] of the shrink beside that: effects that have another name; rigs
 MOST_BEYOND = 1.0  # [of the change] in an octave, that no effect explains; rigs
 TRACKED_WORSE = 0.02  # [1] by which tracking may get worse as promised, before an effect is left out; rigs
 
