@@ -418,7 +418,7 @@ def test_recovered_effects_are_counted():
 
 def test_tracking_errors_are_compared_with_those_of_the_plain_rig():
     def rig(family: str, put: str, error: float) -> dict:
-        ways = dict.fromkeys(chain.WAYS, error) | {"none": 8.0, "plain": 2.0}
+        ways = dict.fromkeys(chain.WAYS, error) | {"none": 8.0, "plain": 2.0, "rung": 2.4}
         sines = {which: {"preview": [1.0] * 6, "no preview": [error] * 6} for which in ("true", "fitted")}
         return {"family": family, "put": put, "seed": 1, "10hz": ways, "5-20-35hz": {**ways, "true q31": 6.0},
                 "sines": {**sines, "plain": [0.5] * 6}}
@@ -427,8 +427,9 @@ def test_tracking_errors_are_compared_with_those_of_the_plain_rig():
              {"family": "dahl", "seed": 2, "failed": "no"}]
     cells = [line.split() for line in chain.tracked_table(found).splitlines()[2:]]
     same = ["1.00", "1.10"]
-    assert cells[0] == ["duhem", "alone", "2", *same, "2.05", "3.00", *same, *same, "4.00", "4.00"]
-    assert cells[1] == ["dahl", "threes", "1", "1.50", "1.50", "2.25", "3.00", *["1.50"] * 4, "4.00", "4.00"]
+    assert cells[0] == ["duhem", "alone", "2", *same, "2.05", "3.00", *same, *same, *["4.00"] * 2, *["1.20"] * 2]
+    assert cells[1] == ["dahl", "threes", "1", *["1.50"] * 2, "2.25", "3.00", *["1.50"] * 4, *["4.00"] * 2,
+                        *["1.20"] * 2]
     assert [line[:2] for line in cells[2:4]] == [["all", "alone"], ["all", "threes"]]
     assert cells[-6:] == [["plain", *["0.50"] * 6], ["true,", "preview", *["1.00"] * 6],
                           ["true,", "no", "preview", *["2.20"] * 6], ["fitted,", "preview", *["1.00"] * 6],
