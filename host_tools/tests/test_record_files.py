@@ -117,7 +117,7 @@ def test_two_recordings_to_one_file(board: Board, run_csv: Path, rdpi: Callable,
         finally:
             process.kill()
     first.unplug()
-    assert (done.returncode, done.stderr) == (2, f"rdpi: {both}: another recording is being written to this file; "
+    assert (done.returncode, done.stderr) == (2, f"rdpi: {both}: another rdpi is writing to this file; "
                                                  "stop it first, or give another name\n")
     board.later(lambda: board.send(stream(SENT)))
     assert rdpi("record", board.port, "-o", other[0], "--raw", other[1]).exit_code == 0

@@ -79,6 +79,7 @@ tests)
     python3-pytest      module   pytest
     python3-pytest-xdist  module  xdist
     python3-hypothesis  module   hypothesis
+    python3-distributed  module   distributed
     python3-jsonschema  module   jsonschema'
     ;;
 *)

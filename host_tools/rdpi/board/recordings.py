@@ -9,9 +9,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from ..data import MIN_SAMPLES, check_targets, is_device, make_folder, read_bytes, same_file, write_recording
+from ..data import (MIN_SAMPLES, check_targets, is_device, make_folder, read_bytes, reserved, same_file,
+                    write_recording)
 from ..errors import BadInput, printable
-from .serial import End, Raw, Safe, is_part, record, refusal, reserved, stop_signals
+from .serial import End, Raw, Safe, is_part, record, refusal, stop_signals
 from .stretches import Following, Stretch, notes, stretches
 from .telemetry import FINISHED, NO_READING, REFUSED, Decoder, displacement_um, summary
 

@@ -20,11 +20,6 @@ from ..errors import BadInput
 from .stretches import Following, Stretch
 from .telemetry import FINISHED, REFUSED, RESET, SAFE, Decoder, Info
 
-try:
-    import fcntl
-except ImportError:  # on Windows
-    fcntl = None
-
 POLL_S = 0.005  # a terminal buffers 4096 bytes: 14 ms at 3 Mbaud
 REPORT_S = 0.2
 SAVE_S = 0.25  # and what a disk takes to save: what is older than a second is saved
@@ -157,42 +152,6 @@ class Safe:
     def _work(self) -> None:
         while not self._over.wait(SAVE_S):
             self.save()
-
-
-@contextmanager
-def reserved(path: str | None) -> Iterator[None]:
-    """Keep other recordings from this file, which need not be there. Raises BadInput if one is at work on it.
-
-    A lock does that, which ends with its process, however that ends: the lock's file may then stay behind, and hinders
-    nobody. Without a path, to a device, and where files cannot be locked, this does nothing.
-    """
-    if path is None or fcntl is None or os.path.exists(path) and not os.path.isfile(path):
-        yield
-        return
-    target = Path(os.path.realpath(path))
-    lock = target.with_name(f".rdpi.{target.name}.lock")
-    while True:
-        handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(handle)
-            raise BadInput(f"{path}: another recording is being written to this file; stop it first, or give another "
-                           "name"
-                           ) from None
-        except OSError:  # some network file systems
-            break
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(handle), os.stat(lock)):
-                break
-        os.close(handle)  # of a recording that ended just now and has taken its file away
-    try:
-        yield
-    finally:
-        with suppress(OSError):
-            lock.unlink()
-            sync_folder(lock.parent)
-        os.close(handle)
 
 
 def is_part(path: Path, target: Path) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import diagnosis, firmware, models, recordings
+from . import batch, diagnosis, firmware, models, recordings
 from .program import command, main
 
-__all__ = ["command", "diagnosis", "firmware", "main", "models", "recordings"]
+__all__ = ["batch", "command", "diagnosis", "firmware", "main", "models", "recordings"]

@@ -42,7 +42,7 @@ def main() -> None:
     Exit status:
       0    success
       1    success, but a limit that you set was exceeded (--max-rms, --max-gap, --fail-on, --max-lost)
-      2    bad input
+      2    bad input, also of one actuator of a batch
       130  stopped by Ctrl-C
     """
     for name in ("SIGTERM", "SIGHUP"):  # leave by the ordinary way, so that nothing half written stays behind
@@ -75,8 +75,8 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
 
                     text = json.dumps(result, indent=2, allow_nan=False, default=lambda value: value.tolist()) + "\n"
                     _print_json(text) if json_path == "-" else atomic_write(json_path, text)
-                if result.get("gate_failed"):
-                    raise click.exceptions.Exit(1)
+                if result.get("failed") or result.get("gate_failed"):
+                    raise click.exceptions.Exit(2 if result.get("failed") else 1)
             except BadInput as error:
                 _fail(str(error))
             except MemoryError:

@@ -7,10 +7,16 @@ import io
 import os
 import stat
 import tempfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..errors import BadInput
+
+try:
+    import fcntl
+except ImportError:  # on Windows
+    fcntl = None
 
 _CANNOT_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF, errno.EACCES, errno.EPERM)
 
@@ -83,6 +89,40 @@ def make_folder(path: str | os.PathLike[str]) -> None:
         make_folder(folder.parent)
         folder.mkdir(exist_ok=True)
         sync_folder(folder.parent)
+
+
+@contextmanager
+def reserved(path: str | None) -> Iterator[None]:
+    """Keep other programs from this file, which need not be there. Raises BadInput if one is at work on it.
+
+    A lock does that, which ends with its process, however that ends: the lock's file may then stay behind, and hinders
+    nobody. Without a path, to a device, and where files cannot be locked, this does nothing.
+    """
+    if path is None or fcntl is None or os.path.exists(path) and not os.path.isfile(path):
+        yield
+        return
+    target = Path(os.path.realpath(path))
+    lock = target.with_name(f".rdpi.{target.name}.lock")
+    while True:
+        handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+            raise BadInput(f"{path}: another rdpi is writing to this file; stop it first, or give another name") from None
+        except OSError:  # some network file systems
+            break
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(handle), os.stat(lock)):
+                break
+        os.close(handle)  # of one that ended just now and has taken its file away
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            lock.unlink()
+            sync_folder(lock.parent)
+        os.close(handle)
 
 
 def _replace(path: Path, data: bytes) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from . import report
+from . import batch, report
 from .diagnosis import Diagnosis, diagnose
 from .sections import GapDocument
 
-__all__ = ["Diagnosis", "GapDocument", "diagnose", "report"]
+__all__ = ["Diagnosis", "GapDocument", "batch", "diagnose", "report"]

@@ -1,0 +1,89 @@
+"""Command that works a plan off: batch."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import BadInput, printable
+from . import diagnosis, models
+from .program import command
+from .progress import progress
+from .types import Output, Report
+
+if TYPE_CHECKING:
+    from ..gap.batch import Row
+
+LISTED = 5  # failed actuators in the last line
+OPTIONS = (*(one for one in models.fit.params if isinstance(one, click.Option) and one.name not in
+             ("output", "hold_out", "max_rms_percent", "report", "keep", "json_path")),
+           *(one for one in diagnosis.gap.params if one.name == "without"))  # that a row of the plan may give
+
+
+@command("batch")
+@click.argument("plan", metavar="PLAN.csv", type=click.Path(dir_okay=False))
+@click.option("-o", "--output", required=True, metavar="RESULTS.sqlite", type=Output(),
+              help="Results, a row per actuator. Those that are there already stay.")
+@click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Number of processes. Default: one per core.")
+@click.option("--scheduler", metavar="ADDRESS", help="Work on a Dask cluster, e.g. tcp://host:8786. Its workers need "
+                                                     "the same rdpi, and the files under the same paths.")
+@click.option("--all", "everything", is_flag=True, help="Do every row again. Default: those that are new, that failed, "
+                                                        "or whose files or options have changed.")
+@click.option("--report", metavar="DIR", type=Report("index.html"),
+              help="Write index.html, a page over all actuators, to this directory, and the pages of each to a "
+                   "directory of its name.")
+def batch(plan: str, output: str, jobs: int | None, scheduler: str | None, everything: bool,
+          report: str | None) -> dict[str, Any]:
+    """Fit and diagnose many actuators.
+
+    PLAN.csv has a row per actuator and the columns actuator, fit, hold_out, gap, earlier (recordings, or patterns such
+    as runs/A7-*.csv, relative to PLAN.csv, with ; between several), model (written by a fit, else read; default
+    models/ACTUATOR.json) and options (of rdpi fit, and --without). Only actuator and one of fit and gap are needed.
+
+    An actuator that fails stops no other; the exit status is then 2. A batch that was stopped goes on when it is
+    started again.
+    """
+    from ..gap import batch as work
+
+    if jobs is not None and scheduler is not None:
+        raise BadInput("--jobs: is for this machine; leave it out with --scheduler")
+    tasks = work.read_plan(plan, _options)
+    with progress("working") as report_progress:
+        def ended(row: Row, done: int, of: int) -> None:
+            click.echo(f"{done}/{of} {row.actuator}: {_line(row)}")
+            report_progress(done / of)
+
+        rows = work.run(tasks, output, jobs, scheduler, everything, report, ended)
+    if report is not None:
+        with work.Results.open(output) as results:
+            work.write_page(report, list(results.rows().values()), output)
+    failed = [row for row in rows if row.status != "done"]
+    click.echo(f"{output}: {len(rows) - len(failed)} of {len(rows)} actuators done")
+    if failed:
+        names = ", ".join(row.actuator for row in failed[:LISTED]) + (", ..." if len(failed) > LISTED else "")
+        click.echo(f"rdpi: {len(failed)} failed: {names}; the column error of {output} says why", err=True)
+    return {"results": output, "rows": [asdict(row) for row in rows], "failed": len(failed)}
+
+
+def _options(text: str) -> dict[str, Any]:
+    """Keywords of a row's options: those given, no defaults. Raises BadInput."""
+    parser = click.Command("options", params=[*OPTIONS], add_help_option=False)
+    try:
+        context = parser.make_context("options", shlex.split(text))
+    except (click.UsageError, ValueError) as error:
+        message = error.format_message() if isinstance(error, click.UsageError) else str(error)
+        raise BadInput(f"{message.rstrip('.')}; give options of rdpi fit, or --without EFFECT") from None
+    return {name: value for name, value in context.params.items()
+            if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT}
+
+
+def _line(row: Row) -> str:
+    """An actuator's results for people."""
+    if row.status != "done":
+        return printable(row.error or "failed")
+    errors = {"fit": row.fit_rms_percent, "held out": row.held_out_rms_percent, "gap": row.gap_percent}
+    parts = [f"{name} {value:.3g} %" for name, value in errors.items() if value is not None]
+    return ", ".join([*parts, *filter(None, [row.verdict and f"verdict {row.verdict}", row.effect])])

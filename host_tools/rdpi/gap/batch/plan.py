@@ -1,0 +1,168 @@
+"""PLAN.csv: a row per actuator, what its model is fitted to and which recordings are diagnosed."""
+
+from __future__ import annotations
+
+import csv
+import glob
+import hashlib
+import io
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ...data import read_bytes, same_file
+from ...errors import BadInput
+
+COLUMNS = "actuator", "fit", "hold_out", "gap", "earlier", "model", "options"
+RUNS = "fit", "hold_out", "gap", "earlier"  # columns that name recordings
+SEPARATOR = ";"
+
+Parse = Callable[[str], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Task:
+    """A row of the plan. Files have absolute paths: a worker may stand elsewhere."""
+
+    actuator: str
+    runs: dict[str, tuple[str, ...]]  # by column of RUNS
+    model: str  # as the plan names it: relative to the plan, unless it is absolute
+    model_file: str
+    options_text: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    refused: str = ""  # why nothing can be done; "": something can
+
+    def digest(self) -> str:
+        """SHA-256, in hexadecimal, of all that the results depend on: files, and how they are used. Raises OSError."""
+        inputs = hashlib.sha256()
+        files = [(role, path) for role in RUNS for path in self.runs[role]]
+        if not self.runs["fit"]:
+            files.append(("model", self.model_file))
+        for role, path in files:
+            inputs.update(f"{role}\0{sha256_of(path)}\0".encode())
+        inputs.update(repr(self.options_text.split()).encode())
+        return inputs.hexdigest()
+
+
+def sha256_of(path: str) -> str:
+    """Of a file, in hexadecimal. Raises OSError."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_plan(path: str, parse: Parse) -> list[Task]:
+    """Tasks of a plan, in its order; `parse` makes keywords of a row's options, and raises BadInput.
+
+    A row whose recordings are not there makes a task that says so. Raises BadInput for what is no plan: no columns or
+    unknown ones, two rows of one actuator, models that would be written over.
+    """
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise BadInput(f"{path}: is not text; save it as CSV in UTF-8") from None
+    reader = csv.reader(io.StringIO(text), strict=True)
+    names: list[str] = []
+    tasks: list[Task] = []
+    lines: list[int] = []
+    try:
+        for cells in reader:
+            values = [cell.strip() for cell in cells]
+            if not any(values) or values[0].startswith("#"):
+                continue
+            place = f"{path}:{reader.line_num}"
+            if not names:
+                names = _header(values, place)
+                continue
+            if len(values) != len(names):
+                raise BadInput(f"{place}: {len(values)} value(s) instead of {len(names)}; a comma within a value needs "
+                               "quotation marks around the value")
+            tasks.append(_task(dict(zip(names, values)), place, os.path.dirname(os.path.abspath(path)), parse))
+            lines.append(reader.line_num)
+    except csv.Error as error:
+        raise BadInput(f"{path}:{reader.line_num}: is not CSV ({error}); correct the line") from None
+    if not tasks:
+        raise BadInput(f"{path}: has no rows; give a row of names ({', '.join(COLUMNS)}) and a row for each actuator")
+    _check_apart(tasks, lines, path)
+    return tasks
+
+
+def _header(names: Sequence[str], place: str) -> list[str]:
+    for name in names:
+        if name not in COLUMNS:
+            raise BadInput(f"{place}: column {name!r} is not known; the columns are {', '.join(COLUMNS)}")
+        if names.count(name) > 1:
+            raise BadInput(f"{place}: there are two columns {name}; remove one")
+    if "actuator" not in names or not {"fit", "gap"} & set(names):
+        raise BadInput(f"{place}: a plan needs the column actuator and one of fit and gap")
+    return list(names)
+
+
+def _task(row: dict[str, str], place: str, folder: str, parse: Parse) -> Task:
+    actuator = row["actuator"]
+    if not actuator:
+        raise BadInput(f"{place}: column actuator is empty; give each row a name")
+    if actuator in (".", "..") or set(actuator) & set('/\\\0') or not actuator.isprintable():
+        raise BadInput(f"{place}: actuator {actuator!r}: must do as the name of a folder; remove / and \\")
+    if not row.get("fit") and not row.get("gap"):
+        raise BadInput(f"{place}: give recordings in fit or in gap")
+    for name, needed in (("hold_out", "fit"), ("earlier", "gap")):
+        if row.get(name) and not row.get(needed):
+            raise BadInput(f"{place}: {name} needs recordings in {needed}")
+    try:
+        options = parse(row.get("options", ""))
+    except BadInput as error:
+        raise BadInput(f"{place}: options: {error}") from None
+    runs, refused = {}, ""
+    for name in RUNS:
+        runs[name], missing = _files(row.get(name, ""), folder)
+        if missing and not refused:
+            refused = f"{name}: there is no file {missing}; check the name"
+    model = row.get("model") or f"models/{actuator}.json"
+    model_file = os.path.join(folder, model)
+    if not runs["fit"] and not refused and not os.path.exists(model_file):
+        refused = f"there is no model {model}; give recordings in fit, or a model that is there"
+    return Task(actuator, runs, model, model_file, row.get("options", ""), options, refused)
+
+
+def _files(text: str, folder: str) -> tuple[tuple[str, ...], str]:
+    """Paths that a cell stands for, those of a pattern by name; and the first part that stands for none."""
+    found: list[str] = []
+    for part in filter(None, map(str.strip, text.split(SEPARATOR))):
+        file = os.path.join(folder, part)
+        here = [file] if os.path.exists(file) else sorted(glob.glob(os.path.join(glob.escape(folder), part)))
+        if not here:
+            return tuple(found), part
+        found += here
+    return tuple(found), ""
+
+
+def _check_apart(tasks: Sequence[Task], lines: Sequence[int], path: str) -> None:
+    """No two rows are of one actuator, and no model is written over another or over a recording."""
+    seen: dict[str, int] = {}
+    written: dict[str, int] = {}
+    inputs = {os.path.realpath(file) for task in tasks for files in task.runs.values() for file in files}
+    for task, line in zip(tasks, lines):
+        name = task.actuator.casefold()  # folders that differ in case only are one folder elsewhere
+        if name in seen:
+            raise BadInput(f"{path}:{line}: {task.actuator} has a row already, line {seen[name]}; give each actuator one row")
+        seen[name] = line
+        if not task.runs["fit"]:
+            continue
+        model = os.path.realpath(task.model_file)
+        if model in written:
+            raise BadInput(f"{path}:{line}: {task.model} would be written by line {written[model]} too; give another model")
+        if model in inputs or same_file(model, path):
+            raise BadInput(f"{path}:{line}: the model {task.model} would be written over an input; give another model")
+        written[model] = line
+    for task, line in zip(tasks, lines):
+        model = os.path.realpath(task.model_file)
+        if not task.runs["fit"] and model in written:
+            raise BadInput(f"{path}:{line}: {task.model} is written by line {written[model]} in the same batch; give "
+                           "that row's recordings in one row, or use two plans")
+
+
+def relative_to(folder: str | os.PathLike[str], path: str) -> str:
+    """A path as it is written in a page of this folder."""
+    return Path(os.path.relpath(path, folder)).as_posix()

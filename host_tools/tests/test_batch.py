@@ -1,0 +1,328 @@
+"""`rdpi batch`: the plan, what is done again, workers and runs that die, results that cannot be written, the page."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants import quasi_static, stack, waves
+
+from rdpi.data import reserved, write_recording
+from rdpi.gap import batch
+from rdpi.gap.batch import workers
+
+QUICK = "--rate-independent --operators 4 --deadzones 0 --effects none"
+RDPI = Path(sys.executable).with_name("rdpi")
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def write(name: str, amplitude_V: float = 90.0, gain: float = 1.0, seed: int = 0) -> None:
+    Path(name).parent.mkdir(exist_ok=True)
+    drive = np.r_[waves(amplitude_V, 2, 2, 500), np.linspace(0, 50, 50)]
+    made = quasi_static(stack(law=0), drive)
+    noise = 0.01 * np.random.default_rng(seed).normal(size=len(drive))
+    write_recording(name, {**made.columns, "displacement_um": gain * made.displacement_um + noise}, made.metadata)
+
+
+def plan(*rows: str, names: str = "actuator,fit,gap,options") -> None:
+    Path("plan.csv").write_text("\n".join([names, *rows]) + "\n")
+
+
+def table(what: str = "actuator, status, error, verdict, effect, held_out_rms_percent") -> list[tuple]:
+    connection = sqlite3.connect("results.sqlite")
+    with connection:
+        rows = connection.execute(f"SELECT {what} FROM results ORDER BY actuator").fetchall()
+    connection.close()
+    return rows
+
+
+def worked_on(done) -> list[str]:
+    """Actuators that a run of the command told of."""
+    return sorted(line.split()[1].rstrip(":") for line in done.output.splitlines() if line[0].isdigit())
+
+
+def many(count: int) -> None:
+    for k in range(count):
+        write(f"runs/A{k}.csv", seed=k)
+    plan(*(f"A{k},runs/A{k}.csv,,{QUICK}" for k in range(count)))
+
+
+def test_fit_and_diagnosis_stand_in_the_results(here, rdpi):
+    write("runs/A-slow.csv", seed=1)
+    write("runs/A-small.csv", 60, seed=2)
+    write("runs/today.csv", 80, gain=1.2, seed=3)
+    plan(f"A,runs/A-slow.csv,runs/A-small.csv,runs/to*.csv; runs/A-small.csv,{QUICK}",
+         "B,,,runs/A-small.csv,", names="actuator,fit,hold_out,gap,options")
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--report", "pages", "--jobs", 1, "--json", "out.json")
+    assert done.exit_code == 2, done.output
+    (a, status, error, verdict, effect, held), (b, failed, why, *rest) = table()
+    assert (a, status, error) == ("A", "done", None) and verdict and held > 0
+    assert (b, failed, rest) == ("B", "failed", [None] * 3) and "there is no model models/B.json" in why
+    assert json.loads(Path("out.json").read_text())["failed"] == 1
+    connection = sqlite3.connect("results.sqlite")
+    documents = {kind: json.loads(text) for kind, text in connection.execute("SELECT kind, document FROM documents")}
+    connection.close()
+    gap = documents["gap"]
+    assert (gap["schema"], gap["verdict"]) == ("rdpi-gap/1", verdict) and len(gap["runs"]) == 2
+    assert ", ".join(one["name"] for one in gap["effects"]) == (effect or "")
+    assert max(run["rms_percent"] for run in documents["fit"]["runs"] if run["held_out"]) == held
+    assert json.loads(Path("models/A.json").read_text())["actuator"] == "A"
+    page = Path("pages/index.html").read_text()
+    assert 'href="A/index.html"' in page and 'href="A/fit.html"' in page and 'href="B/' not in page
+    assert "there is no model models/B.json" in page
+
+
+def test_only_what_is_new_changed_or_failed_is_done_again(here, rdpi):
+    for name in "ABC":
+        write(f"{name}.csv")
+    rows = [f"{name},{name}.csv,,{QUICK}" for name in "ABC"]
+    plan(*rows, f"D,D.csv,,{QUICK}")
+    command = "batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1
+    assert worked_on(rdpi(*command)) == [*"ABCD"]
+    assert worked_on(rdpi(*command)) == ["D"]
+    write("D.csv")
+    write("A.csv", 80)
+    plan(*rows[:2], rows[2] + " --min-V 0", f"D,D.csv,,{QUICK}")
+    done = rdpi(*command)
+    assert (worked_on(done), done.exit_code) == ([*"ACD"], 0)
+    Path("models/B.json").write_text(Path("models/A.json").read_text())
+    assert worked_on(rdpi(*command)) == ["B"]
+    assert worked_on(rdpi(*command)) == []
+    assert worked_on(rdpi(*command, "--all")) == [*"ABCD"]
+
+
+def test_a_model_that_is_read_counts_as_an_input(here, rdpi):
+    write("A.csv")
+    rdpi("fit", "A.csv", "-o", "A.json", *QUICK.split())
+    plan("A,A.csv,A.json", names="actuator,gap,model")
+    command = "batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1
+    assert worked_on(rdpi(*command)) == ["A"] and worked_on(rdpi(*command)) == []
+    model = json.loads(Path("A.json").read_text())
+    Path("A.json").write_text(json.dumps({**model, "actuator": "another"}))
+    assert worked_on(rdpi(*command)) == ["A"]
+
+
+@pytest.mark.parametrize(("rows", "names", "said"), [
+    ((), "actuator,fit", "has no rows"),
+    (("A,a.csv",), "actuator,fits", "plan.csv:1: column 'fits' is not known"),
+    (("A,a.csv",), "actuator,model", "plan.csv:1: a plan needs the column actuator and one of fit and gap"),
+    (("A,a.csv,b.csv",), "actuator,fit,fit", "plan.csv:1: there are two columns fit"),
+    (("A,a.csv,b.csv",), "actuator,fit", "plan.csv:2: 3 value(s) instead of 2"),
+    ((",a.csv",), "actuator,fit", "plan.csv:2: column actuator is empty"),
+    (("A,",), "actuator,fit", "plan.csv:2: give recordings in fit or in gap"),
+    (("A/B,a.csv",), "actuator,fit", "plan.csv:2: actuator 'A/B': must do as the name of a folder"),
+    (("..,a.csv",), "actuator,fit", "plan.csv:2: actuator '..': must do as the name of a folder"),
+    (("A,a.csv", "# a remark", "", "A,b.csv"), "actuator,fit", "plan.csv:5: A has a row already, line 2"),
+    (("A,a.csv,m.json", "B,a.csv,./m.json"), "actuator,fit,model",
+     "plan.csv:3: ./m.json would be written by line 2 too"),
+    (("A,a.csv,a.csv",), "actuator,fit,model", "plan.csv:2: the model a.csv would be written over an input"),
+    (("A,a.csv,,m.json", "B,,a.csv,m.json"), "actuator,fit,gap,model", "plan.csv:3: m.json is written by line 2"),
+    (("A,a.csv,a.csv",), "actuator,gap,hold_out", "plan.csv:2: hold_out needs recordings in fit"),
+    (("A,a.csv,a.csv",), "actuator,fit,earlier", "plan.csv:2: earlier needs recordings in gap"),
+    (("A,a.csv,--operatrs 3",), "actuator,fit,options", "plan.csv:2: options: No such option: --operatrs"),
+    (("A,a.csv,--report x",), "actuator,fit,options", "plan.csv:2: options: No such option: --report"),
+    (("A,a.csv,--operators x",), "actuator,fit,options", "plan.csv:2: options: Invalid value for '--operators'"),
+    (("A,a.csv,'",), "actuator,fit,options", "plan.csv:2: options: No closing quotation"),
+    (('A,"a.csv',), "actuator,fit", "plan.csv:2: is not CSV"),
+])
+def test_plans_that_are_refused(here, rdpi, rows, names, said):
+    write("a.csv")
+    plan(*rows, names=names)
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite")
+    assert done.exit_code == 2 and said in done.output
+    assert not Path("results.sqlite").exists() and not Path("models").exists()
+
+
+@pytest.mark.parametrize(("row", "said"), [
+    ("A,no.csv,,", "fit: there is no file no.csv"),
+    ("A,runs/*.csv,,", "fit: there is no file runs/*.csv"),
+    ("A,,a.csv,", "there is no model models/A.json"),
+    ("A,damaged.csv,,", "damaged.csv"),
+    ("A,a.csv,damaged.csv," + QUICK, "damaged.csv"),
+    ("A,a.csv,,--operators 500", "operators"),
+    ("A,a.csv,a.csv,--without nothing " + QUICK, "nothing"),
+])
+def test_a_row_that_fails_says_why_and_stops_no_other(here, rdpi, row, said):
+    write("a.csv")
+    Path("damaged.csv").write_text("time_s,command_V,displacement_um\n0,1,x\n")
+    plan(row, f"Z,a.csv,,{QUICK}")
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1)
+    assert done.exit_code == 2
+    (_, status, error, *_), (_, other, *_) = table()
+    assert (status, other) == ("failed", "done") and said in error and "Traceback" not in done.output
+
+
+def test_results_that_are_something_else_are_left_alone(here, rdpi):
+    write("a.csv")
+    plan(f"A,a.csv,,{QUICK}")
+    command = "batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1
+    Path("results.sqlite").write_text("a diary, of which not a word must be lost" * 100)
+    done = rdpi(*command)
+    assert done.exit_code == 2 and "results.sqlite: file is not a database" in done.output
+    assert Path("results.sqlite").read_text().startswith("a diary")
+    Path("results.sqlite").unlink()
+    connection = sqlite3.connect("results.sqlite")
+    connection.execute("CREATE TABLE addresses (name TEXT)")
+    connection.close()
+    done = rdpi(*command)
+    assert done.exit_code == 2 and "is a database of something else" in done.output
+
+
+def test_a_full_disk_ends_the_batch_with_words_and_loses_nothing(here, rdpi, monkeypatch):
+    many(3)
+    write_row, written = batch.Results.write, []
+
+    def full(self, row, documents):
+        if written:  # as SQLite has it; a disk of its own needs root
+            self._connection.execute("PRAGMA max_page_count = 1")
+        written.append(row.actuator)
+        write_row(self, row, {**documents, "fit": {"long": "x" * 100_000}} if len(written) > 1 else documents)
+
+    monkeypatch.setattr(batch.Results, "write", full)
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1)
+    assert done.exit_code == 2 and "database or disk is full" in done.output and "goes on from there" in done.output
+    assert [name for name, *_ in table()] == ["A0"]
+    monkeypatch.undo()
+    os.chdir(here)
+    assert worked_on(rdpi("batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1)) == ["A1", "A2"]
+
+
+def test_a_second_batch_to_the_same_results_is_refused(here, rdpi):
+    many(1)
+    with reserved("results.sqlite"):
+        done = rdpi("batch", "plan.csv", "-o", "results.sqlite")
+    assert done.exit_code == 2 and "another rdpi is writing to this file" in done.output
+
+
+def die_once(task: batch.Task) -> object:
+    """A worker that is killed while it has this task for the first time, and always with one called "heavy"."""
+    mark = Path(f"{task.actuator}.died")
+    if task.actuator == "heavy" or not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return task.actuator
+
+
+def test_the_work_of_a_process_that_is_killed_is_begun_again(here):
+    tasks = [batch.Task(name, {}, "", "") for name in ("A", "heavy", "B", "C")]
+    outcomes = list(workers.on_this_machine(tasks, die_once, 2))
+    [given_up] = [one for one in outcomes if not isinstance(one, str)]
+    assert sorted(one for one in outcomes if isinstance(one, str)) == ["A", "B", "C"]
+    assert given_up.row.actuator == "heavy" and f"died, {workers.ATTEMPTS} times" in given_up.row.error
+
+
+def wait_for_the_end_of(processes: list[str], at_most_s: float = 20.0) -> None:
+    until = time.monotonic() + at_most_s
+    while left := [one for one in processes if os.path.exists(f"/proc/{one}/exe")]:  # a zombie has none
+        assert time.monotonic() < until, f"still there: {left}"
+        time.sleep(0.05)
+
+
+@pytest.mark.slow
+def test_nothing_is_lost_and_nothing_twice_when_workers_and_runs_are_killed(here):
+    many(12)
+    command = [RDPI, "batch", "plan.csv", "-o", "results.sqlite", "--jobs", "2"]
+    chance = np.random.default_rng(1)
+    told: list[str] = []
+    for kill in range(10):  # of runs, and in each of a worker
+        with open("out.txt", "w") as out:
+            process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, start_new_session=True)
+            time.sleep(chance.uniform(1.0, 3.0))
+            children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+            for child in children[-1:]:  # the first is Python's own, which cleans up
+                os.kill(int(child), signal.SIGKILL)
+            time.sleep(chance.uniform(0.2, 1.0))
+            process.kill()
+            process.wait()
+        told += [line.split()[1] for line in Path("out.txt").read_text().splitlines() if line[0].isdigit()]
+        wait_for_the_end_of(children)
+    assert subprocess.run(command, capture_output=True, check=False).returncode == 0
+    assert [(name, status) for name, status in table("actuator, status")] == sorted(
+        (f"A{k}", "done") for k in range(12))
+    assert len(told) == len(set(told))  # what was told was written, and not done again
+    again = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert again == "results.sqlite: 12 of 12 actuators done\n"
+
+
+def test_ctrl_c_ends_the_workers_too(here):
+    many(4)
+    process = subprocess.Popen([RDPI, "batch", "plan.csv", "-o", "results.sqlite", "--jobs", "2", "--all"],
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                               preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
+    time.sleep(2)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode in (0, 130) and "Traceback" not in errors
+    wait_for_the_end_of(children)
+
+
+CLUSTER = """
+import sys
+from distributed import LocalCluster
+if __name__ == "__main__":
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def cluster(here):
+    Path("cluster.py").write_text(CLUSTER)
+    process = subprocess.Popen([sys.executable, "cluster.py"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                               cwd=here, start_new_session=True)
+    address = process.stdout.readline().strip()
+    yield address, process
+    if process.poll() is None:
+        process.communicate(timeout=60)
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_rows(here, rdpi, cluster):
+    many(4)
+    plan(*Path("plan.csv").read_text().splitlines()[1:], "Z,no.csv,,")
+    what = "actuator, status, error, verdict, fit_rms_percent, model_path, model_sha256, inputs_sha256, tool"
+    assert rdpi("batch", "plan.csv", "-o", "results.sqlite", "--jobs", 2).exit_code == 2
+    here_made = table(what)
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--scheduler", cluster[0], "--all")
+    assert done.exit_code == 2 and worked_on(done) == ["A0", "A1", "A2", "A3", "Z"], done.output
+    assert table(what) == here_made
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away_ends_the_batch_with_words(here, cluster):
+    many(30)
+    process = subprocess.Popen([RDPI, "batch", "plan.csv", "-o", "results.sqlite", "--scheduler", cluster[0]],
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    first = process.stdout.readline()
+    os.killpg(cluster[1].pid, signal.SIGKILL)
+    cluster[1].wait()
+    out, errors = process.communicate(timeout=120)
+    assert process.returncode == 2 and "the scheduler went away" in errors and "Traceback" not in errors
+    ended = {line.split()[1].rstrip(":") for line in [first, *out.splitlines()]}
+    assert {name for name, status in table("actuator, status") if status == "done"} == ended != set()
+
+
+def test_a_scheduler_that_is_not_there(here, rdpi, monkeypatch):
+    monkeypatch.setattr(workers, "CONNECT_S", 1)
+    many(1)
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--scheduler", "tcp://127.0.0.1:9")
+    assert done.exit_code == 2 and "no Dask scheduler answers there" in done.output
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--scheduler", "nonsense://", "--jobs", 2)
+    assert done.exit_code == 2 and "--jobs: is for this machine" in done.output
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--scheduler", "nonsense://x")
+    assert done.exit_code == 2 and "no Dask scheduler answers there" in done.output
