@@ -12,8 +12,8 @@ From recordings to a header, and to the name of what has changed since:
 >>> found = rdpi.diagnose(model, [rdpi.read_recording("today.csv")])
 >>> found.verdict
 'effect'
->>> [effect.name for effect in found.effects]
-['gain_change']
+>>> found.effects[0].name.replace("_", " ")
+'gain change'
 >>> found.improved.save("improved.json")
 
 What cannot be used raises `rdpi.BadInput`, which names the argument, the file or the place.

@@ -54,7 +54,7 @@ def _sentence(scores: Sequence[tracking.Tracked]) -> str:
 def _rows(runs: Sequence[Recording], scores: Sequence[tracking.Tracked]) -> list[dict[str, str]]:
     return [{"number": str(k + 1), "file": plain(base(run.path), 60), "rms": um(one.rms_um),
              "percent": f"{number(one.rms_percent, 2)} %", "max": f"{number(one.max_percent, 2)} %",
-             "offset": um(one.offset_um), "delay": f"{number(1e3 * one.delay_s, 2)} ms",
+             "offset": um(one.offset_um), "late": f"{number(1e3 * one.delay_s, 2)} ms",
              "apart": f"{number(one.rms_percent_without_delay, 2)} %"}
             for k, (run, one) in enumerate(zip(runs, scores))]
 
