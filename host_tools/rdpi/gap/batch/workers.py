@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from typing import Any
 
 from ...errors import BadInput
 from .plan import Task
@@ -104,10 +105,19 @@ def on_cluster(tasks: Sequence[Task], work: Work, address: str) -> Iterator[Outc
     except ImportError:
         raise BadInput("--scheduler: needs the Python package distributed; install it (Debian: python3-distributed)"
                        ) from None
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # it would tell of a lost scheduler, with tracebacks
     dask.config.set({"distributed.comm.timeouts.connect": CONNECT_S})
+    logging.disable(logging.CRITICAL)  # distributed would tell of a scheduler that is lost, with tracebacks
     try:
-        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        yield from _from(Client, as_completed, tasks, work, address)
+    finally:
+        logging.disable(logging.NOTSET)
+
+
+def _from(client_of: Callable[..., Any], as_completed: Callable[..., Any], tasks: Sequence[Task], work: Work,
+          address: str) -> Iterator[Outcome]:
+    """The same, with these names of the package distributed."""
+    try:
+        client = client_of(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise BadInput(f"--scheduler {address}: no Dask scheduler answers there ({error}); start one with "
                        "`dask scheduler`, or check the address") from None
