@@ -13,7 +13,7 @@ from plants import changed, stack
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.identify import Options, fit
+from rdpi.identify import Options, fit, summary
 from rdpi.identify.around import lines
 from rdpi.identify.hypothesis import Setting
 from rdpi.identify.identify import Fit
@@ -108,6 +108,7 @@ def test_a_rate_law_that_acts_late_gets_a_low_pass() -> None:
     runs = recorded(replace(model, rate=replace(model.rate, filter_s=0.02)), drives(COMMISSIONING))
     found, without = fit(runs), fit(runs, Options(rate_filter_s=0.0))
     assert 0.01 < found.model.rate.filter_s < 0.04 and found.choice.kept == ()
+    assert any("behind a low-pass" in line for line in summary.lines(found))
     assert found.choice.found.rms_um < 0.7 * without.choice.found.rms_um and without.model.rate.filter_s == 0
     assert fit(runs, Options(rate_independent=True)).model.rate.filter_s == 0
 

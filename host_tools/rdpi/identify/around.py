@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 CORNERS = 6  # of the saturation while effects are chosen
 FILTERS = 0.25 * 0.5 ** np.arange(8)  # of the longest stroke's time: low-passes on the rate that are tried
 FILTER_SAMPLES = 2  # that these last at least: a shorter one is the difference of two samples, seen half a sample late
+FILTER_S = 4.0  # that these last at most: fixed point counts 32 bits of ns
 AUTO, NONE = "auto", "none"
 FITTED = {name: kind for name, kind in reversed(CATALOGUE.items()) if kind.of_rig}  # the simplest first
 
@@ -67,8 +68,8 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
         found = choose(setting, unknowns, candidates, rate_law, progress)
         if options.rate_filter_s is None and not options.rate_independent:
             least_s = FILTER_SAMPLES * max(run.sample_time_s for run in runs)
-            settings = [_filtered(setting, plain, options, strokes.longest_s * share) for share in FILTERS
-                        if strokes.longest_s * share >= least_s]
+            settings = [_filtered(setting, plain, options, filter_s) for filter_s in strokes.longest_s * FILTERS
+                        if least_s <= filter_s <= FILTER_S]
             found = with_rate_filter(found, settings, candidates) if settings else found
     else:
         candidates = [FITTED[name]() for name in names]
