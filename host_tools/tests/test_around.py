@@ -13,7 +13,7 @@ from plants import changed, stack
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.identify import Options, fit
+from rdpi.identify import Options, fit, summary
 from rdpi.identify.around import lines
 from rdpi.identify.hypothesis import Setting
 from rdpi.identify.identify import Fit
@@ -81,7 +81,7 @@ def test_dead_zones_without_meaning_are_left_out() -> None:
 def test_finds_nothing_where_nothing_is() -> None:
     for law in (0.0, 1.0):
         found = fitted(law=law)
-        assert found.choice.kept == () and found.model.effects == []
+        assert found.choice.kept == () and found.model.effects == [] and found.model.rate.filter_s == 0
         assert found.model.operator_alone is None
         assert found.model.slope_rate_s_per_um.any()  # the law that was not switched off
 
@@ -100,6 +100,17 @@ def test_a_delay_and_a_rate_law_are_told_apart() -> None:
     assert delay.acting.effect.name == "delay" and delay.acting.values["delay_s"] == pytest.approx(delay_s, rel=0.05)
     before, after = alone.model.slope_rate_s_per_um, both.model.slope_rate_s_per_um
     assert np.linalg.norm(after - before) < 0.1 * np.linalg.norm(before)
+
+
+def test_a_rate_law_that_acts_late_gets_a_low_pass() -> None:
+    """Without it, other effects would stand in for it; the model without one is worse."""
+    model = plain_model(1.0)
+    runs = recorded(replace(model, rate=replace(model.rate, filter_s=0.02)), drives(COMMISSIONING))
+    found, without = fit(runs), fit(runs, Options(rate_filter_s=0.0))
+    assert 0.01 < found.model.rate.filter_s < 0.04 and found.choice.kept == ()
+    assert any("behind a low-pass" in line for line in summary.lines(found))
+    assert found.choice.found.rms_um < 0.7 * without.choice.found.rms_um and without.model.rate.filter_s == 0
+    assert fit(runs, Options(rate_independent=True)).model.rate.filter_s == 0
 
 
 def test_what_is_told() -> None:

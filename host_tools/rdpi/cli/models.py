@@ -28,8 +28,9 @@ from .types import Folder, Numbers, Output, Percent, Report
               show_default=True, help="Signal whose rate modulates the slopes.")
 @click.option("--rate-window", "rate_window_s", type=float, default=0.0, show_default=True, metavar="S",
               help="Time over which the firmware takes the difference for its rate, s. 0: one sample.")
-@click.option("--rate-filter", "rate_filter_s", type=float, default=0.0, show_default=True, metavar="S",
-              help="Time constant of the firmware's low-pass filter on the rate, s. 0: no filter.")
+@click.option("--rate-filter", "rate_filter_s", type=float, metavar="S",
+              help="Time constant of the firmware's low-pass filter on the rate, s. 0: no filter. Default: none, unless "
+                   "the recordings show that a filter helps.")
 @click.option("--min-slope-ratio", type=float, default=0.2, show_default=True, metavar="RATIO",
               help="The guard limits the rate so that no slope falls below this share of its value at rest.")
 @click.option("--min-V", "min_V", type=float, metavar="V",

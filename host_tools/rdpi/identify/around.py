@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -12,16 +13,19 @@ from ..errors import BadInput
 from ..model import records
 from ..simulate.effects import CATALOGUE, Effect
 from . import thresholds as tuned
-from .choice import Choice, Kept, choose, forced, starts, without_rate_law
+from .choice import Choice, Kept, choose, forced, starts, with_rate_filter, without_rate_law
 from .document import BeforeAfter, IdentifiedEffect
 from .hypothesis import Hypothesis, Setting, Unknowns
 from .joint import Linearised, refined
-from .regression import Run
+from .regression import Run, rate_of, smoothing_times_s
 
 if TYPE_CHECKING:
     from .identify import Operator, Options
 
 CORNERS = 6  # of the saturation while effects are chosen
+FILTERS = 0.25 * 0.5 ** np.arange(8)  # of the longest stroke's time: low-passes on the rate that are tried
+FILTER_SAMPLES = 2  # that these last at least: a shorter one is the difference of two samples, seen half a sample late
+FILTER_S = 4.0  # that these last at most: fixed point counts 32 bits of ns
 AUTO, NONE = "auto", "none"
 FITTED = {name: kind for name, kind in reversed(CATALOGUE.items()) if kind.of_rig}  # the simplest first
 
@@ -52,7 +56,7 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
     setting = Setting(
         runs, [run.states_um if run.recording.memory == "carried" or plain.sweep.share else None for run in plain.runs],
         [_first(run) for run in plain.runs], plain.model, corners_um if options.deadzones else corners_um[:0],
-        [run.rate_um_per_s for run in plain.runs], plain.model.rate.identified_um_per_s)
+        [run.rate_um_per_s for run in plain.runs], plain.model.rate.identified_um_per_s, plain.model.rate.filter_s)
     slopes = plain.without.rest
     unknowns = Unknowns(slopes, np.zeros(len(slopes)), np.ones(len(setting.corners_um)))
     strokes = Strokes.of(runs)
@@ -62,6 +66,11 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
     if names is None:
         candidates = [kind() for kind in FITTED.values() if strokes.show(kind)]
         found = choose(setting, unknowns, candidates, rate_law, progress)
+        if options.rate_filter_s is None and not options.rate_independent:
+            least_s = FILTER_SAMPLES * max(run.sample_time_s for run in runs)
+            settings = [_filtered(setting, plain, options, filter_s) for filter_s in strokes.longest_s * FILTERS
+                        if least_s <= filter_s <= FILTER_S]
+            found = with_rate_filter(found, settings, candidates) if settings else found
     else:
         candidates = [FITTED[name]() for name in names]
         alone = refined(setting, Hypothesis(), unknowns)
@@ -69,6 +78,14 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
             _check_excited(alone, effect, strokes)
         found = forced(setting, unknowns, candidates, rate_law)
     return without_rate_law(found, candidates) if options.rate_independent else found
+
+
+def _filtered(setting: Setting, plain: Operator, options: Options, filter_s: float) -> Setting:
+    """With rates behind a low-pass."""
+    rates = [rate_of(run.recording, run.x_um, options.rate_source, options.rate_window_s, filter_s, smoothing_s)
+             for run, smoothing_s in zip(plain.runs, smoothing_times_s([run.recording for run in plain.runs]))]
+    top = float(np.percentile(np.concatenate([rate[run.first:] for rate, run in zip(rates, plain.runs)]), 99.9))
+    return replace(setting, rates_um_per_s=rates, top_um_per_s=top, rate_filter_s=filter_s)
 
 
 def _first(run: Run) -> int:
@@ -92,16 +109,19 @@ class Strokes(NamedTuple):
 
     rates_differ: bool
     sizes_differ: bool
+    longest_s: float  # time of the slow ones
 
     @classmethod
     def of(cls, runs: Sequence[Recording]) -> Strokes:
-        rates, sizes = [], []
+        rates, sizes, times = [], [], []
         for run in runs:
             turns = _turns(run.command_V, tuned.STROKE * float(np.ptp(run.command_V)))
             sizes.append(np.abs(np.diff(run.command_V[turns])))
-            rates.append(sizes[-1] / (np.diff(turns) * run.sample_time_s))
+            times.append(np.diff(turns) * run.sample_time_s)
+            rates.append(sizes[-1] / times[-1])
         way = np.concatenate(sizes)
-        return cls(_spread(np.concatenate(rates), way) > tuned.SEVERAL_RATES, _spread(way, way) > tuned.SEVERAL_SIZES)
+        return cls(_spread(np.concatenate(rates), way) > tuned.SEVERAL_RATES, _spread(way, way) > tuned.SEVERAL_SIZES,
+                   _quantile(np.concatenate(times), way, 0.95))
 
     def show(self, kind: type[Effect]) -> bool:
         return (self.rates_differ or not kind.needs_rates) and (self.sizes_differ or not kind.needs_loops)
@@ -109,10 +129,15 @@ class Strokes(NamedTuple):
 
 def _spread(values: np.ndarray, way: np.ndarray) -> float:
     """Ratio of the values between which nine tenths of the way lie."""
+    low, high = (_quantile(values, way, end) for end in (0.05, 0.95))
+    return high / low if low > 0 else np.inf
+
+
+def _quantile(values: np.ndarray, way: np.ndarray, end: float) -> float:
+    """The value up to which this share of the way lies."""
     order = np.argsort(values)
     share = np.cumsum(way[order]) / np.sum(way)
-    low, high = (values[order[min(np.searchsorted(share, end), len(values) - 1)]] for end in (0.05, 0.95))
-    return float(high / low) if low > 0 else np.inf
+    return float(values[order[min(np.searchsorted(share, end), len(values) - 1)]])
 
 
 def _turns(command: np.ndarray, least: float) -> np.ndarray:

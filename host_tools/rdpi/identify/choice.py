@@ -129,6 +129,24 @@ def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:
     return Choice(choice.plain, now, tuple(_kept(now, _compared(now, candidates), False)))
 
 
+def with_rate_filter(choice: Choice, settings: Sequence[Setting], candidates: Sequence[Effect]) -> Choice:
+    """A rate law whose rate passes a low-pass, alone or beside the effects, if that leaves less than what was found.
+
+    `settings` differ in the low-pass. An actuator whose loops need time to open after a reversal looks like one that is
+    late, as long as all reversals are alike.
+    """
+    now = choice.found
+    alone = min((judged(setting, Hypothesis(rated=True), choice.plain.state.found) for setting in settings),
+                key=lambda one: one.left)
+    best = alone
+    if now.hypothesis.acting:
+        beside = judged(alone.state.setting, replace(now.hypothesis, rated=True), now.state.found)
+        best = beside if beside.beats(alone) else alone
+    if not best.beats(now):
+        return choice
+    return Choice(choice.plain, best, tuple(_kept(best, _compared(best, candidates), True)))
+
+
 def starts(state: Linearised, effect: Effect) -> list[Acting]:
     """Where a fit of an effect may start beside those that act: its most promising starts; none: it is not excited."""
     setting = state.setting

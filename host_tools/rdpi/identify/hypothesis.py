@@ -63,6 +63,7 @@ class Setting:
     corners_um: np.ndarray  # of the inverse saturation, um of measured displacement
     rates_um_per_s: Sequence[np.ndarray]
     top_um_per_s: float
+    rate_filter_s: float = 0.0  # of the low-pass that the rates have passed
 
     @cached_property
     def rows(self) -> list[np.ndarray]:

@@ -44,7 +44,7 @@ class Options:
     effects: str | tuple[str, ...] = "auto"  # around the operator: "auto", "none", or names of those to identify
     rate_source: str = "displacement"
     rate_window_s: float = 0.0
-    rate_filter_s: float = 0.0
+    rate_filter_s: float | None = None
     min_slope_ratio: float = MIN_SLOPE_RATIO
     min_V: float | None = None
     max_V: float | None = None
@@ -108,11 +108,12 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if options.effects != around.NONE:
         chosen = around.identify(plain, runs, options, lambda share: progress(0.3 + 0.3 * share))
         chain_of_rig = around.entries(chosen)
-        if chain_of_rig:
+        filter_s = chosen.found.state.setting.rate_filter_s
+        if chain_of_rig or filter_s != plain.model.rate.filter_s:
             rated = chosen.found.hypothesis.rated and not options.rate_independent
             seen = chosen.found.state.seen()
             beside = replace(Frame.of(seen, options, []), offset_V=frame.offset_V, range_V=frame.range_V)
-            found = _operator(seen, beside, options, rated)
+            found = _operator(seen, beside, replace(options, rate_filter_s=filter_s), rated)
     seen = [run.recording for run in found.runs]
     if found.columns.top_um_per_s:
         _compare_sources(seen, found, options, warnings)
@@ -184,7 +185,7 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
     ends_V = (low_V if options.min_V is None else options.min_V, high_V if options.max_V is None else options.max_V)
     sweep = sweep_start(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, ends_V)
     prepared = prepare(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, options.rate_source,
-                       options.rate_window_s, options.rate_filter_s, frame.smoothing_s, sweep.states_um)
+                       options.rate_window_s, options.rate_filter_s or 0.0, frame.smoothing_s, sweep.states_um)
     top = float(np.percentile(np.concatenate([run.rate_um_per_s[run.first:] for run in prepared]), 99.9))
     if top <= 0:
         raise BadInput(f"{runs[0].path}: the displacement never moves after warm-up; "
@@ -201,7 +202,7 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
         gain_um_per_V=frame.gain_um_per_V, offset_V=frame.offset_V, offset_um=0.0, stroke_um=frame.stroke_um,
         thresholds_um=frame.thresholds_um, slopes=np.ones(columns.plays), slope_rate_s_per_um=np.zeros(columns.plays),
         deadzones_um=np.zeros(1), deadzone_weights=np.ones(1),
-        rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s,
+        rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s or 0.0,
                   min_slope_ratio=options.min_slope_ratio, smoothing_s=min(frame.smoothing_s),
                   identified_um_per_s=top),
         drive=Drive(*ends_V, options.slew_V_per_s, options.dac_bits),
@@ -226,7 +227,7 @@ def _compare_sources(runs: Sequence[Recording], found: Operator, options: Option
     other = next(source for source in SOURCES if source != options.rate_source)
     prepared, columns, plant, stroke = found.runs, found.columns, found.plant, found.model.stroke_um
     smoothing_s = smoothing_times_s(runs)
-    rates = [rate_of(run, used.x_um, other, options.rate_window_s, options.rate_filter_s, smoothing)
+    rates = [rate_of(run, used.x_um, other, options.rate_window_s, found.model.rate.filter_s, smoothing)
              for run, used, smoothing in zip(runs, prepared, smoothing_s)]
     swapped = [replace(run, rate_um_per_s=rate) for run, rate in zip(prepared, rates)]
     factor, samples = joined(reduce(swapped, columns, stroke, every=THIN))
@@ -271,7 +272,7 @@ def _check_options(options: Options) -> None:
     if not 0 < options.min_slope_ratio < 1:
         raise BadInput(f"--min-slope-ratio {options.min_slope_ratio:g}: must lie between 0 and 1")
     for option, value in (("--rate-window", options.rate_window_s), ("--rate-filter", options.rate_filter_s)):
-        if not 0 <= value <= MAX_RATE_TIME_S:
+        if value is not None and not 0 <= value <= MAX_RATE_TIME_S:
             raise BadInput(f"{option} {value:g}: must be 0 to {MAX_RATE_TIME_S:g} s")
     for option, value in (("--min-V", options.min_V), ("--max-V", options.max_V)):
         if value is not None and not abs(value) <= LARGEST_INPUT:
