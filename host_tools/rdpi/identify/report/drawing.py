@@ -6,12 +6,13 @@ import base64
 import io
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ...data import Recording
 from ..localise import Table
+from . import interactive
 from .numbers import edge_names, magnitude
 
 if TYPE_CHECKING:
@@ -29,6 +30,20 @@ WIDE = 4.6, 3.3  # inches
 COLUMNS = 500  # of a curve over time: more cannot be seen
 ZOOM = 0.05  # of a recording, shown once more where the residual is worst
 NUMBERED = 120  # cells of the heat map that have room for a number
+
+
+class Shown(NamedTuple):
+    """A picture of a page."""
+
+    source: str  # as the data URI of an SVG
+    plot: str  # see interactive.py
+    caption: str
+    wide: bool = True
+    dominant: bool = False  # whether it shows the axis along which the gap concentrates most
+
+
+def shown(figure: Figure, caption: str, wide: bool = True, dominant: bool = False) -> Shown:
+    return Shown(source(figure), interactive.plot(figure), caption, wide, dominant)
 
 
 def panel(size: tuple[float, float] = WIDE) -> tuple[Figure, Axes]:

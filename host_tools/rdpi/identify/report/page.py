@@ -146,7 +146,7 @@ def _sections(result: Fit, runs: Sequence[Recording], sides: Sequence[Side]) -> 
 
 def _section(heading: str, wide: bool, figures: Sequence[tuple[Figure, str]]) -> dict[str, Any]:
     return {"heading": heading, "wide": wide,
-            "figures": [{"source": drawing.source(drawn), "caption": caption} for drawn, caption in figures]}
+            "figures": [drawing.shown(drawn, caption) for drawn, caption in figures]}
 
 
 def _of_model(side: Side, sides: Sequence[Side]) -> str:
