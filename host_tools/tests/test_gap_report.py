@@ -702,7 +702,7 @@ def test_effects_are_drawn_only_where_one_was_added(verdict: str) -> None:
     added = bool(content["effects"])
     assert ("now and with the effects added" in source) == ('data-label="with the effects"' in source) == added
     (band, *others), _ = ([line.get_label() for line in (*panel.collections, *panel.lines)] for panel in
-                          gap_pictures.time_figure(pictures().runs[0], pictures().before_um[0], None, NOISE_UM).axes)
+                          drawing.residual_figure(pictures().runs[0], {"now": pictures().before_um[0]}, NOISE_UM).axes)
     assert band == "now" and "with the effects" not in others
 
 
@@ -759,7 +759,7 @@ def all_figures() -> list[Figure]:
                   if name != "frequency_hz"),
                 gap_pictures.spectrum_figure(found["frequency_hz"], shown.spectrum_after, USUAL),
                 drawing.table_figure(shown.table),
-                gap_pictures.time_figure(shown.runs[3], shown.before_um[3], shown.after_um[3], NOISE_UM),
+                drawing.residual_figure(shown.runs[3], {"now": shown.before_um[3], "with": shown.after_um[3]}, NOISE_UM),
                 gap_pictures.runs_figure(content.runs, True, USUAL)]
 
 
@@ -829,7 +829,7 @@ def test_residual_over_time_keeps_its_peaks() -> None:
     shown = pictures(samples=200_000)
     residual = shown.before_um[0] - np.mean(shown.before_um[0])
     residual[150_000:150_050] += 3.0
-    figure = gap_pictures.time_figure(shown.runs[0], residual, None, NOISE_UM)
+    figure = drawing.residual_figure(shown.runs[0], {"now": residual}, NOISE_UM)
     top, bottom = figure.axes
     (band,) = top.collections
     heights = band.get_paths()[0].vertices[:, 1]
@@ -842,7 +842,8 @@ def test_residual_over_time_keeps_its_peaks() -> None:
 
 def test_a_short_recording_over_time() -> None:
     shown = pictures(samples=16)
-    top, bottom = gap_pictures.time_figure(shown.runs[0], shown.before_um[0], shown.after_um[0], NOISE_UM).axes
+    top, bottom = drawing.residual_figure(
+        shown.runs[0], {"now": shown.before_um[0], gap_pictures.WITH: shown.after_um[0]}, NOISE_UM).axes
     for panel in (top, bottom):
         before, after = panel.lines[:2]
         assert before.get_ydata() == pytest.approx(shown.before_um[0] - shown.before_um[0].mean())

@@ -41,6 +41,10 @@ def where(document: GapDocument, pictures: Pictures) -> list[drawing.Shown]:
     found, added, usual = document.where, bool(document.effects), terms(document).usually
     dominant, axes = found.dominant, found.axes
     worst = int(np.argmax([np.std(residual) for residual in pictures.before_um]))
+    run, before = pictures.runs[worst], pictures.before_um[worst]
+    after = {WITH: pictures.after_um[worst]} if added else {}
+    name = (f"{'the recording' if len(pictures.runs) == 1 else 'the worst recording'}, "
+            f"{plain(base(run.path), 60)}")
     with drawing.style():
         shown = [drawing.shown(axis_figure(name, axes[name], usual), f"Along {AXES[name].title}.", False,
                                name == dominant) for name in AXES if name not in ("frequency_hz", "recording")]
@@ -49,11 +53,12 @@ def where(document: GapDocument, pictures: Pictures) -> list[drawing.Shown]:
                           "Spectrum of the residual.", True, dominant == "frequency_hz"),
             drawing.shown(drawing.table_figure(pictures.table),
                           "rms of the residual over position and rate. Empty cells hold hardly any samples."),
-            drawing.shown(time_figure(pictures.runs[worst], pictures.before_um[worst],
-                                      pictures.after_um[worst] if added else None,
-                                      document.runs[worst].noise_floor_um),
-                          f"Residual of {'the recording' if len(pictures.runs) == 1 else 'the worst recording'}, "
-                          f"{plain(base(pictures.runs[worst].path), 60)}: all of it, and where it is worst.")]
+            drawing.shown(drawing.residual_figure(run, {"now": before, **after}, document.runs[worst].noise_floor_um),
+                          f"Residual of {name}: all of it, and where it is worst."),
+            drawing.shown(drawing.time_figure(run, {"model": before, **after}),
+                          f"Measured against predicted where {name}, is missed most. The mean error is removed."),
+            drawing.shown(drawing.loop_figure(run, {"model": before, **after}),
+                          f"Loop of {name}: the last wide cycle, and what is missed of it.")]
     return shown
 
 
@@ -102,11 +107,6 @@ def spectrum_figure(axis: AxisEntry, after: Axis | None, usual: str) -> Figure:
     if after is not None:
         curves.append((WITH, after.rms_um, after.edges, {"color": AFTER, "lw": 1.8}))
     return drawing.spectrum_figure(curves)
-
-
-def time_figure(run: Recording, before_um: np.ndarray, after_um: np.ndarray | None, noise_um: float) -> Figure:
-    """The residual over all of a run, and once more where it is worst; means removed."""
-    return drawing.residual_figure(run, {"now": before_um, **({} if after_um is None else {WITH: after_um})}, noise_um)
 
 
 def runs_figure(runs: Sequence[RunEntry], added: bool, usual: str) -> Figure:
