@@ -10,6 +10,7 @@ from html import unescape
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from pages import without_scripts
 from plants import changed, quasi_static, stack, waves
 
 from rdpi.data import Recording
@@ -53,7 +54,7 @@ def fitted(compared: bool) -> Fit:
 
 
 def written(result: Fit, *recordings: Recording) -> str:
-    return page_of(result, recordings or runs(), result.document("model.json", False))
+    return without_scripts(page_of(result, recordings or runs(), result.document("model.json", False)))
 
 
 def text_of(page: str) -> str:

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from injected import LATER, commissioned, drives, entry, plain_model, recorded
 from matplotlib.figure import Figure
+from pages import without_scripts
 from plants import changed
 
 from rdpi.data import Recording, sample_times
@@ -60,7 +61,7 @@ def write(content: dict[str, Any], shown: Pictures, folder: Path) -> None:
 
 
 def page_of(content: dict[str, Any], shown: Pictures) -> str:
-    return gap_report.page(read(content), shown)
+    return without_scripts(gap_report.page(read(content), shown))
 
 
 def rows_of_candidates(content: dict[str, Any]) -> list[dict[str, Any]]:
@@ -559,7 +560,7 @@ def test_the_page(verdict: str, tmp_path: Path) -> None:
     folder = tmp_path / "new" / "folder"
     assert sorted(path.name for path in folder.iterdir()) == ["gap.json", "index.html"]
     assert json.loads((folder / "gap.json").read_text()) == before == content
-    source = (folder / "index.html").read_text(encoding="utf-8")
+    source = without_scripts((folder / "index.html").read_text(encoding="utf-8"))
     page = Page(source)
     text = page.text.replace(NBSP, " ")
     markup = re.sub(r"base64,[\w+/=]*", "", source)
@@ -569,7 +570,7 @@ def test_the_page(verdict: str, tmp_path: Path) -> None:
         root = ElementTree.fromstring(picture)
         links = [value for item in root.iter() for key, value in item.attrib.items() if key.endswith("href")]
         assert root.tag.endswith("svg") and all(link.startswith(("#", "data:")) for link in links)
-    assert len(page.images()) == 10
+    assert len(page.images()) == 12
     order = ["The gap is", "Where the gap lies", "Which effect", "What was tried", "What these recordings can tell",
              "How far", "What could not be seen", "What to record next", "Where this comes from"]
     assert sorted(order, key=text.index) == order and sentence(content) in text

@@ -117,6 +117,8 @@ def test_every_picture_becomes_a_plot(name: str, scheme: str, width: int, folder
         assert figure.find_elements(By.CSS_SELECTOR, ".plot svg path"), figure.text
         assert not figure.find_element(By.TAG_NAME, "img").is_displayed()
     assert browser.get_log("browser") == []
+    loaded = browser.execute_script("return performance.getEntriesByType('resource').map(one => one.name)")
+    assert [one for one in loaded if not one.startswith("data:")] == []
     assert browser.execute_script("return document.documentElement.scrollWidth") <= width
 
 
