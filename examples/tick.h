@@ -18,8 +18,9 @@ static rdpi_telemetry_counts_t counts;
 static rdpi_telemetry_sample_t sample; /* the latest; sent one tick later, with its reading */
 static volatile bool finished;
 
-/* Puts the next code, `ticks` after the one before, into `sample`. False at the end. */
-static bool advance(uint32_t ticks);
+/* Puts the next code, `ticks` after the one before, into `sample`. The reading belongs to the code before. False at the
+ * end. */
+static bool advance(uint32_t ticks, int32_t adc_counts);
 
 static bool send_info(void);
 
@@ -43,7 +44,7 @@ static void take_sample(uint32_t ticks, int32_t adc_counts)
     if (too_many_lost(ticks)) {
         rdpi_port_safe();
         counts.state = RDPI_TELEMETRY_SAFE;
-    } else if (!advance(ticks)) {
+    } else if (!advance(ticks, adc_counts)) {
         counts.state = RDPI_TELEMETRY_FINISHED;
     } else if (!rdpi_port_write_dac(sample.dac_code)) {
         sample.flags |= RDPI_TELEMETRY_HELD; /* taken as output all the same; the next brings both together */

@@ -26,9 +26,10 @@ static bool send_info(void)
 }
 
 /* Every code is played: where ticks are lost one is held for longer, and the host is told. */
-static bool advance(uint32_t ticks)
+static bool advance(uint32_t ticks, int32_t adc_counts)
 {
     (void)ticks;
+    (void)adc_counts;
     if (played == RDPI_PROFILE_COUNT) {
         return false;
     }

@@ -1,5 +1,6 @@
-/* Makes an actuator follow a reference in open loop: start-up sweep, then the reference to its end, every sample told
- * to the host. The same file on every port, in floating or, with TRACK_Q31, fixed point; see port/README.md. */
+/* Makes an actuator follow a reference: start-up sweep, then the reference to its end, every sample told to the host. In
+ * open loop or, with TRACK_LOOP, with a PI controller around it. The same file on every port, in floating or, with
+ * TRACK_Q31, fixed point; see port/README.md. */
 #include <string.h>
 
 #include "../tick.h"
@@ -79,8 +80,12 @@ static bool send_info(void)
     return rdpi_telemetry_info(&line, &run, &counts);
 }
 
+#if TRACK_LOOP
+#include "loop.h"
+#endif
+
 /* Computes the next code. False when the reference is at its end. */
-static bool advance(uint32_t ticks)
+static bool advance(uint32_t ticks, int32_t adc_counts)
 {
     number_t reference = 0, ahead = 0;
     sample.flags = 0;
@@ -88,6 +93,11 @@ static bool advance(uint32_t ticks)
         sweeping = RDPI(sweep)(&chain);
         sample.flags = RDPI_TELEMETRY_SWEEP;
     } else if (NEXT_REFERENCE(ticks, chain.preview_samples, &reference, &ahead)) {
+#if TRACK_LOOP
+        ahead = loop_reference(reference, ahead, ticks, adc_counts);
+#else
+        (void)adc_counts;
+#endif
         if (ticks > 1u) {
             RDPI(missed)(&chain, ticks - 1u);
         }

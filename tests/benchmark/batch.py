@@ -1,0 +1,115 @@
+#!/usr/bin/env python3
+"""`rdpi batch` in one process and in one per core: time, speed-up, largest memory of a worker. Nothing is asserted.
+
+    .venv/bin/python tests/benchmark/batch.py [--actuators N] [--samples N] [--jobs N]
+
+Each virtual actuator is commissioned in half of its samples. In the other half, one in four has got a delay.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import csv
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from fit_speed import HOST_TOOLS, ROOT, timed
+
+sys.path[:0] = [str(HOST_TOOLS), str(ROOT / "tests" / "bench")]
+
+import bench as vb  # noqa: E402
+from rdpi.data import read_recording, sample_times, write_recording  # noqa: E402
+
+RATE_HZ = 2000.0
+DELAY_S = 0.002
+KINDS = "preisach", "bouc-wen"
+SPEED_UP, WORKER_MB = 0.9, 500  # targets: share of the cores; resident memory of a worker
+
+
+def record(path: Path, plant: vb.Bench, command_V: np.ndarray, **header: object) -> None:
+    displacement_um = plant.run(command_V, RATE_HZ)
+    columns = {"time_s": sample_times(len(command_V), RATE_HZ), "command_V": command_V,
+               "displacement_um": displacement_um}
+    write_recording(path, columns, {"sample_rate_hz": RATE_HZ, **header})
+
+
+def write_plan(folder: Path, actuators: int, samples: int) -> Path:
+    """Recordings of virtual actuators, no two of the same stroke, creep and memory; returns the plan."""
+    half = samples // 2
+    drive = folder / "drive.csv"
+    timed("-m", "rdpi", "excite", "commission", "--min-V", "0", "--max-V", "100", "--sample-rate", f"{RATE_HZ:g}",
+          "--duration", f"{half / RATE_HZ:g}", "-o", str(drive))
+    commissioned_V = read_recording(drive, required=("time_s", "command_V")).command_V
+    t = np.arange(half) / RATE_HZ
+    plan = folder / "plan.csv"
+    with open(plan, "w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["actuator", "fit", "gap"])
+        for number in range(actuators):
+            random, name = np.random.default_rng(number), f"A{number:03}"
+            settings = {"stroke_um": random.uniform(10, 15), "creep_percent_per_decade": random.uniform(0, 3)}
+            plant = vb.make(KINDS[number % 2], number, **settings)
+            plant.demagnetise(RATE_HZ, to_V=float(commissioned_V[0]))
+            record(folder / f"{name}-fit.csv", plant, commissioned_V, memory="reset")
+            waves = sum(np.sin(2 * np.pi * (hertz * t + random.uniform())) / hertz**0.5 for hertz in (0.7, 2.3, 6.1, 17))
+            command_V = 50 + 45 * waves / np.max(np.abs(waves))
+            plant = vb.make(KINDS[number % 2], number, **settings, delay_s=DELAY_S if number % 4 == 0 else 0.0)
+            plant.demagnetise(RATE_HZ, to_V=float(command_V[0]))
+            record(folder / f"{name}-gap.csv", plant, command_V, memory="reset")
+            rows.writerow([name, f"{name}-fit.csv", f"{name}-gap.csv"])
+    return plan
+
+
+def children(of: int) -> list[int]:
+    """Processes below one, itself left out."""
+    found = []
+    for child in (Path(f"/proc/{of}/task/{of}/children").read_text().split()):
+        found += [int(child), *children(int(child))]
+    return found
+
+
+def peak_MB(process: int) -> float:
+    status = Path(f"/proc/{process}/status").read_text()
+    return next((int(line.split()[1]) / 1000 for line in status.splitlines() if line.startswith("VmHWM")), 0.0)
+
+
+def run(plan: Path, jobs: int) -> tuple[float, float]:
+    """Seconds of the whole batch, and the largest resident memory of a worker in MB."""
+    results = plan.with_name(f"results-{jobs}.sqlite")
+    start, largest_MB = time.perf_counter(), 0.0
+    batch = subprocess.Popen([sys.executable, "-m", "rdpi", "batch", plan, "-o", results, "--jobs", str(jobs), "--all"],
+                             env=os.environ | {"PYTHONPATH": str(HOST_TOOLS)}, stdout=subprocess.DEVNULL)
+    while batch.poll() is None:
+        with contextlib.suppress(OSError):  # one that has just ended
+            largest_MB = max([largest_MB, *map(peak_MB, children(batch.pid))])
+        time.sleep(0.2)
+    if batch.returncode:
+        raise SystemExit("rdpi batch failed")
+    return time.perf_counter() - start, largest_MB
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Time and memory of `rdpi batch` on virtual actuators.")
+    parser.add_argument("--actuators", type=int, default=200)
+    parser.add_argument("--samples", type=int, default=40_000, help="of each actuator (40000)")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes (one per core)")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        plan = write_plan(Path(folder), options.actuators, options.samples)
+        print(f"rdpi batch, {options.actuators} actuators of {options.samples} samples, fit and gap")
+        alone_s, alone_MB = run(plan, 1)
+        print(f"  1 process    {alone_s:8.0f} s  {alone_s / options.actuators:6.1f} s each  {alone_MB:6.0f} MB")
+        together_s, together_MB = run(plan, options.jobs)
+        print(f"  {options.jobs} processes  {together_s:8.0f} s  {together_s / options.actuators:6.1f} s each  "
+              f"{together_MB:6.0f} MB, target {WORKER_MB}")
+        print(f"  speed-up {alone_s / together_s:.2f}, target {SPEED_UP * options.jobs:.1f}")
+
+
+if __name__ == "__main__":
+    main()
