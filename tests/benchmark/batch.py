@@ -32,11 +32,13 @@ KINDS = "preisach", "bouc-wen"
 SPEED_UP, WORKER_MB = 0.9, 500  # targets: share of the cores; resident memory of a worker
 
 
-def record(path: Path, plant: vb.Bench, command_V: np.ndarray, **header: object) -> None:
+def record(path: Path, plant: vb.Bench, command_V: np.ndarray) -> None:
+    """After a sweep that ends where the drive begins."""
+    plant.demagnetise(RATE_HZ, to_V=float(command_V[0]))
     displacement_um = plant.run(command_V, RATE_HZ)
     columns = {"time_s": sample_times(len(command_V), RATE_HZ), "command_V": command_V,
                "displacement_um": displacement_um}
-    write_recording(path, columns, {"sample_rate_hz": RATE_HZ, **header})
+    write_recording(path, columns, {"sample_rate_hz": RATE_HZ, "memory": "reset"})
 
 
 def write_plan(folder: Path, actuators: int, samples: int) -> Path:
@@ -55,13 +57,11 @@ def write_plan(folder: Path, actuators: int, samples: int) -> Path:
             random, name = np.random.default_rng(number), f"A{number:03}"
             settings = {"stroke_um": random.uniform(10, 15), "creep_percent_per_decade": random.uniform(0, 3)}
             plant = vb.make(KINDS[number % 2], number, **settings)
-            plant.demagnetise(RATE_HZ, to_V=float(commissioned_V[0]))
-            record(folder / f"{name}-fit.csv", plant, commissioned_V, memory="reset")
+            record(folder / f"{name}-fit.csv", plant, commissioned_V)
             waves = sum(np.sin(2 * np.pi * (hertz * t + random.uniform())) / hertz**0.5 for hertz in (0.7, 2.3, 6.1, 17))
             command_V = 50 + 45 * waves / np.max(np.abs(waves))
             plant = vb.make(KINDS[number % 2], number, **settings, delay_s=DELAY_S if number % 4 == 0 else 0.0)
-            plant.demagnetise(RATE_HZ, to_V=float(command_V[0]))
-            record(folder / f"{name}-gap.csv", plant, command_V, memory="reset")
+            record(folder / f"{name}-gap.csv", plant, command_V)
             rows.writerow([name, f"{name}-fit.csv", f"{name}-gap.csv"])
     return plan
 
@@ -69,7 +69,7 @@ def write_plan(folder: Path, actuators: int, samples: int) -> Path:
 def children(of: int) -> list[int]:
     """Processes below one, itself left out."""
     found = []
-    for child in (Path(f"/proc/{of}/task/{of}/children").read_text().split()):
+    for child in Path(f"/proc/{of}/task/{of}/children").read_text().split():
         found += [int(child), *children(int(child))]
     return found
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rdpi.data import read_recording, sample_times, write_recording
+from rdpi.data import Recording, read_recording, sample_times, write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "examples/shrink"), str(ROOT / "examples/loop"), str(ROOT / "tests/bench")]
@@ -41,13 +41,13 @@ def board(tmp_path_factory: pytest.TempPathFactory) -> Board:
     return board
 
 
-def tracked(board: Board, name: str, reference_um: np.ndarray, *loop: str, model: str = "model.json"):
+def tracked(board: Board, name: str, reference_um: np.ndarray, *loop: str) -> Recording:
     """The recording of a reference."""
     reference = board.out / f"{name}-reference.csv"
     columns = {"time_s": sample_times(len(reference_um), RATE_HZ), "reference_um": reference_um}
     write_recording(reference, columns, {"sample_rate_hz": RATE_HZ})
     board.loop = loop
-    return read_recording(board.track(model, reference.name, name))
+    return read_recording(board.track("model.json", reference.name, name))
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from .choice import Choice, Kept, choose, forced, starts, with_rate_filter, with
 from .document import BeforeAfter, IdentifiedEffect
 from .hypothesis import Hypothesis, Setting, Unknowns
 from .joint import Linearised, refined
-from .regression import Run, rate_of, smoothing_times_s
+from .regression import Run, rerated, smoothing_times_s, top_rate
 
 if TYPE_CHECKING:
     from .identify import Operator, Options
@@ -68,8 +68,9 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
         found = choose(setting, unknowns, candidates, rate_law, progress)
         if options.rate_filter_s is None and not options.rate_independent:
             least_s = FILTER_SAMPLES * max(run.sample_time_s for run in runs)
-            settings = [_filtered(setting, plain, options, filter_s) for filter_s in strokes.longest_s * FILTERS
-                        if least_s <= filter_s <= FILTER_S]
+            smoothing_s = smoothing_times_s(runs)
+            settings = [_filtered(setting, plain, options, filter_s, smoothing_s)
+                        for filter_s in strokes.longest_s * FILTERS if least_s <= filter_s <= FILTER_S]
             found = with_rate_filter(found, settings, candidates) if settings else found
     else:
         candidates = [FITTED[name]() for name in names]
@@ -80,12 +81,12 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
     return without_rate_law(found, candidates) if options.rate_independent else found
 
 
-def _filtered(setting: Setting, plain: Operator, options: Options, filter_s: float) -> Setting:
+def _filtered(setting: Setting, plain: Operator, options: Options, filter_s: float, smoothing_s: Sequence[float]
+              ) -> Setting:
     """With rates behind a low-pass."""
-    rates = [rate_of(run.recording, run.x_um, options.rate_source, options.rate_window_s, filter_s, smoothing_s)
-             for run, smoothing_s in zip(plain.runs, smoothing_times_s([run.recording for run in plain.runs]))]
-    top = float(np.percentile(np.concatenate([rate[run.first:] for rate, run in zip(rates, plain.runs)]), 99.9))
-    return replace(setting, rates_um_per_s=rates, top_um_per_s=top, rate_filter_s=filter_s)
+    runs = rerated(plain.runs, options.rate_source, options.rate_window_s, filter_s, smoothing_s)
+    return replace(setting, rates_um_per_s=[run.rate_um_per_s for run in runs], top_um_per_s=top_rate(runs),
+                   rate_filter_s=filter_s)
 
 
 def _first(run: Run) -> int:

@@ -23,8 +23,8 @@ from .checks import LARGEST_INPUT, check_run, check_together, correlation, stays
 from .bands import RateSlopes, slopes_of_bands
 from .choice import Choice
 from .document import FitDocument
-from .regression import (Columns, Plant, Reduced, Run, joined, offset_of, prepare, rate_of, reduce, saturation_of,
-                         search, smoothing_times_s, solve, without_rate)
+from .regression import (Columns, Plant, Reduced, Run, joined, offset_of, prepare, reduce, rerated, saturation_of,
+                         search, smoothing_times_s, solve, top_rate, without_rate)
 from .sweep_start import SweepStart, sweep_start
 
 GRID = np.linspace(0.12, 0.88, 20)  # candidate dead zones, as shares of the displacement's range
@@ -186,7 +186,7 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
     sweep = sweep_start(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, ends_V)
     prepared = prepare(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, options.rate_source,
                        options.rate_window_s, options.rate_filter_s or 0.0, frame.smoothing_s, sweep.states_um)
-    top = float(np.percentile(np.concatenate([run.rate_um_per_s[run.first:] for run in prepared]), 99.9))
+    top = top_rate(prepared)
     if top <= 0:
         raise BadInput(f"{runs[0].path}: the displacement never moves after warm-up; "
                        "record a drive that moves the actuator")
@@ -225,12 +225,9 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
 def _compare_sources(runs: Sequence[Recording], found: Operator, options: Options, warnings: list[str]) -> None:
     """Say so if the other source of the rate explains the recordings much better."""
     other = next(source for source in SOURCES if source != options.rate_source)
-    prepared, columns, plant, stroke = found.runs, found.columns, found.plant, found.model.stroke_um
-    smoothing_s = smoothing_times_s(runs)
-    rates = [rate_of(run, used.x_um, other, options.rate_window_s, found.model.rate.filter_s, smoothing)
-             for run, used, smoothing in zip(runs, prepared, smoothing_s)]
-    swapped = [replace(run, rate_um_per_s=rate) for run, rate in zip(prepared, rates)]
-    factor, samples = joined(reduce(swapped, columns, stroke, every=THIN))
+    columns, plant = found.columns, found.plant
+    swapped = rerated(found.runs, other, options.rate_window_s, found.model.rate.filter_s, smoothing_times_s(runs))
+    factor, samples = joined(reduce(swapped, columns, found.model.stroke_um, every=THIN))
     residual = plant.residual
     for _ in range(3):  # the prior follows the residual
         residual = solve(factor, columns, plant.picks, samples, residual).residual

@@ -14,7 +14,7 @@ search over dead zones and the strength of the prior work on that alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -229,8 +229,20 @@ def prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds:
 
 
 def rate_of(run: Recording, x_um: np.ndarray, source: str, window_s: float, filter_s: float,
-          smoothing_s: float) -> np.ndarray:
+            smoothing_s: float) -> np.ndarray:
     """The rate that modulates the slopes; the command is free of noise and is not smoothed."""
     if source == "control":
         return signals.rate(x_um, run.sample_time_s, window_s, filter_s, 0.0)
     return signals.rate(run.displacement_um, run.sample_time_s, window_s, filter_s, smoothing_s)
+
+
+def rerated(runs: Sequence[Run], source: str, window_s: float, filter_s: float, smoothing_s: Sequence[float]
+            ) -> list[Run]:
+    """The same runs with another rate."""
+    return [replace(run, rate_um_per_s=rate_of(run.recording, run.x_um, source, window_s, filter_s, smoothing))
+            for run, smoothing in zip(runs, smoothing_s)]
+
+
+def top_rate(runs: Sequence[Run]) -> float:
+    """The highest rate, um/s, but for one sample in a thousand; samples of an unknown memory do not count."""
+    return float(np.percentile(np.concatenate([run.rate_um_per_s[run.first:] for run in runs]), 99.9))
