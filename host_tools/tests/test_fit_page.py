@@ -10,13 +10,15 @@ from html import unescape
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from pages import without_scripts
 from plants import changed, quasi_static, stack, waves
 
 from rdpi.data import Recording
 from rdpi.identify import localise
 from rdpi.identify.identify import Fit, Options, fit
 from rdpi.identify.report import drawing
-from rdpi.identify.report.page import WITH, WITHOUT, _loop_figure, _sides, _spectrum, _tables, _time_figure, page_of
+from rdpi.identify.report import drawing
+from rdpi.identify.report.page import WITH, WITHOUT, _missed, _sides, _spectrum, _tables, page_of
 from rdpi.simulate import chain
 
 RATE_HZ = 2000.0
@@ -52,7 +54,7 @@ def fitted(compared: bool) -> Fit:
 
 
 def written(result: Fit, *recordings: Recording) -> str:
-    return page_of(result, recordings or runs(), result.document("model.json", False))
+    return without_scripts(page_of(result, recordings or runs(), result.document("model.json", False)))
 
 
 def text_of(page: str) -> str:
@@ -116,7 +118,7 @@ def drawn(figure: Figure) -> Figure:
 
 def test_measured_and_predicted_where_most_is_missed() -> None:
     run, sides = runs()[1], _sides(fitted(True), runs())
-    measured, with_it, without = drawn(_time_figure(run, sides, 1)).axes[0].lines
+    measured, with_it, without = drawn(drawing.time_figure(run, _missed(sides, 1))).axes[0].lines
     assert [line.get_label() for line in (measured, with_it, without)] == ["measured", WITH, WITHOUT]
     assert with_it.get_color() == drawing.AFTER and without.get_color() == drawing.NOW
     part = drawing.worst_part(sides[0].residuals_um[1])
@@ -128,7 +130,7 @@ def test_measured_and_predicted_where_most_is_missed() -> None:
 
 def test_loops_and_what_is_missed_of_them() -> None:
     run, sides = runs()[1], _sides(fitted(True), runs())
-    loop, miss = drawn(_loop_figure(run, sides, 1)).axes
+    loop, miss = drawn(drawing.loop_figure(run, _missed(sides, 1))).axes
     measured, with_it, without = loop.lines
     assert 75 < np.ptp(measured.get_xdata()) <= 80 and len(measured.get_xdata()) < len(run) / 2
     for line, below in ((without, miss.lines[0]), (with_it, miss.lines[1])):

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from injected import LATER, commissioned, drives, entry, plain_model, recorded
 from matplotlib.figure import Figure
+from pages import without_scripts
 from plants import changed
 
 from rdpi.data import Recording, sample_times
@@ -60,7 +61,7 @@ def write(content: dict[str, Any], shown: Pictures, folder: Path) -> None:
 
 
 def page_of(content: dict[str, Any], shown: Pictures) -> str:
-    return gap_report.page(read(content), shown)
+    return without_scripts(gap_report.page(read(content), shown))
 
 
 def rows_of_candidates(content: dict[str, Any]) -> list[dict[str, Any]]:
@@ -235,7 +236,8 @@ def rendered(content: dict[str, Any], shown: Pictures | None = None) -> Page:
         return Page(page_of(content, pictures(samples=2)))
 
 
-WITHOUT_PICTURES = patch.multiple(gap_pictures, where=lambda document, pictures: [], recordings=lambda document: "")
+WITHOUT_PICTURES = patch.multiple(gap_pictures, where=lambda document, pictures: [],
+                                  recordings=lambda document: drawing.Shown("data:,", "{}", ""))
 UNDRAWN = patch.object(drawing, "source", lambda figure: "data:image/svg+xml;base64,")
 
 
@@ -559,7 +561,7 @@ def test_the_page(verdict: str, tmp_path: Path) -> None:
     folder = tmp_path / "new" / "folder"
     assert sorted(path.name for path in folder.iterdir()) == ["gap.json", "index.html"]
     assert json.loads((folder / "gap.json").read_text()) == before == content
-    source = (folder / "index.html").read_text(encoding="utf-8")
+    source = without_scripts((folder / "index.html").read_text(encoding="utf-8"))
     page = Page(source)
     text = page.text.replace(NBSP, " ")
     markup = re.sub(r"base64,[\w+/=]*", "", source)
@@ -569,7 +571,7 @@ def test_the_page(verdict: str, tmp_path: Path) -> None:
         root = ElementTree.fromstring(picture)
         links = [value for item in root.iter() for key, value in item.attrib.items() if key.endswith("href")]
         assert root.tag.endswith("svg") and all(link.startswith(("#", "data:")) for link in links)
-    assert len(page.images()) == 10
+    assert len(page.images()) == 12
     order = ["The gap is", "Where the gap lies", "Which effect", "What was tried", "What these recordings can tell",
              "How far", "What could not be seen", "What to record next", "Where this comes from"]
     assert sorted(order, key=text.index) == order and sentence(content) in text
@@ -680,7 +682,7 @@ def test_foreign_text_stays_text(text: str, harmless: Page) -> None:
     assert all(letter.isprintable() or letter in f"\n{NBSP}" for letter in "".join(page.words))
     assert len(page.text) < len(harmless.text) + 12 * 1000
     if text.isprintable() and len(text) < 50:
-        assert page.text.count(text) == (7 if "/" not in text else 4)  # elsewhere the name without its folder
+        assert page.text.count(text) == (9 if "/" not in text else 4)  # elsewhere the name without its folder
 
 
 @pytest.fixture(scope="module")
@@ -702,7 +704,7 @@ def test_effects_are_drawn_only_where_one_was_added(verdict: str) -> None:
     added = bool(content["effects"])
     assert ("now and with the effects added" in source) == ('data-label="with the effects"' in source) == added
     (band, *others), _ = ([line.get_label() for line in (*panel.collections, *panel.lines)] for panel in
-                          gap_pictures.time_figure(pictures().runs[0], pictures().before_um[0], None, NOISE_UM).axes)
+                          drawing.residual_figure(pictures().runs[0], {"now": pictures().before_um[0]}, NOISE_UM).axes)
     assert band == "now" and "with the effects" not in others
 
 
@@ -759,7 +761,7 @@ def all_figures() -> list[Figure]:
                   if name != "frequency_hz"),
                 gap_pictures.spectrum_figure(found["frequency_hz"], shown.spectrum_after, USUAL),
                 drawing.table_figure(shown.table),
-                gap_pictures.time_figure(shown.runs[3], shown.before_um[3], shown.after_um[3], NOISE_UM),
+                drawing.residual_figure(shown.runs[3], {"now": shown.before_um[3], "with": shown.after_um[3]}, NOISE_UM),
                 gap_pictures.runs_figure(content.runs, True, USUAL)]
 
 
@@ -829,7 +831,7 @@ def test_residual_over_time_keeps_its_peaks() -> None:
     shown = pictures(samples=200_000)
     residual = shown.before_um[0] - np.mean(shown.before_um[0])
     residual[150_000:150_050] += 3.0
-    figure = gap_pictures.time_figure(shown.runs[0], residual, None, NOISE_UM)
+    figure = drawing.residual_figure(shown.runs[0], {"now": residual}, NOISE_UM)
     top, bottom = figure.axes
     (band,) = top.collections
     heights = band.get_paths()[0].vertices[:, 1]
@@ -842,7 +844,8 @@ def test_residual_over_time_keeps_its_peaks() -> None:
 
 def test_a_short_recording_over_time() -> None:
     shown = pictures(samples=16)
-    top, bottom = gap_pictures.time_figure(shown.runs[0], shown.before_um[0], shown.after_um[0], NOISE_UM).axes
+    top, bottom = drawing.residual_figure(
+        shown.runs[0], {"now": shown.before_um[0], gap_pictures.WITH: shown.after_um[0]}, NOISE_UM).axes
     for panel in (top, bottom):
         before, after = panel.lines[:2]
         assert before.get_ydata() == pytest.approx(shown.before_um[0] - shown.before_um[0].mean())

@@ -228,6 +228,16 @@ def test_formats(name: str, start: bytes, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
+def test_text_of_a_saved_picture_stays_text(tmp_path: Path) -> None:
+    """As characters in an SVG; in a PDF with a TrueType font, which programs can select from and edit."""
+    figure = empty()
+    figure.suptitle("displacement")
+    for name in ("a.svg", "a.pdf"):
+        report.write_picture(figure, tmp_path / name)
+    assert "displacement</text>" in (tmp_path / "a.svg").read_text()
+    assert b"/FontFile2" in (tmp_path / "a.pdf").read_bytes()
+
+
 def test_a_picture_that_cannot_be_drawn_leaves_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "a.bmp"
     path.write_text("as it was")

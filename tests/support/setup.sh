@@ -72,6 +72,7 @@ tests)
     simavr              command  simavr
     pkgconf             command  pkg-config
     ruby                command  ruby
+    chromium-driver     command  chromedriver
     python3-sphinx      module   sphinx
     python3-myst-parser  module   myst_parser
     python3-breathe     module   breathe
@@ -80,7 +81,8 @@ tests)
     python3-pytest-xdist  module  xdist
     python3-hypothesis  module   hypothesis
     python3-distributed  module   distributed
-    python3-jsonschema  module   jsonschema'
+    python3-jsonschema  module   jsonschema
+    python3-selenium    module   selenium'
     ;;
 *)
     sed -n '2,7s/^# \{0,1\}//p' "$0" >&2

@@ -37,7 +37,7 @@ def write_page(folder: str | os.PathLike[str], rows: Sequence[Row], results: str
         text = TEMPLATES.get_template("batch.html.j2").render(
             sentence=_sentence(rows), tiles=_tiles(rows), rows=[_cells(row, Path(folder)) for row in rows],
             states=[one for one in STATES if any(state(row) == one for row in rows)],
-            figures=[{"source": drawing.source(figure), "caption": caption} for figure, caption in _figures(rows)],
+            figures=[drawing.shown(figure, caption) for figure, caption in _figures(rows)],
             facts=[("results", plain(results, 200)), ("tool", f"rdpi {version()}")])
     atomic_write(Path(folder) / PAGE, text)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,40 +36,37 @@ class Pictures:
     spectrum_after: Axis | None  # the axis frequency_hz with the effects added; None where none was
 
 
-class Shown(NamedTuple):
-    """A picture of the page."""
-
-    source: str
-    caption: str
-    wide: bool
-    dominant: bool = False  # whether it shows the axis along which the gap concentrates most
-
-
-def where(document: GapDocument, pictures: Pictures) -> list[Shown]:
+def where(document: GapDocument, pictures: Pictures) -> list[drawing.Shown]:
     """Of the section "where": the residual along each axis, over position and rate, over time."""
     found, added, usual = document.where, bool(document.effects), terms(document).usually
     dominant, axes = found.dominant, found.axes
     worst = int(np.argmax([np.std(residual) for residual in pictures.before_um]))
+    run, before = pictures.runs[worst], pictures.before_um[worst]
+    after = {WITH: pictures.after_um[worst]} if added else {}
+    name = (f"{'the recording' if len(pictures.runs) == 1 else 'the worst recording'}, "
+            f"{plain(base(run.path), 60)}")
     with drawing.style():
-        shown = [Shown(drawing.source(axis_figure(name, axes[name], usual)), f"Along {AXES[name].title}.", False,
-                       name == dominant) for name in AXES if name not in ("frequency_hz", "recording")]
+        shown = [drawing.shown(axis_figure(name, axes[name], usual), f"Along {AXES[name].title}.", False,
+                               name == dominant) for name in AXES if name not in ("frequency_hz", "recording")]
         shown += [
-            Shown(drawing.source(spectrum_figure(axes["frequency_hz"], pictures.spectrum_after, usual)),
-                  "Spectrum of the residual.", True, dominant == "frequency_hz"),
-            Shown(drawing.source(drawing.table_figure(pictures.table)),
-                  "rms of the residual over position and rate. Empty cells hold hardly any samples.", True),
-            Shown(drawing.source(time_figure(pictures.runs[worst], pictures.before_um[worst],
-                                      pictures.after_um[worst] if added else None,
-                                      document.runs[worst].noise_floor_um)),
-                  f"Residual of {'the recording' if len(pictures.runs) == 1 else 'the worst recording'}, "
-                  f"{plain(base(pictures.runs[worst].path), 60)}: all of it, and where it is worst.", True)]
+            drawing.shown(spectrum_figure(axes["frequency_hz"], pictures.spectrum_after, usual),
+                          "Spectrum of the residual.", True, dominant == "frequency_hz"),
+            drawing.shown(drawing.table_figure(pictures.table),
+                          "rms of the residual over position and rate. Empty cells hold hardly any samples."),
+            drawing.shown(drawing.residual_figure(run, {"now": before, **after}, document.runs[worst].noise_floor_um),
+                          f"Residual of {name}: all of it, and where it is worst."),
+            drawing.shown(drawing.time_figure(run, {"model": before, **after}),
+                          f"Measured against predicted where {name}, is missed most. The mean error is removed."),
+            drawing.shown(drawing.loop_figure(run, {"model": before, **after}),
+                          f"Loop of {name}: the last wide cycle, and what is missed of it.")]
     return shown
 
 
-def recordings(document: GapDocument) -> str:
-    """The source of the picture of all recordings, the one with the largest share of the gap first."""
+def recordings(document: GapDocument) -> drawing.Shown:
+    """The picture of all recordings, the one with the largest share of the gap first."""
     with drawing.style():
-        return drawing.source(runs_figure(ranked(document), bool(document.effects), terms(document).usually))
+        return drawing.shown(runs_figure(ranked(document), bool(document.effects), terms(document).usually),
+                             "Residual of each recording.")
 
 
 def ranked(document: GapDocument) -> list[RunEntry]:
@@ -110,11 +107,6 @@ def spectrum_figure(axis: AxisEntry, after: Axis | None, usual: str) -> Figure:
     if after is not None:
         curves.append((WITH, after.rms_um, after.edges, {"color": AFTER, "lw": 1.8}))
     return drawing.spectrum_figure(curves)
-
-
-def time_figure(run: Recording, before_um: np.ndarray, after_um: np.ndarray | None, noise_um: float) -> Figure:
-    """The residual over all of a run, and once more where it is worst; means removed."""
-    return drawing.residual_figure(run, {"now": before_um, **({} if after_um is None else {WITH: after_um})}, noise_um)
 
 
 def runs_figure(runs: Sequence[RunEntry], added: bool, usual: str) -> Figure:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import base64
 import io
 import warnings
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ...data import Recording
 from ..localise import Table
+from . import interactive
+from .figure import last_cycle, thin
 from .numbers import edge_names, magnitude
 
 if TYPE_CHECKING:
@@ -25,10 +27,24 @@ STYLE = {"font.size": 9, "text.color": INK, "axes.edgecolor": INK, "axes.labelco
          "figure.facecolor": "none", "axes.facecolor": "none", "savefig.facecolor": "none", "svg.hashsalt": "rdpi"}
 LABELS = {"time_s": "time from the start [s]", "frequency_hz": "frequency [Hz]", "rate_um_per_s": "rate [µm/s]",
           "position_um": "position [µm]"}
-WIDE = 4.6, 3.3  # inches
+WIDE, LOOP = (4.6, 3.3), (3.6, 3.4)  # inches
 COLUMNS = 500  # of a curve over time: more cannot be seen
 ZOOM = 0.05  # of a recording, shown once more where the residual is worst
 NUMBERED = 120  # cells of the heat map that have room for a number
+
+
+class Shown(NamedTuple):
+    """A picture of a page."""
+
+    source: str  # as the data URI of an SVG
+    plot: str  # see interactive.py
+    caption: str
+    wide: bool = True
+    dominant: bool = False  # whether it shows the axis along which the gap concentrates most
+
+
+def shown(figure: Figure, caption: str, wide: bool = True, dominant: bool = False) -> Shown:
+    return Shown(source(figure), interactive.plot(figure), caption, wide, dominant)
 
 
 def panel(size: tuple[float, float] = WIDE) -> tuple[Figure, Axes]:
@@ -99,6 +115,48 @@ def residual_figure(run: Recording, residuals_um: Mapping[str, np.ndarray], nois
     panels[1].set_xlabel(LABELS["time_s"])
     legend(panels[0])
     return figure
+
+
+def time_figure(run: Recording, residuals_um: Mapping[str, np.ndarray]) -> Figure:
+    """Measured and predicted where the first residual is worst, mean errors removed."""
+    figure, axes = panel()
+    part = worst_part(next(iter(residuals_um.values())))
+    time_s = (run.time_s - run.time_s[0])[part]
+    axes.plot(time_s, run.displacement_um[part], color=INK, lw=2, alpha=0.7, label="measured")
+    for label, predicted, look in _predicted(run, residuals_um, means=False):
+        axes.plot(time_s, predicted[part], label=label, **look)
+    axes.set(xlabel=LABELS["time_s"], ylabel="displacement [µm]", xlim=(time_s[0], time_s[-1]))
+    legend(axes)
+    return figure
+
+
+def loop_figure(run: Recording, residuals_um: Mapping[str, np.ndarray]) -> Figure:
+    """The last wide cycle measured and predicted, and below it what is missed."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=LOOP, layout="constrained")
+    loop, miss = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    cycle = last_cycle(run.command_V)
+    command = run.command_V[cycle]
+    part = thin(len(command))
+    loop.plot(command[part], run.displacement_um[cycle][part], color=INK, lw=2, alpha=0.7, label="measured")
+    for label, predicted, look in _predicted(run, residuals_um, means=True):
+        loop.plot(command[part], predicted[cycle][part], label=label, **look)
+    for colour, residual in zip((NOW, AFTER), residuals_um.values()):
+        miss.plot(command[part], residual[cycle][part], color=colour, lw=0.9)
+    loop.set(ylabel="displacement [µm]")
+    miss.set(xlabel="command [V]", ylabel="missed [µm]")
+    legend(loop)
+    return figure
+
+
+def _predicted(run: Recording, residuals_um: Mapping[str, np.ndarray], means: bool
+               ) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
+    """Name, prediction and look of each side, the last one first; with `means`, their errors' means are left in."""
+    sides = list(zip(residuals_um.items(), (NOW, AFTER)))
+    for ((label, residual), colour), dash in zip(sides[::-1], ("-", "--")):
+        yield label, run.displacement_um - residual + (0.0 if means else np.mean(residual)), {"color": colour, "lw": 1,
+                                                                                            "ls": dash}
 
 
 def band(axes: Axes, time_s: np.ndarray, values: np.ndarray, colour: str, label: str) -> None:

@@ -53,10 +53,12 @@ def check_picture_name(path: str) -> None:
 
 
 def write_picture(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """PNG, SVG or PDF by the name's suffix, written atomically."""
+    """PNG, SVG or PDF by the name's suffix, written atomically; text stays text, to be searched and edited."""
+    from matplotlib import rc_context
+
     suffix = os.path.splitext(path)[1].lstrip(".").lower() or "png"
     data = io.BytesIO()
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), rc_context({"svg.fonttype": "none", "pdf.fonttype": 42}):
         warnings.filterwarnings("ignore", "Glyph .* missing")  # letters the font lacks
         figure.savefig(data, format=suffix, dpi=110)
     atomic_write(path, data.getvalue())

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from ..identify import Fit
 
-LOOP, SLOPES = (3.6, 3.4), (4.6, 4.4)  # inches
+SLOPES = 4.6, 4.4  # inches
 LOOPS = 4  # recordings whose loops are shown, those first of which most is missed
 WITH, WITHOUT, ALONE = "with effects", "without effects", "predicted"
 
@@ -133,11 +133,12 @@ def _sections(result: Fit, runs: Sequence[Recording], sides: Sequence[Side]) -> 
     first = runs[worst[0]]
     return [
         _section("Measured against predicted", True, [
-            (_time_figure(first, sides, worst[0]), f"{_name(first)}, where most is missed. The mean error is removed."),
-            (drawing.residual_figure(first, {one.label: one.residuals_um[worst[0]] for one in sides}, result.noise_um),
+            (drawing.time_figure(first, _missed(sides, worst[0])),
+             f"{_name(first)}, where most is missed. The mean error is removed."),
+            (drawing.residual_figure(first, _missed(sides, worst[0]), result.noise_um),
              f"What is missed of {_name(first)}: all of it, and where it is worst. The mean is removed.")]),
-        _section("Loops", False, [(_loop_figure(runs[k], sides, k), f"{_name(runs[k])}: the last wide cycle, and what "
-                                   "is missed of it.") for k in worst[:LOOPS]]),
+        _section("Loops", False, [(drawing.loop_figure(runs[k], _missed(sides, k)), f"{_name(runs[k])}: the last wide "
+                                   "cycle, and what is missed of it.") for k in worst[:LOOPS]]),
         _section("Slopes against rate", True, [
             (_slopes_figure(one), f"Slopes {_of_model(one, sides)}. Lines: the model. Dots: each band of rate "
              "fitted alone.") for one in sides[::-1]]),
@@ -146,7 +147,11 @@ def _sections(result: Fit, runs: Sequence[Recording], sides: Sequence[Side]) -> 
 
 def _section(heading: str, wide: bool, figures: Sequence[tuple[Figure, str]]) -> dict[str, Any]:
     return {"heading": heading, "wide": wide,
-            "figures": [{"source": drawing.source(drawn), "caption": caption} for drawn, caption in figures]}
+            "figures": [drawing.shown(drawn, caption) for drawn, caption in figures]}
+
+
+def _missed(sides: Sequence[Side], k: int) -> dict[str, np.ndarray]:
+    return {one.label: one.residuals_um[k] for one in sides}
 
 
 def _of_model(side: Side, sides: Sequence[Side]) -> str:
@@ -156,41 +161,6 @@ def _of_model(side: Side, sides: Sequence[Side]) -> str:
 
 def _name(run: Recording) -> str:
     return plain(base(run.path), 60)
-
-
-def _time_figure(run: Recording, sides: Sequence[Side], k: int) -> Figure:
-    """Measured and predicted where the first side misses most, its mean error removed."""
-    drawn, axes = drawing.panel()
-    part = drawing.worst_part(sides[0].residuals_um[k])
-    time_s = (run.time_s - run.time_s[0])[part]
-    axes.plot(time_s, run.displacement_um[part], color=drawing.INK, lw=2, alpha=0.7, label="measured")
-    for side, look in zip(sides[::-1], ("-", "--")):
-        predicted = side.predictions[k].predicted_um + np.mean(side.residuals_um[k])
-        axes.plot(time_s, predicted[part], look, color=side.colour, lw=1, label=side.label)
-    axes.set(xlabel=drawing.LABELS["time_s"], ylabel="displacement [µm]", xlim=(time_s[0], time_s[-1]))
-    drawing.legend(axes)
-    return drawn
-
-
-def _loop_figure(run: Recording, sides: Sequence[Side], k: int) -> Figure:
-    """The last wide cycle measured and predicted, and below it what is missed."""
-    from matplotlib.figure import Figure
-
-    drawn = Figure(figsize=LOOP, layout="constrained")
-    loop, miss = drawn.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    cycle = figure.last_cycle(run.command_V)
-    command = run.command_V[cycle]
-    part = figure.thin(len(command))
-    loop.plot(command[part], run.displacement_um[cycle][part], color=drawing.INK, lw=2, alpha=0.7, label="measured")
-    for side, look in zip(sides[::-1], ("-", "--")):
-        loop.plot(command[part], side.predictions[k].predicted_um[cycle][part], look, color=side.colour, lw=1,
-                  label=side.label)
-    for side in sides:
-        miss.plot(command[part], side.residuals_um[k][cycle][part], color=side.colour, lw=0.9)
-    loop.set(ylabel="displacement [µm]")
-    miss.set(xlabel="command [V]", ylabel="missed [µm]")
-    drawing.legend(loop)
-    return drawn
 
 
 def _slopes_figure(side: Side) -> Figure:

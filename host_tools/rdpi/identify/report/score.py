@@ -59,12 +59,12 @@ def _rows(runs: Sequence[Recording], scores: Sequence[tracking.Tracked]) -> list
             for k, (run, one) in enumerate(zip(runs, scores))]
 
 
-def _figures(run: Recording) -> list[dict[str, str]]:
+def _figures(run: Recording) -> list[drawing.Shown]:
     name, error = plain(base(run.path), 60), run.displacement_um - run.columns["reference_um"]
     made = [(_time(run, error), f"{name}: where the error is largest, over time."),
             (_against(run, error), f"{name}: the error against the reference. A loop is hysteresis or delay."),
             (_spectrum(run, error), f"{name}: spectrum of the error, in octaves.")]
-    return [{"source": drawing.source(drawn), "caption": caption} for drawn, caption in made]
+    return [drawing.shown(drawn, caption) for drawn, caption in made]
 
 
 def _time(run: Recording, error: np.ndarray) -> Figure:

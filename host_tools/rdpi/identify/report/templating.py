@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from importlib import resources
+
 import jinja2
+import markupsafe
 
 from .numbers import tight
+
+PLOTS = "echarts/echarts.min.js", "templates/plots.js"  # of every page
 
 
 def environment(package: str) -> jinja2.Environment:
@@ -13,4 +18,6 @@ def environment(package: str) -> jinja2.Environment:
     made = jinja2.Environment(loader=jinja2.ChoiceLoader(loaders), undefined=jinja2.StrictUndefined, autoescape=True,
                               trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     made.filters["tight"] = tight
+    made.globals["plots"] = markupsafe.Markup("\n".join(
+        resources.files(__package__).joinpath(part).read_text(encoding="utf-8") for part in PLOTS))
     return made
