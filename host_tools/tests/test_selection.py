@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from injected import commissioned, drives, entry, plain_model, recorded
+from injected import RATE_HZ, commissioned, drives, entry, plain_model, recorded
+from plants import recording
 
 from rdpi.identify import localise, passport
 from rdpi.gap import selection, thresholds
@@ -18,6 +19,7 @@ from rdpi.gap.candidates import Candidate
 from rdpi.gap.dataset import ModelRun
 from rdpi.gap.diagnosis import Decision, decide
 from rdpi.gap.selection import Baseline, Excess, Round, Score, Selection
+from rdpi.model import Model
 
 FROZEN = AugmentedModel, Baseline, Candidate, Decision, Excess, ModelRun, Round, Score, Selection
 
@@ -83,6 +85,25 @@ def test_the_same_round_asked_for_again_says_the_same() -> None:
     assert again is not first and same(first, again)
     assert given().residual is before and not given().chosen
     assert np.array_equal(before, AugmentedModel.given(commissioned(), given().recordings, []).residual)
+
+
+def test_at_a_single_rate_what_needs_several_is_not_tried() -> None:
+    """Gain and phase at will would pass for anything; nor is what the model holds taken away from it."""
+    sine = recording(50 - 45 * np.cos(4 * np.pi * np.arange(3000) / RATE_HZ), None, RATE_HZ)
+    runs = recorded(plain_model(), [sine], entry("delay", "timing", delay_s=0.003))
+
+    def tried(model: Model) -> set[str]:
+        state = AugmentedModel.given(model, runs, [])
+        coords = [localise.coordinates(one.recording, one.predict([]), one.rate_um_per_s)
+                  for one in state.dataset.model_runs]
+        return {score.name for score in selection.one_round(
+            state, selection.excess(state, passport.read(model), coords)).scores}
+
+    held = dataclasses.replace(commissioned(), effects=[entry("relaxation", share=0.05, time_constant_s=0.01)])
+    several = {"resonance", "relaxation"}
+    assert several <= {score.name for score in decided().selection.rounds[0].scores}
+    assert not several & tried(commissioned()) and "delay" in tried(commissioned())
+    assert several & tried(held) == {"relaxation"}
 
 
 def test_accepting_makes_another_model() -> None:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadInput
-from ..identify import localise, passport
+from ..identify import Strokes, localise, passport
 from ..model import Passport
 from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE, Effect
@@ -246,8 +246,11 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
 def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
              ) -> tuple[list[Candidate], dict[str, str]]:
     """Every effect of the catalogue that was not accepted yet, where it may act; and those that cannot be tried."""
-    taken = {one.effect.name for one in state.chosen} | set(without)
-    tried = [effect for name, kind in CATALOGUE.items() if name not in taken for effect in state.places(kind)]
+    taken, strokes = {one.effect.name for one in state.chosen} | set(without), Strokes.of(state.recordings)
+    held = {one.effect for one in state.known}
+    # At a single rate, what needs several is gain and phase at will, and passes for anything.
+    tried = [effect for name, kind in CATALOGUE.items() if name not in taken for effect in state.places(kind)
+             if effect in held or strokes.rates_differ or not kind.needs_rates]
     found, refused = [], {}
     before = state.dataset.measured - state.residual
     for k, effect in enumerate(tried):
