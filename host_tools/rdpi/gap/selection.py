@@ -247,10 +247,8 @@ def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
              ) -> tuple[list[Candidate], dict[str, str]]:
     """Every effect of the catalogue that was not accepted yet, where it may act; and those that cannot be tried."""
     taken, strokes = {one.effect.name for one in state.chosen} | set(without), Strokes.of(state.recordings)
+    tried = [effect for name, kind in CATALOGUE.items() if name not in taken for effect in state.places(kind)]
     held = {one.effect for one in state.known}
-    # At a single rate, what needs several is gain and phase at will, and passes for anything.
-    tried = [effect for name, kind in CATALOGUE.items() if name not in taken for effect in state.places(kind)
-             if effect in held or strokes.rates_differ or not kind.needs_rates]
     found, refused = [], {}
     before = state.dataset.measured - state.residual
     for k, effect in enumerate(tried):
@@ -258,7 +256,9 @@ def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
             one = candidates.search(state.dataset, effect, state.acting(), before)
         except BadInput as error:  # numbers beyond the library's: the others are tried all the same
             one, refused[effect.name] = None, str(error)
-        if one is not None:
+        # At a single rate, what needs several is gain and phase at will, and passes for anything.
+        if one is not None and (effect in held or strokes.show(type(effect))
+                                or effect.rings_within(strokes.longest_s, one.values)):
             found.append(one)
         progress((k + 1) / len(tried))
     return found, refused

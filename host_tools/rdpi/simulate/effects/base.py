@@ -119,6 +119,10 @@ class Effect:
         """Whether a chain that holds the other cannot hold this one beside it, only in its place."""
         return not self.several and (self.name, self.stage, self.column) == (other.name, other.stage, other.column)
 
+    def rings_within(self, stroke_s: float, values: Values) -> bool:
+        """Whether strokes of this time show it by a ringing of its own, although they all have the same rate."""
+        return False
+
     @property
     def fitted(self) -> tuple[str, ...]:
         """Names of the parameters that a fit moves; the others stay where it starts."""
