@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from injected import RATE_HZ, commissioned, drives, entry, plain_model, recorded
-from plants import recording
+from plants import changed, recording
 
+from rdpi.data import Recording
 from rdpi.identify import localise, passport
 from rdpi.gap import selection, thresholds
 from rdpi.gap.augmented import AugmentedModel
@@ -104,6 +105,25 @@ def test_at_a_single_rate_what_needs_several_is_not_tried() -> None:
     found = tried(commissioned())
     assert "relaxation" not in found and "delay" in found and "relaxation" in tried(held)
     assert found.get("resonance", {"f0_hz": np.inf})["f0_hz"] > 20  # rings five times in a stroke of 0.25 s
+
+
+def test_recordings_that_do_not_lie_where_creep_would_take_them() -> None:
+    """Creep from an end of the range shows in where recordings lie; of the same motions elsewhere it is not the cause."""
+    t = np.arange(8000) / RATE_HZ
+    commands = [50 * share * (1 - np.cos(2 * np.pi * hertz * t)) * np.clip(t / 2, 0.2, 1)
+                for share, hertz in ((1.0, 0.5), (0.8, 1.5), (0.6, 4.0))]
+    silent = [recording(command, None, RATE_HZ, f"{k}.csv", "reset") for k, command in enumerate(commands)]
+    crept = recorded(plain_model(), silent, entry("creep", percent_per_decade=3.0))
+    as_before = [changed(run, displacement_um=run.displacement_um - np.mean(run.displacement_um) + np.mean(
+        before.displacement_um)) for run, before in zip(crept, recorded(plain_model(), silent))]
+
+    def first_round(runs: list[Recording]) -> Round:
+        return decide(AugmentedModel.given(commissioned(), runs, []), passport.read(commissioned())).selection.rounds[0]
+
+    assert first_round(crept).best.name == "creep"
+    elsewhere = first_round(as_before)
+    (creep,) = (score for score in elsewhere.scores if score.name == "creep")
+    assert elsewhere.best is not creep and "do not lie" in elsewhere.why_rejected(creep)
 
 
 def test_accepting_makes_another_model() -> None:

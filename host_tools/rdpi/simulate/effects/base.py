@@ -81,6 +81,7 @@ class Effect:
     disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
     starts_memory: ClassVar[bool] = False  # acts by where the plays start, and by nothing else
     moves_zero: ClassVar[bool] = False  # the zero is estimated along with it
+    tells_zero: ClassVar[bool] = False  # recordings do not lie where it says they would: it is not there
     frequency: ClassVar[str | None] = None  # the parameter that is the frequency of a line in the spectrum
     # --- how it compares with others
     # Shrink that it brings where nothing is wrong, with the model frozen and with the model refitted beside it. From
