@@ -433,7 +433,7 @@ def test_recordings_that_cannot_tell_and_the_one_that_can() -> None:
     proposed = found.document.next_experiment
     assert "delay" in proposed.why and "lag" in proposed.why and proposed.seconds > 0
     kind = proposed.command.split()[2]
-    options = {"chirp": {"duration_s": 5.0}, "steps": {"levels": 3, "hold_s": 1.0}}[kind]
+    options = {"chirp": {"duration_s": 5.0}, "steps": {"levels": 3, "hold_s": 1.0}, "startup": {}}[kind]
     columns, _ = excite.make_drive(kind, excite.Limits(0.0, 100.0, sample_rate_hz=RATE_HZ), **options)
     assert columns["time_s"][-1] == pytest.approx(proposed.seconds)
     drive = recording(columns["command_V"], None, RATE_HZ, "next.csv")

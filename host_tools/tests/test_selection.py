@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from injected import commissioned, drives, entry, plain_model, recorded
+from injected import RATE_HZ, commissioned, drives, entry, plain_model, recorded
+from plants import changed, recording
 
+from rdpi.data import Recording
 from rdpi.identify import localise, passport
 from rdpi.gap import selection, thresholds
 from rdpi.gap.augmented import AugmentedModel
@@ -18,6 +20,7 @@ from rdpi.gap.candidates import Candidate
 from rdpi.gap.dataset import ModelRun
 from rdpi.gap.diagnosis import Decision, decide
 from rdpi.gap.selection import Baseline, Excess, Round, Score, Selection
+from rdpi.model import Model
 
 FROZEN = AugmentedModel, Baseline, Candidate, Decision, Excess, ModelRun, Round, Score, Selection
 
@@ -83,6 +86,44 @@ def test_the_same_round_asked_for_again_says_the_same() -> None:
     assert again is not first and same(first, again)
     assert given().residual is before and not given().chosen
     assert np.array_equal(before, AugmentedModel.given(commissioned(), given().recordings, []).residual)
+
+
+def test_at_a_single_rate_what_needs_several_is_not_tried() -> None:
+    """Gain and phase at will would pass for anything; nor is what the model holds taken away from it."""
+    sine = recording(50 - 45 * np.cos(4 * np.pi * np.arange(3000) / RATE_HZ), None, RATE_HZ)
+    runs = recorded(plain_model(), [sine], entry("delay", "timing", delay_s=0.003))
+
+    def tried(model: Model) -> dict[str, dict[str, float]]:
+        state = AugmentedModel.given(model, runs, [])
+        coords = [localise.coordinates(one.recording, one.predict([]), one.rate_um_per_s)
+                  for one in state.dataset.model_runs]
+        return {score.name: score.candidate.values for score in selection.one_round(
+            state, selection.excess(state, passport.read(model), coords)).scores}
+
+    held = dataclasses.replace(commissioned(), effects=[entry("relaxation", share=0.05, time_constant_s=0.01)])
+    assert "relaxation" in {score.name for score in decided().selection.rounds[0].scores}
+    found = tried(commissioned())
+    assert "relaxation" not in found and "delay" in found and "relaxation" in tried(held)
+    assert found.get("resonance", {"f0_hz": np.inf})["f0_hz"] > 20  # rings five times in a stroke of 0.25 s
+
+
+def test_recordings_that_do_not_lie_where_creep_would_take_them() -> None:
+    """Creep from an end of the range shows in where recordings lie; of the same motions elsewhere it is not the cause."""
+    t = np.arange(8000) / RATE_HZ
+    commands = [50 * share * (1 - np.cos(2 * np.pi * hertz * t)) * np.clip(t / 2, 0.2, 1)
+                for share, hertz in ((1.0, 0.5), (0.8, 1.5), (0.6, 4.0))]
+    silent = [recording(command, None, RATE_HZ, f"{k}.csv", "reset") for k, command in enumerate(commands)]
+    crept = recorded(plain_model(), silent, entry("creep", percent_per_decade=3.0))
+    as_before = [changed(run, displacement_um=run.displacement_um - np.mean(run.displacement_um) + np.mean(
+        before.displacement_um)) for run, before in zip(crept, recorded(plain_model(), silent))]
+
+    def first_round(runs: list[Recording]) -> Round:
+        return decide(AugmentedModel.given(commissioned(), runs, []), passport.read(commissioned())).selection.rounds[0]
+
+    assert first_round(crept).best.name == "creep"
+    elsewhere = first_round(as_before)
+    (creep,) = (score for score in elsewhere.scores if score.name == "creep")
+    assert elsewhere.best is not creep and "do not lie" in elsewhere.why_rejected(creep)
 
 
 def test_accepting_makes_another_model() -> None:

@@ -12,7 +12,8 @@ models predict NEW recordings, other waveforms after a sweep, as `rdpi simulate`
 * right: the first name is the effect's; in set: it or one of its rivals is; misnamed: a name, and none of them is.
 * worse: new recordings, each by itself, that the improved model predicts worse than the old one by more than 2 % of the
   old error, the zero included; and by how much at worst.
-* promise: promised - realised shrink of the new recordings together, means removed: median of its size.
+* promise: promised - realised shrink, means removed: median of its size. "same": of fresh recordings of the kinds that
+  `rdpi gap` saw; "holds": how often its 90 % interval holds that; "other": of the new recordings, other waveforms.
 
 The zero moves with the effects "zero" and "delay, zero" only. Thresholds that are chosen on all families but one are
 scored on that one: `--except`, `--families`, as in README.md. What stands after `--` goes to `rdpi gap`; `--earlier`
@@ -42,6 +43,7 @@ SEEN = "decay", "moves", "biased"
 NEW = "two_sines", *waves.TRACKS
 WORSE = 1.02  # of the old error
 NAMEABLE = 1.0  # rho
+FRESH = 500_000  # added to the seed of drives
 Appears = Callable[[Rig, np.random.Generator], Rig]
 
 
@@ -93,13 +95,13 @@ APPEARS: dict[str, tuple[tuple[str, ...], Appears]] = {
 }
 
 
-def play(rig: Rig, folder: Path, kind: str, names: Sequence[str], starts: Sequence[str], rate_hz: float, scale: float
-         ) -> tuple[list[Path], list[np.ndarray]]:
+def play(rig: Rig, folder: Path, kind: str, names: Sequence[str], starts: Sequence[str], rate_hz: float, scale: float,
+         seed: int | None = None) -> tuple[list[Path], list[np.ndarray]]:
     """Recordings of these drives, and their readings; like measure.drive, tracks about the middle of the range."""
     paths, readings = [], []
     for name, start in zip(names, starts):
         share = 0.5 + measure.TRACKED * waves.track(name, rate_hz, 2 * scale) if name in waves.TRACKS else \
-            measure.drive(rig, name, rate_hz, scale)
+            waves.drive(name, rate_hz, rig.seed if seed is None else seed, rig.start_share, scale)
         paths.append(folder / f"{kind}-{name}.csv")
         readings.append(record(rig, paths[-1], rig.volts(share), rate_hz, start))
     return paths, readings
@@ -152,6 +154,7 @@ def ask(before: Rig, after: Rig, folder: Path, model: Path, random: np.random.Ge
         starts[random.integers(len(SEEN))] = "unknown"
     then, was = play(replace(before, runs=0), folder, "earlier", SEEN, starts, rate_hz, scale)
     seen, now = play(replace(after, runs=0), folder, "seen", SEEN, starts, rate_hz, scale)
+    fresh, _ = play(replace(after, runs=6), folder, "fresh", SEEN, starts, rate_hz, scale, before.seed + FRESH)
     new, _ = play(replace(after, runs=9), folder, "new", NEW, ["swept"] * len(NEW), rate_hz, scale)
     words = [part for word in options for part in (sum((["--earlier", path] for path in then), [])
                                                    if word == "--earlier" else [word])]
@@ -160,10 +163,13 @@ def ask(before: Rig, after: Rig, folder: Path, model: Path, random: np.random.Ge
     gap = json.loads(document.read_text())
     floor = pooled([spread(run) for run in missed(model, then)])
     old, better = missed(model, new), missed(improved, new)
+    same, same_better = missed(model, fresh), missed(improved, fresh)
     first = gap["effects"][:1]
     return {"verdict": gap["verdict"], "names": [one["name"] for one in gap["effects"]],
             "rivals": first[0]["confusable_with"] if first else [], "ratio": (gap["passport"] or {}).get("ratio"),
             "rho": pooled([np.std(b - a) for a, b in zip(was, now)]) / floor, "promised": gap["promised"]["shrink"],
+            "ci90": gap["promised"]["ci90"],
+            "same": 1 - pooled([*map(spread, same_better)]) / pooled([*map(spread, same)]),
             "realised": 1 - pooled([*map(spread, better)]) / pooled([*map(spread, old)]),
             "zero": gap["offset_um"], "seen_um": [run["offset_um"] for run in missed(model, seen)],
             "seen_after_um": [run["offset_um"] for run in missed(improved, seen)],
@@ -186,7 +192,8 @@ def worse(case: dict[str, Any]) -> list[float]:
     return [after[0] / before[0] for before, after in zip(case["old"], case["new"])]
 
 
-HEADER = (f"{'':26}cases  rho>=1  right  in set  misnamed  unknown   none | worse  at worst  together | promise")
+HEADER = (f"{'':26}cases  rho>=1  right  in set  misnamed  unknown   none | worse  at worst  together | "
+          "promise: same  holds  other")
 
 
 def row(label: str, found: Sequence[dict[str, Any]]) -> str:
@@ -201,13 +208,19 @@ def row(label: str, found: Sequence[dict[str, Any]]) -> str:
 
     ratios = [ratio for case in done for ratio in worse(case)]
     together = [pooled([a[0] for a in case["new"]]) / pooled([a[0] for a in case["old"]]) for case in done]
-    promises = [abs(case["promised"] - case["realised"]) for case in done if case["names"]]
+    named = [case for case in done if case["names"]]
+    same, other = ([abs(case["promised"] - case[what]) for case in named] for what in ("same", "realised"))
+    holds = [case["ci90"][0] <= case["same"] <= case["ci90"][1] for case in named if case["ci90"]]
+
+    def mean(values: Sequence[float], of: Callable[[Sequence[float]], float], digits: int) -> str:
+        return f"{of(values):.{digits}f}" if values else "-"
+
     return (f"{label:26}{len(done):5}{len(loud):8}{share(right):>7}{share(in_set):>8}"
             f"{share(lambda case: bool(case['names']) and not in_set(case)):>10}"
             f"{share(lambda case: case['verdict'] == 'unknown'):>9}{share(lambda case: case['verdict'] == 'none'):>7} |"
             f"{np.mean(np.greater(ratios, WORSE)):6.2f}{max(ratios):10.2f}"
             f"{np.mean(np.greater(together, WORSE)):10.2f} |"
-            f"{f'{np.median(promises):.3f}' if promises else '-':>8}")
+            f"{mean(same, np.median, 3):>14}{mean(holds, np.mean, 2):>7}{mean(other, np.median, 3):>7}")
 
 
 def table(found: Sequence[dict[str, Any]]) -> str:

@@ -494,17 +494,18 @@ def asked(effect: str, names: list[str], rivals: list[str] = [], after: float = 
     """A case: the old model misses 2 um of every new recording, the improved one `after` um."""
     verdict = "ambiguous" if rivals else "effect" if names else "none"
     return {"family": "a", "seed": 1, "effect": effect, "names": names, "rivals": rivals, "verdict": verdict,
-            "rho": 2.0, "promised": 0.4, "realised": 0.5, "old": [[2.0, 0.0]] * 3,
+            "rho": 2.0, "promised": 0.4, "same": 0.46, "ci90": [0.45 - 0.3 * bool(rivals), 0.6], "realised": 0.5,
+            "old": [[2.0, 0.0]] * 3,
             "new": [[2.0, 0.0], [2.0, 0.0], [after, 0.0]], **more}
 
 
 def test_what_gap_says_is_counted():
     found = [asked("delay", ["delay"], ["lag"]), asked("delay", ["lag"], ["delay"]),
-             asked("delay", ["lag"], after=2.1), asked("delay", [], rho=0.5), asked("none", [], after=2.02, rho=0.0),
+             asked("delay", ["lag"], after=2.1, same=0.8), asked("delay", [], rho=0.5), asked("none", [], after=2.02, rho=0.0),
              {"family": "a", "seed": 1, "effect": "lag", "failed": "no"}]
     lines = appears.table(found).splitlines()
     cells = {line[:26].strip(): line[26:].split() for line in lines}
-    assert cells["delay"] == "4 3 0.33 0.67 0.33 0.00 0.00 | 0.08 1.05 0.00 | 0.100".split()
+    assert cells["delay"] == "4 3 0.33 0.67 0.33 0.00 0.00 | 0.08 1.05 0.00 | 0.060 0.67 0.100".split()
     assert cells["none"][:10] == "1 1 0.00 0.00 0.00 0.00 1.00 | 0.00 1.01".split()
     assert cells["all with an effect"][:2] == ["4", "3"] and cells["all"][:2] == ["5", "4"]
     assert "delay: delay|lag 1, lag|delay 1, lag 1, none 1" in lines and lines[-1] == "failed: a 1, lag: no"

@@ -20,9 +20,9 @@ With `--paired`, every drive is recorded before the effect is put in as well, fo
 smaller; what is promised is not tried.
 
 `--set tune` and `--set report` differ in seeds, kinds of loops, ranges of parameters, sampling rates and waveforms:
-thresholds may be tuned on the one, figures are told from the other. `--set measured` puts effects into the measured
-record instead, see measured.py. With `--withhold NAME`, or each in turn with `all`, the data hold exactly the effect
-that the tool is denied (`rdpi gap --without NAME`): right is then "unknown".
+thresholds may be tuned on the one, figures are told from the other. `--set measured` judges one half of the measured
+record by the other instead, see measured.py. With `--withhold NAME`, or each in turn with `all`, the data hold exactly
+the effect that the tool is denied (`rdpi gap --without NAME`): right is then "unknown".
 
 Terms: an effect counts as to be detected from rho 1, to be named from rho 2. A name is wrong if it is none of the
 case's and its set of rivals holds none of them. Cases whose residual grew by less than 10 % do not count: "born in",

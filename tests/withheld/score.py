@@ -228,7 +228,7 @@ def figures(judged: Sequence[Judged]) -> list[Figure]:
     if measured:
         larger = [j for j in measured if j.case.kind != "small"]
         rows += [_share("measured: right name or set, not the smallest", larger,
-                        lambda j: not j.wrong and j.verdict in ("effect", "ambiguous")),
+                        lambda j: not j.wrong and j.verdict in ("effect", "ambiguous"), least=0.85),
                  _share("measured: wrong name", measured, lambda j: j.wrong)]
     located = withheld or single
     if located:

@@ -22,7 +22,7 @@ from .augmented import AugmentedModel
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
 from .sections import GapDocument, Offset, TrackingPromise, Verdict
-from .selection import Excess, Selection, detection_threshold, excess, select
+from .selection import Excess, Selection, detection_threshold, excess, select, zeros_agree
 
 REFERENCE_COLUMNS = "time_s", "reference_um"
 
@@ -55,7 +55,7 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     references = taken(references, REFERENCE_COLUMNS, "references")
     given = AugmentedModel.given(model, runs, earlier)
     decision = decide(given, known, without, progress)
-    decision, offset, tracked = _worth_tracking(decision, known, passport.read(model), references)
+    decision, offset, tracked = _worth_tracking(decision, passport.read(model), references)
     selection, verdict, before = decision.selection, decision.verdict, decision.selection.before_um
     state, after = selection.accepted, selection.after_um
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
@@ -70,20 +70,20 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords), spectrum)
 
 
-def _worth_tracking(decision: Decision, known: Passport | None, original: Passport | None,
-                    references: Sequence[Recording]) -> tuple[Decision, Offset, TrackingPromise | None]:
+def _worth_tracking(decision: Decision, known: Passport | None, references: Sequence[Recording]
+                    ) -> tuple[Decision, Offset, TrackingPromise | None]:
     """The decision, its zero and its promise for references. What is to be tracked must not get worse: the last effect
     is left out as long as references, or recordings that were left out, promise no better.
 
-    `known` is what to expect of the gap, `original` the passport of the model.
+    `known` is the passport of the model.
     """
     while True:
         selection = decision.selection
-        offset, state = _offset(selection, known), selection.accepted
+        offset, state = _offset(selection), selection.accepted
         if not references or not state.chosen:
             return decision, offset, None
         moved = replace(state.model, offset_um=state.model.offset_um + offset.added)
-        tracked = promise.tracking(selection, moved, original, decision.coords, references)
+        tracked = promise.tracking(selection, moved, known, decision.coords, references)
         ci90 = document.promised(selection, document.equations_of(state)).ci90
         if ci90 is not None and ci90[0] < 0:
             why = "recordings that were left out may as well be predicted worse"
@@ -171,7 +171,7 @@ def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], ea
     return runs, earlier, known, notes
 
 
-def _offset(selection: Selection, known: Passport | None) -> Offset:
+def _offset(selection: Selection) -> Offset:
     """Mean of what each recording's displacement misses with all that act, beyond what the earlier one missed; no
     other figure counts it.
 
@@ -187,12 +187,11 @@ def _offset(selection: Selection, known: Passport | None) -> Offset:
     then = [0.0] * len(now)
     if base.earlier:  # of the model that was given: where a refitted one lies is no change of the actuator's
         then = [one.mean_residual_um(base.acting_then) for one in base.earlier.model_runs]
-        known = None  # what its recordings scatter by, a pair has lost
     zeros, before = np.subtract(now, then), np.subtract(old, then)
     sure = np.array([run.memory != "unknown" for run in state.recordings])
     sure = sure if any(sure) else ~sure
     told = zeros[sure]
-    agree, added = abs(np.mean(told)) > thresholds.ZERO_AGREES * _scatter_um(model, known, told), 0.0
+    agree, added = zeros_agree(model, told, compared=bool(base.earlier)), 0.0
     if agree and state.chosen:
         added = float(np.mean(told))
     elif not any(one.effect.starts_memory for one in state.chosen) and np.sum(told**2) > np.sum(before[sure] ** 2):
@@ -203,14 +202,6 @@ def _offset(selection: Selection, known: Passport | None) -> Offset:
     return Offset(mean=float(np.mean(zeros)), low=float(min(zeros)), high=float(max(zeros)),
                   added=added,
                   moved=bool(agree and min(abs(zeros)) > least))
-
-
-def _scatter_um(model: Model, known: Passport | None, zeros: np.ndarray) -> float:
-    """Standard deviation of zeros that should be equal: of these, of those of the passport, and a usual one."""
-    before = [run.offset_um for run in known.runs if run.offset_um is not None] if known else []
-    groups = [group for group in (zeros, before) if len(group) > 1]
-    squares = (thresholds.ZERO_SCATTER * model.stroke_um) ** 2 + sum(np.var(group) * len(group) for group in groups)
-    return float(np.sqrt(squares / (1 + sum(len(group) - 1 for group in groups))))
 
 
 def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Offset, noise_um: float,

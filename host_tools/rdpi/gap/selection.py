@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadInput
-from ..identify import localise, passport
-from ..model import Passport
+from ..identify import Strokes, localise, passport
+from ..model import Model, Passport
 from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE, Effect
 from . import candidates, thresholds
@@ -231,7 +231,11 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
     scores = tuple(_score(state, equations, baseline, k, gap.floor + state.excused()) for k in range(len(found)))
     gains = [one.gain for one in scores if not one.was_there]
     evidence = gap.evidence + thresholds.SHRINK_WEIGHT * max([*gains, 0.0])
-    best, refitted, rejected = _choose(state, scores, baseline, gap, evidence)
+    misplaced: list[Score] = []
+    best, refitted, rejected = _choose(state, scores, baseline, gap, evidence, misplaced)
+    while best is not None and not refitted and _misplaces(state, best):
+        misplaced.append(best)
+        best, refitted, rejected = _choose(state, scores, baseline, gap, evidence, misplaced)
     reproduced = equations.reproduced()
     rivals = [] if best is None else \
         _rivals(state, scores, baseline, best, refitted, reproduced[scores.index(best)], gap.floor)
@@ -246,8 +250,9 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
 def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
              ) -> tuple[list[Candidate], dict[str, str]]:
     """Every effect of the catalogue that was not accepted yet, where it may act; and those that cannot be tried."""
-    taken = {one.effect.name for one in state.chosen} | set(without)
+    taken, strokes = {one.effect.name for one in state.chosen} | set(without), Strokes.of(state.recordings)
     tried = [effect for name, kind in CATALOGUE.items() if name not in taken for effect in state.places(kind)]
+    held = {one.effect for one in state.known}
     found, refused = [], {}
     before = state.dataset.measured - state.residual
     for k, effect in enumerate(tried):
@@ -255,7 +260,9 @@ def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
             one = candidates.search(state.dataset, effect, state.acting(), before)
         except BadInput as error:  # numbers beyond the library's: the others are tried all the same
             one, refused[effect.name] = None, str(error)
-        if one is not None:
+        # At a single rate, what needs several is gain and phase at will, and passes for anything.
+        if one is not None and (effect in held or strokes.show(type(effect))
+                                or effect.rings_within(strokes.longest_s, one.values)):
             found.append(one)
         progress((k + 1) / len(tried))
     return found, refused
@@ -307,12 +314,13 @@ def detection_threshold(recordings: Sequence[Any]) -> float:
     return thresholds.DETECTION_FEW if len(recordings) < thresholds.FEW else thresholds.DETECTION
 
 
-def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, gap: Excess, evidence: float
-            ) -> tuple[Score | None, bool, tuple[str | None, ...]]:
+def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, gap: Excess, evidence: float,
+            misplaced: Collection[Score]) -> tuple[Score | None, bool, tuple[str | None, ...]]:
     """The score to accept, if any, whether the model was refitted beside it, and why each of the others was not."""
     born_in = thresholds.BORN_IN_FEW if len(state.recordings) < thresholds.FEW else thresholds.BORN_IN
     clear = bool(gap.ratio and evidence > detection_threshold(state.recordings))
-    rejected = [_why_rejected(one, bool(state.chosen), clear, born_in) for one in scores]
+    rejected = ["the recordings do not lie where it would take them" if one in misplaced else
+                _why_rejected(one, bool(state.chosen), clear, born_in) for one in scores]
     open_ = [one for one, why in zip(scores, rejected) if why is None]
     frozen = _simplest(open_, refitted=False) if open_ else None
     # Born in: what the fit took up hides an effect, or half of it, until the model is refitted beside it.
@@ -324,6 +332,29 @@ def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
     if beside and (frozen is None or excused and beside.refitted_left < thresholds.BESIDE * frozen.left):
         return beside, True, tuple(None if one is beside else why for one, why in zip(scores, rejected))
     return frozen, False, tuple(rejected)
+
+
+def _misplaces(state: AugmentedModel, one: Score) -> bool:
+    """Whether recordings after a sweep lie where the model says without the effect, and all elsewhere with it."""
+    if not one.effect.tells_zero or state.earlier:
+        return False
+    runs = [run for run in state.by_command.model_runs if run.recording.memory == "reset"]
+    without, beside = (np.array([run.mean_residual_um(acting) for run in runs]) for acting in (
+        state.acting(), effects.beside(state.acting(), one.candidate.acting)))
+    return len(runs) > 1 and not zeros_agree(state.model, without) and zeros_agree(state.model, beside) \
+        and abs(np.mean(beside)) > abs(np.mean(without))
+
+
+def zeros_agree(model: Model, zeros: np.ndarray, compared: bool = False) -> bool:
+    """Whether recordings lie off by the same, beyond what zeros scatter by: these, those of the passport unless the
+    recordings are `compared` with earlier ones, and usual ones.
+    """
+    known = None if compared else passport.read(model)
+    before = [run.offset_um for run in known.runs if run.offset_um is not None] if known else []
+    groups = [group for group in (zeros, before) if len(group) > 1]
+    squares = (thresholds.ZERO_SCATTER * model.stroke_um) ** 2 + sum(np.var(group) * len(group) for group in groups)
+    scatter_um = np.sqrt(squares / (1 + sum(len(group) - 1 for group in groups)))
+    return bool(abs(np.mean(zeros)) > thresholds.ZERO_AGREES * scatter_um)
 
 
 def _why_rejected(one: Score, further: bool, clear: bool, born_in: float) -> str | None:

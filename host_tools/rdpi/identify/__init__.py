@@ -8,6 +8,7 @@ from .document import BeforeAfter, FitDocument
 from .identify import Options, fit
 from .localise import Axis, AxisEntry, Table
 from .passport import FITTED
+from .strokes import Strokes
 
-__all__ = ["FITTED", "Axis", "AxisEntry", "BeforeAfter", "FitDocument", "Options", "Table", "checks", "fit", "identify",
-           "kept", "localise", "passport", "rate_slopes", "report", "summary"]
+__all__ = ["FITTED", "Axis", "AxisEntry", "BeforeAfter", "FitDocument", "Options", "Strokes", "Table", "checks", "fit",
+           "identify", "kept", "localise", "passport", "rate_slopes", "report", "summary"]

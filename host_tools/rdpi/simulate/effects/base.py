@@ -81,6 +81,7 @@ class Effect:
     disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
     starts_memory: ClassVar[bool] = False  # acts by where the plays start, and by nothing else
     moves_zero: ClassVar[bool] = False  # the zero is estimated along with it
+    tells_zero: ClassVar[bool] = False  # recordings do not lie where it says they would: it is not there
     frequency: ClassVar[str | None] = None  # the parameter that is the frequency of a line in the spectrum
     # --- how it compares with others
     # Shrink that it brings where nothing is wrong, with the model frozen and with the model refitted beside it. From
@@ -118,6 +119,10 @@ class Effect:
     def replaces(self, other: Effect) -> bool:
         """Whether a chain that holds the other cannot hold this one beside it, only in its place."""
         return not self.several and (self.name, self.stage, self.column) == (other.name, other.stage, other.column)
+
+    def rings_within(self, stroke_s: float, values: Values) -> bool:
+        """Whether strokes of this time show it by a ringing of its own, although they all have the same rate."""
+        return False
 
     @property
     def fitted(self) -> tuple[str, ...]:

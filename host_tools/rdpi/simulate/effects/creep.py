@@ -32,6 +32,7 @@ class Creep(Effect):
     parameters = (Parameter("percent_per_decade", "%", -2.0, 20.0),)
     on_rig = {"percent_per_decade": (0.0, 10.0)}
     linear = True
+    tells_zero = True
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         share = values["percent_per_decade"] / 100

@@ -19,7 +19,7 @@ PEAKS = 3
 AROUND, COARSE = 4, 0.008  # steps tried on either side of a peak, of its damping or of the spectrum's grid
 LEAST_PERIOD = 3.0  # samples of a period that can be simulated
 OCTAVES = 8
-SHOWN_DAMPING, RING_PERIODS = 0.05, 5  # what `rdpi excite` asks of a drive: so many periods in its longest hold
+SHOWN_DAMPING, RING_PERIODS = 0.05, 5  # what is asked of a drive: so many periods in its longest hold, or in a stroke
 
 
 class Resonance(Effect):
@@ -56,6 +56,9 @@ class Resonance(Effect):
         grid += [(peak * (1 + step * max(damping, COARSE)), damping) for peak in _peaks(residuals, lowest, highest)
                  for damping in SHARP for step in range(-AROUND, AROUND + 1)]
         return [{"f0_hz": float(f0), "damping": damping} for f0, damping in grid]
+
+    def rings_within(self, stroke_s: float, values: Values) -> bool:
+        return values["f0_hz"] * stroke_s > RING_PERIODS
 
     def shown(self, drive: PlannedDrive) -> Shown | None:
         lowest, highest = RING_PERIODS / drive.hold_s, drive.rate_hz / LEAST_PERIOD

@@ -1,0 +1,56 @@
+"""Strokes: a drive's movements between turning points, and which effects they can show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..data import Recording
+from ..simulate.effects import Effect
+from . import thresholds as tuned
+
+
+class Strokes(NamedTuple):
+    """Whether the movements between turning points differ; where not, what depends on them looks like a loop."""
+
+    rates_differ: bool
+    sizes_differ: bool
+    longest_s: float  # time of the slow ones
+
+    @classmethod
+    def of(cls, runs: Sequence[Recording]) -> Strokes:
+        rates, sizes, times = [], [], []
+        for run in runs:
+            turns = _turns(run.command_V, tuned.STROKE * float(np.ptp(run.command_V)))
+            sizes.append(np.abs(np.diff(run.command_V[turns])))
+            times.append(np.diff(turns) * run.sample_time_s)
+            rates.append(sizes[-1] / times[-1])
+        way = np.concatenate(sizes)
+        return cls(_spread(np.concatenate(rates), way) > tuned.SEVERAL_RATES, _spread(way, way) > tuned.SEVERAL_SIZES,
+                   _quantile(np.concatenate(times), way, 0.95))
+
+    def show(self, kind: type[Effect]) -> bool:
+        return (self.rates_differ or not kind.needs_rates) and (self.sizes_differ or not kind.needs_loops)
+
+
+def _spread(values: np.ndarray, way: np.ndarray) -> float:
+    """Ratio of the values between which nine tenths of the way lie."""
+    low, high = (_quantile(values, way, end) for end in (0.05, 0.95))
+    return high / low if low > 0 else np.inf
+
+
+def _quantile(values: np.ndarray, way: np.ndarray, end: float) -> float:
+    """The value up to which this share of the way lies."""
+    order = np.argsort(values)
+    share = np.cumsum(way[order]) / max(np.sum(way), 1e-300)
+    return float(values[order[min(np.searchsorted(share, end), len(values) - 1)]])
+
+
+def _turns(command: np.ndarray, least: float) -> np.ndarray:
+    """Samples at which a drive turns round, between them more than `least`; first and last sample too."""
+    from scipy.signal import find_peaks
+
+    peaks = [find_peaks(sign * command, prominence=least)[0] for sign in (1, -1)]
+    return np.unique(np.r_[0, *peaks, len(command) - 1])
