@@ -3,6 +3,8 @@
 #ifndef RDPI_EXAMPLE_TICK_H
 #define RDPI_EXAMPLE_TICK_H
 
+#include <string.h>
+
 #include "rdpi_port.h"
 #include "telemetry.h"
 
@@ -13,16 +15,25 @@
 #define INFO_EVERY 1000u    /* samples */
 #define END_INFO_EVERY 100u /* after the last: the host waits for one to get through */
 
-static rdpi_telemetry_t line;
-static rdpi_telemetry_counts_t counts;
-static rdpi_telemetry_sample_t sample; /* the latest; sent one tick later, with its reading */
+#define LINE_OF(number) {.axis = (number)},
+static rdpi_telemetry_t line[] = {RDPI_EACH_AXIS(LINE_OF)};
+static rdpi_telemetry_counts_t counts;            /* of the board; an application adds those of an axis */
+static rdpi_telemetry_sample_t sample[RDPI_AXES]; /* the latest; sent one tick later, with its reading */
 static volatile bool finished;
 
-/* Puts the next code, `ticks` after the one before, into `sample`. The reading belongs to the code before. False at the
- * end. */
-static bool advance(uint32_t ticks, int32_t adc_counts);
+/* Puts the next code of each axis, `ticks` after the one before, into `sample`. The readings belong to the codes before.
+ * False at the end. */
+static bool advance(uint32_t ticks, const int32_t *adc_counts);
 
-static bool send_info(void);
+/* Of one axis. */
+static bool send_info(uint32_t axis);
+
+static void send_infos(void)
+{
+    for (uint32_t k = 0; k < RDPI_AXES; k++) {
+        (void)send_info(k);
+    }
+}
 
 /* Whether as many ticks were lost, with none in time between them, as the build allows. */
 static bool too_many_lost(uint32_t ticks)
@@ -37,30 +48,54 @@ static bool too_many_lost(uint32_t ticks)
 #endif
 }
 
-/* Outputs the next code, and only then sends the sample before: no code is late for telemetry's sake. */
-static void take_sample(uint32_t ticks, int32_t adc_counts)
+static bool write_codes(void)
 {
-    rdpi_telemetry_sample_t before = sample;
+    uint32_t codes[RDPI_AXES];
+    for (uint32_t k = 0; k < RDPI_AXES; k++) {
+        codes[k] = sample[k].dac_code;
+    }
+    return rdpi_port_write_dac(codes);
+}
+
+/* Outputs the next codes, and only then sends the samples before: no code is late for telemetry's sake. */
+static void take_sample(uint32_t ticks, const int32_t *adc_counts)
+{
+    rdpi_telemetry_sample_t before[RDPI_AXES];
+    memcpy(before, sample, sizeof before);
     if (too_many_lost(ticks)) {
         rdpi_port_safe();
         counts.state = RDPI_TELEMETRY_SAFE;
     } else if (!advance(ticks, adc_counts)) {
         counts.state = RDPI_TELEMETRY_FINISHED;
-    } else if (!rdpi_port_write_dac(sample.dac_code)) {
-        sample.flags |= RDPI_TELEMETRY_HELD; /* taken as output all the same; the next brings both together */
+    } else if (!write_codes()) {
+        for (uint32_t k = 0; k < RDPI_AXES; k++) {
+            sample[k].flags |= RDPI_TELEMETRY_HELD; /* taken as output all the same; the next brings both together */
+        }
         counts.held_count++;
     }
-    if (before.tick > 0u) {
-        before.adc_counts = adc_counts; /* what its code has led to: the reading after one period */
-        (void)rdpi_telemetry_sample(&line, &before);
+    for (uint32_t k = 0; k < RDPI_AXES && before[k].tick > 0u; k++) {
+        before[k].adc_counts = adc_counts[k]; /* what its code has led to: the reading after one period */
+        (void)rdpi_telemetry_sample(&line[k], &before[k]);
     }
 }
 
-/* The timer interrupt. At the end the last code, or the safe one, stays, and the host is told so again and again. */
+/* The infos that are due in this tick; not those of all axes in one. */
+static void send_due_infos(uint32_t ticks)
+{
+    uint32_t every = finished ? END_INFO_EVERY : INFO_EVERY;
+    for (uint32_t k = 0; k < RDPI_AXES; k++) {
+        if ((sample[k].tick - k) % every < ticks) {
+            (void)send_info(k);
+        }
+    }
+}
+
+/* The timer interrupt. At the end the last codes, or the safe one, stay, and the host is told so again and again. */
 static void tick(void)
 {
     uint32_t began = rdpi_port_cycles();
-    int32_t adc_counts = rdpi_port_read_adc();
+    int32_t adc_counts[RDPI_AXES];
+    rdpi_port_read_adc(adc_counts);
     uint32_t ticks = rdpi_port_overruns() - counts.overruns + 1u; /* since the sample before: 1 if none was lost */
     bool at_end = false;
     counts.overruns += ticks - 1u;
@@ -68,9 +103,13 @@ static void tick(void)
         take_sample(ticks, adc_counts);
         at_end = finished = counts.state != RDPI_TELEMETRY_RUNNING;
     }
-    sample.tick += ticks;
-    if (at_end || sample.tick % (finished ? END_INFO_EVERY : INFO_EVERY) < ticks) {
-        (void)send_info();
+    for (uint32_t k = 0; k < RDPI_AXES; k++) {
+        sample[k].tick += ticks;
+    }
+    if (at_end) {
+        send_infos();
+    } else {
+        send_due_infos(ticks);
     }
     uint32_t took = rdpi_port_cycles() - began;
     if (took > counts.longest_tick_cycles) {
@@ -78,15 +117,15 @@ static void tick(void)
     }
 }
 
-/* Tells the host, outputs the first code and starts the timer. False, and the safe code is out, where it does not
- * run. */
-static bool start_ticks(uint32_t rate_hz, uint32_t first_code)
+/* Tells the host, outputs the codes of `sample` and starts the timer. False, and the safe code is out, where it does
+ * not run. */
+static bool start_ticks(uint32_t rate_hz)
 {
-    (void)send_info();
+    send_infos();
     if (rdpi_port_watchdog_reset()) {
         counts.state = RDPI_TELEMETRY_RESET;
     } else {
-        (void)rdpi_port_write_dac(first_code);
+        (void)write_codes();
         counts.state = RDPI_TELEMETRY_RUNNING;
         if (rdpi_port_start(rate_hz, tick)) {
             return true;
@@ -94,7 +133,7 @@ static bool start_ticks(uint32_t rate_hz, uint32_t first_code)
         rdpi_port_safe();
         counts.state = RDPI_TELEMETRY_REFUSED; /* with status ok: no timer of that rate */
     }
-    (void)send_info();
+    send_infos();
     return false;
 }
 

@@ -1,47 +1,59 @@
-/* Plays a drive and tells the host what the displacement sensor reads: the recordings that `rdpi fit` identifies an
- * actuator from, made by the board that will drive it. The same file on every port. */
+/* Plays drives and tells the host what the displacement sensors read: the recordings that `rdpi fit` identifies
+ * actuators from, made by the board that will drive them. The same file on every port. An actuator and its drive are an
+ * axis: axis.c. */
 #include "../tick.h"
-#include "rdpi_profile.h" /* the drive as DAC codes, made by `rdpi profile DRIVE.csv --dac BITS:MIN_V:MAX_V` */
+#include "axis.h"
 
-#if defined(RDPI_PORT_DAC_BITS) && RDPI_PORT_DAC_BITS != RDPI_PROFILE_DAC_BITS
-#error "this board's DAC has other bits than the drive: give them to `rdpi profile --dac`"
-#endif
+#define DECLARE(number) extern const excite_axis_t excite_axis_##number;
+#define ADDRESS(number) &excite_axis_##number,
+RDPI_EACH_AXIS(DECLARE)
+static const excite_axis_t *const axes[] = {RDPI_EACH_AXIS(ADDRESS)};
 
-static const rdpi_telemetry_run_t run = {
-    .min_V = RDPI_PROFILE_MIN_V,
-    .max_V = RDPI_PROFILE_MAX_V,
-    .um_per_count = EXCITE_UM_PER_COUNT,
-    .count_0_um = EXCITE_COUNT_0_UM,
-    .rate_hz = RDPI_PROFILE_RATE_HZ,
-    .dac_bits = RDPI_PROFILE_DAC_BITS,
-    .numbers = RDPI_TELEMETRY_NO_REFERENCE,
-};
-
-static const uint32_t swept = RDPI_PROFILE_SWEEP; /* may be 0 */
 static uint32_t played;
 
-static bool send_info(void)
+static bool send_info(uint32_t axis)
 {
-    return rdpi_telemetry_info(&line, &run, &counts);
+    return rdpi_telemetry_info(&line[axis], axes[axis]->run, &counts);
 }
 
-/* Every code is played: where ticks are lost one is held for longer, and the host is told. */
-static bool advance(uint32_t ticks, int32_t adc_counts)
+/* Every code is played: where ticks are lost one is held for longer, and the host is told. An axis whose drive is at its
+ * end holds the last code until all are. */
+static bool advance(uint32_t ticks, const int32_t *adc_counts)
 {
+    bool any = false;
     (void)ticks;
     (void)adc_counts;
-    if (played == RDPI_PROFILE_COUNT) {
-        return false;
+    for (uint32_t k = 0; k < RDPI_AXES; k++) {
+        sample[k].flags = 0;
+        if (played < axes[k]->count) {
+            sample[k].dac_code = axes[k]->codes[played];
+            sample[k].flags = played < axes[k]->swept ? RDPI_TELEMETRY_SWEEP : 0u;
+            any = true;
+        }
     }
-    sample.dac_code = rdpi_profile_codes[played];
-    sample.flags = played < swept ? RDPI_TELEMETRY_SWEEP : 0u;
-    played++;
+    played += any;
+    return any;
+}
+
+/* All axes share the timer. */
+static bool same_rates(void)
+{
+    for (uint32_t k = 1; k < RDPI_AXES; k++) {
+        if (axes[k]->run->rate_hz != axes[0]->run->rate_hz) {
+            counts.state = RDPI_TELEMETRY_REFUSED; /* with status ok: no timer of that rate */
+            (void)send_info(k);
+            return false;
+        }
+    }
     return true;
 }
 
 int main(void)
 {
-    if (!start_ticks(RDPI_PROFILE_RATE_HZ, rdpi_profile_codes[0])) {
+    for (uint32_t k = 0; k < RDPI_AXES; k++) {
+        sample[k].dac_code = axes[k]->codes[0];
+    }
+    if (!same_rates() || !start_ticks(axes[0]->run->rate_hz)) {
         return 1;
     }
     while (!finished) {

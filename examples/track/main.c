@@ -1,38 +1,8 @@
-/* Makes an actuator follow a reference: start-up sweep, then the reference to its end, every sample told to the host. In
- * open loop or, with TRACK_LOOP, with a PI controller around it. The same file on every port, in floating or, with
- * TRACK_Q31, fixed point; see port/README.md. */
-#include <string.h>
-
+/* Makes actuators follow references: start-up sweep, then the reference to its end, every sample told to the host. In
+ * open loop or, with TRACK_LOOP, with a PI controller around it. The same file on every port; see port/README.md. An
+ * actuator and its reference are an axis: axis.c. */
 #include "../tick.h"
-#include "rdpi/rdpi.h"
-#include "rdpi_params.h"    /* the actuator, made by `rdpi header` */
-#include "rdpi_reference.h" /* where the reference comes from */
-
-#if RDPI_PARAMS_DAC_BITS == 0
-#error "the actuator's model has no DAC: set drive.dac_bits, with `rdpi fit --dac-bits` or in the model file"
-#endif
-#if defined(RDPI_PORT_DAC_BITS) && RDPI_PORT_DAC_BITS != RDPI_PARAMS_DAC_BITS
-#error "this board's DAC has other bits than the model: set drive.dac_bits, with `rdpi fit --dac-bits` or in the file"
-#endif
-
-#if TRACK_Q31
-#if !RDPI_PARAMS_Q31
-#error "this actuator has no parameters in fixed point; rdpi_params.h says why"
-#endif
-#define RDPI(verb) rdpi_q31_chain_##verb
-#define CHAIN rdpi_chain_q31
-#define SAMPLE_TIME ((1000000000u + TRACK_RATE_HZ / 2u) / TRACK_RATE_HZ) /* ns */
-#define NEXT_REFERENCE rdpi_reference_q31
-#define RATE chain.axis.rate
-typedef int32_t number_t;
-#else
-#define RDPI(verb) rdpi_f32_chain_##verb
-#define CHAIN rdpi_chain
-#define SAMPLE_TIME (1.0f / TRACK_RATE_HZ)
-#define NEXT_REFERENCE rdpi_reference_um
-#define RATE chain.axis.rate_um_per_s
-typedef float number_t;
-#endif
+#include "axis.h"
 
 #if RDPI_PORT_STDERR /* a board that is a computer */
 #include <stdio.h>
@@ -41,96 +11,90 @@ typedef float number_t;
 #define SAY(...) ((void)0)
 #endif
 
-static const rdpi_telemetry_run_t run = {
-    .min_V = RDPI_PARAMS_MIN_V,
-    .max_V = RDPI_PARAMS_MAX_V,
-#if TRACK_Q31
-    .um_per_reference = (RDPI_PARAMS_Q31_UM(1 << 30) - RDPI_PARAMS_Q31_UM(0)) / (1 << 30),
-    .reference_0_um = RDPI_PARAMS_Q31_UM(0),
-    .um_per_s_per_rate = RDPI_PARAMS_Q31_UM_PER_S(1),
-    .numbers = RDPI_TELEMETRY_INT32,
-#else
-    .um_per_reference = 1,
-    .um_per_s_per_rate = 1,
-    .numbers = RDPI_TELEMETRY_FLOAT,
-#endif
-    .um_per_count = TRACK_UM_PER_COUNT,
-    .count_0_um = TRACK_COUNT_0_UM,
-    .rate_hz = TRACK_RATE_HZ,
-    .dac_bits = RDPI_PARAMS_DAC_BITS,
-};
+#define DECLARE(number) extern const track_axis_t track_axis_##number;
+#define ADDRESS(number) &track_axis_##number,
+RDPI_EACH_AXIS(DECLARE)
+static const track_axis_t *const axes[] = {RDPI_EACH_AXIS(ADDRESS)};
 
-static RDPI(t) chain; /* what stands around the actuator, and in it the actuator itself */
-static bool sweeping = TRACK_SWEEP;
+#define BIT(number) | 1u << (number)
+static uint32_t sweeping = TRACK_SWEEP ? 0u RDPI_EACH_AXIS(BIT) : 0u; /* a bit for each axis */
 
-/* Same size, same place: the bits of a number. */
-static uint32_t bits_of(number_t number)
+static bool send_info(uint32_t axis)
 {
-    uint32_t bits;
-    memcpy(&bits, &number, sizeof bits);
-    return bits;
+    axes[axis]->count(&counts);
+    return rdpi_telemetry_info(&line[axis], axes[axis]->run, &counts);
 }
 
-static bool send_info(void)
+/* An axis whose sweep is at its end waits for the others: their references begin together. */
+static void sweep(void)
 {
-    counts.guard_count = chain.axis.guard_count;
-    counts.clip_count = chain.axis.clip_count;
-    counts.input_count = chain.axis.input_count;
-    counts.missed_count = chain.axis.missed_count;
-    return rdpi_telemetry_info(&line, &run, &counts);
-}
-
-#if TRACK_LOOP
-#include "loop.h"
-#endif
-
-/* Computes the next code. False when the reference is at its end. */
-static bool advance(uint32_t ticks, int32_t adc_counts)
-{
-    number_t reference = 0, ahead = 0;
-    sample.flags = 0;
-    if (sweeping) {
-        sweeping = RDPI(sweep)(&chain);
-        sample.flags = RDPI_TELEMETRY_SWEEP;
-    } else if (NEXT_REFERENCE(ticks, chain.preview_samples, &reference, &ahead)) {
-#if TRACK_LOOP
-        ahead = loop_reference(reference, ahead, ticks, adc_counts);
-#else
-        (void)adc_counts;
-#endif
-        if (ticks > 1u) {
-            RDPI(missed)(&chain, ticks - 1u);
+    for (uint32_t k = 0; k < RDPI_AXES; k++) {
+        sample[k].flags = RDPI_TELEMETRY_SWEEP;
+        if ((sweeping >> k & 1u) != 0u && !axes[k]->sweep(&sample[k])) {
+            sweeping &= ~(1u << k);
         }
-        (void)RDPI(step)(&chain, ahead);
-    } else {
-        return false;
     }
-    sample.reference = bits_of(reference);
-    sample.rate = bits_of(RATE);
-    sample.dac_code = chain.axis.dac_code;
-    sample.flags |= (uint16_t)chain.axis.flags;
-    return true;
+}
+
+/* An axis whose reference is at its end holds its code until all are. */
+static bool advance(uint32_t ticks, const int32_t *adc_counts)
+{
+    uint32_t codes[RDPI_AXES];
+    bool any = false;
+    if (sweeping != 0u) {
+        sweep();
+        return true;
+    }
+    for (uint32_t k = 0; k < RDPI_AXES; k++) {
+        codes[k] = sample[k].dac_code;
+    }
+    for (uint32_t k = 0; k < RDPI_AXES; k++) {
+        sample[k].flags = 0;
+        any = axes[k]->advance(ticks, adc_counts[k], codes, &sample[k]) || any;
+    }
+    return any;
+}
+
+/* False, and the host is told, if an axis refuses its parameters: the DAC stays at the safe code of the board's
+ * start-up. */
+static bool init_axes(void)
+{
+    bool good = true;
+    for (uint32_t k = 0; k < RDPI_AXES; k++) {
+        rdpi_status_t status = axes[k]->init(&sample[k]);
+        for (uint32_t other = 0; other < RDPI_AXES; other++) {
+            if (other != k) {
+                axes[k]->couple(other, axes[other]->run);
+            }
+        }
+        if (status != RDPI_OK) {
+            good = false;
+            counts.state = RDPI_TELEMETRY_REFUSED;
+            counts.status = (int8_t)status;
+            (void)send_info(k);
+            SAY("track: axis %lu: %s\n", (unsigned long)k, rdpi_status_text(status));
+        }
+    }
+    return good;
 }
 
 int main(void)
 {
-    rdpi_status_t status = RDPI(init)(&chain, &CHAIN, SAMPLE_TIME);
-    if (status != RDPI_OK) { /* the DAC stays at the safe code of the board's start-up */
-        counts.state = RDPI_TELEMETRY_REFUSED;
-        counts.status = (int8_t)status;
-        (void)send_info();
-        SAY("track: %s\n", rdpi_status_text(status));
+    if (!init_axes()) {
         return 1;
     }
-    if (!start_ticks(TRACK_RATE_HZ, chain.axis.dac_code)) { /* the drive at which the model's memory begins */
+    if (!start_ticks(TRACK_RATE_HZ)) {
         SAY("track: this board has no timer of that rate\n");
         return 1;
     }
     while (!finished) {
         rdpi_port_idle();
     }
-    SAY("track: rate clamped %lu times, drive or lead clipped %lu, reference refused %lu, ticks lost %lu\n",
-        (unsigned long)chain.axis.guard_count, (unsigned long)chain.axis.clip_count,
-        (unsigned long)chain.axis.input_count, (unsigned long)rdpi_port_overruns());
+    for (uint32_t k = 0; k < RDPI_AXES; k++) {
+        axes[k]->count(&counts);
+        SAY("track: rate clamped %lu times, drive or lead clipped %lu, reference refused %lu, ticks lost %lu\n",
+            (unsigned long)counts.guard_count, (unsigned long)counts.clip_count, (unsigned long)counts.input_count,
+            (unsigned long)rdpi_port_overruns());
+    }
     return 0;
 }

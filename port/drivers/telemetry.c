@@ -53,12 +53,12 @@ static void put_double(frame_t *frame, double value)
     put(frame, (uint32_t)(bits >> 32), 4);
 }
 
-static void begin(frame_t *frame, uint8_t type)
+static void begin(frame_t *frame, uint8_t type, uint8_t axis)
 {
     frame->mark = 0;
     frame->end = 1;
     frame->crc = 0xFFFFu;
-    put_byte(frame, type);
+    put_byte(frame, (uint8_t)(type | (uint32_t)axis << 4));
 }
 
 static bool finish(frame_t *frame)
@@ -72,7 +72,7 @@ static bool finish(frame_t *frame)
 bool rdpi_telemetry_sample(rdpi_telemetry_t *self, const rdpi_telemetry_sample_t *sample)
 {
     frame_t frame;
-    begin(&frame, SAMPLE_FRAME);
+    begin(&frame, SAMPLE_FRAME, self->axis);
     put(&frame, self->offered_count, 2);
     put(&frame, sample->tick, 4);
     put(&frame, sample->reference, 4);
@@ -92,7 +92,7 @@ bool rdpi_telemetry_info(const rdpi_telemetry_t *self, const rdpi_telemetry_run_
                          const rdpi_telemetry_counts_t *counts)
 {
     frame_t frame;
-    begin(&frame, INFO_FRAME);
+    begin(&frame, INFO_FRAME, self->axis);
     put(&frame, RDPI_TELEMETRY_VERSION, 1);
     put(&frame, counts->state, 1);
     put(&frame, (uint8_t)counts->status, 1);

@@ -9,7 +9,7 @@
  *               byte first. 0x29B1 for "123456789"
  *   numbers     little endian; floats IEEE 754
  *
- *   sample      byte  0  u8   1
+ *   sample      byte  0  u8   1, and 16 times the axis
  *                     1  u16  sequence: samples offered to rdpi_port_send before this one, taken or not
  *                     3  u32  tick: samples since the start, lost ones included
  *                     7  u32  reference: a float in um, or an int32 in reference units (info, byte 9)
@@ -18,7 +18,7 @@
  *                    19  i32  displacement sensor's reading, counts, after one period of this code; INT32_MIN: none
  *                    23  u16  flags: RDPI_FLAG_..., RDPI_TELEMETRY_...
  *
- *   info        byte  0  u8   2
+ *   info        byte  0  u8   2, and 16 times the axis
  *                     1  u8   version of this layout, RDPI_TELEMETRY_VERSION
  *                     2  u8   state, rdpi_telemetry_state_t
  *                     3  i8   rdpi_status_t of init
@@ -30,6 +30,9 @@
  *                    66  u32  x 10: samples offered to rdpi_port_send, and of those not taken; ticks lost; samples
  *                             flagged guard, clipped (range, slew or lead), flagged input; samples missed; codes that
  *                             the DAC did not take; longest tick so far, cycles; cycles per second or 0
+ *
+ * Several axes, 16 at most, share the line. Each has its own sequence and its own infos: without the frames of the
+ * others it is what a board with one axis sends.
  */
 #ifndef RDPI_TELEMETRY_H
 #define RDPI_TELEMETRY_H
@@ -102,8 +105,9 @@ typedef struct {
     uint16_t flags;
 } rdpi_telemetry_sample_t;
 
-/** One line to the host. All 0 at start. */
+/** One axis on the line to the host. All 0 at start, but for the axis. */
 typedef struct {
+    uint8_t axis;           /**< from 0 */
     uint32_t offered_count; /**< samples; wraps */
     uint32_t refused_count; /**< of those, what rdpi_port_send did not take; saturates */
 } rdpi_telemetry_t;

@@ -1,7 +1,10 @@
 /** @file
  * Where an application gets its reference from, sample by sample: a profile in flash (port/profile), a CSV file
  * (port/sim) or your own source, an ADC for instance. Only the function for the number format of the application is
- * needed. */
+ * needed.
+ *
+ * With several axes the build compiles the source of references once for each, and says which, RDPI_AXIS, from 0: the
+ * functions of the others have their axis behind the name, so that the source is written as for one. */
 #ifndef RDPI_REFERENCE_H
 #define RDPI_REFERENCE_H
 
@@ -10,6 +13,20 @@
 
 #ifdef __cplusplus
 extern "C" {
+#endif
+
+#ifndef RDPI_AXIS
+#define RDPI_AXIS 0
+#endif
+
+/** A name with this axis behind it. */
+#define RDPI_AXIS_NAME(name) RDPI_AXIS_NAME_OF(name, RDPI_AXIS)
+#define RDPI_AXIS_NAME_OF(name, axis) RDPI_AXIS_PASTE(name, axis)
+#define RDPI_AXIS_PASTE(name, axis) name##_##axis
+
+#if RDPI_AXIS > 0
+#define rdpi_reference_um RDPI_AXIS_NAME(rdpi_reference_um)
+#define rdpi_reference_q31 RDPI_AXIS_NAME(rdpi_reference_q31)
 #endif
 
 /** The reference of the present sample, and the one `ahead` samples later: displacements in um, or NaN where there is

@@ -172,12 +172,12 @@ bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
     return true;
 }
 
-__attribute__((weak)) bool rdpi_port_write_dac(uint32_t code)
+__attribute__((weak)) bool rdpi_port_write_dac(const uint32_t *codes)
 {
-    if (code > LAST_CODE) {
+    if (codes[0] > LAST_CODE) {
         return false;
     }
-    dac_code = code;
+    dac_code = codes[0];
     return true;
 }
 
@@ -191,9 +191,9 @@ bool rdpi_port_watchdog_reset(void)
     return false;
 }
 
-__attribute__((weak)) int32_t rdpi_port_read_adc(void)
+__attribute__((weak)) void rdpi_port_read_adc(int32_t *counts)
 {
-    return RDPI_PORT_NO_READING;
+    counts[0] = RDPI_PORT_NO_READING;
 }
 
 uint32_t rdpi_port_overruns(void)

@@ -1,12 +1,13 @@
 /* The port contract on Arm's MPS2 board, of which QEMU emulates the FPGA images AN385 (Cortex-M3), AN386 (M4) and AN500
- * (M7): TIMER0 calls the tick, TIMER1 counts cycles, UART0 sends telemetry. The board has neither DAC nor ADC: a code
- * is kept, and no sensor is read, unless RDPI_BENCH puts a program at UART1 in the place of both.
+ * (M7): TIMER0 calls the tick, TIMER1 counts cycles, UART0 sends telemetry. The board has neither DAC nor ADC: codes
+ * are kept, and no sensor is read, unless RDPI_BENCH puts a program at UART1 in the place of both.
  *
  * The bench link. After each tick the timers stand still, so that no time passes for the firmware, until all telemetry
  * is out and the bench has answered:
  *
- *   to the bench   u32 tick, from 1, lost ones included; u32 DAC code
- *   from it        u32 the same tick; i32 reading in counts, which the next tick's rdpi_port_read_adc returns
+ *   to the bench   u32 tick, from 1, lost ones included; u32 DAC code of each axis
+ *   from it        u32 the same tick; i32 reading of each axis in counts, which the next tick's rdpi_port_read_adc
+ *                  returns
  *
  * little endian. After an answer with another tick the timers never start again, and the code is held.
  *
@@ -14,6 +15,8 @@
  * AN385 (DAI 0385), of which AN386 and AN500 repeat what is used here. The documents were not at hand: confirmed in
  * Arm's CMSIS device headers for the CMSDK as others quote them and in QEMU's hw/arm/mps2.c,
  * hw/timer/cmsdk-apb-timer.c and hw/char/cmsdk-apb-uart.c. */
+#include <string.h>
+
 #include "cortex_m.h"
 #include "rdpi_port.h"
 #include "ring.h"
@@ -62,7 +65,8 @@ static uint32_t period;            /* cycles between ticks */
 static uint32_t due;               /* cycle of the last tick accounted for */
 static volatile uint32_t called;   /* ticks; this and the next are written by the interrupt, read anywhere */
 static volatile uint32_t overruns;
-static volatile uint32_t dac_code = RDPI_SAFE_CODE; /* for the bench, or a debugger */
+#define SAFE_CODE(axis) RDPI_SAFE_CODE,
+static volatile uint32_t dac_code[] = {RDPI_EACH_AXIS(SAFE_CODE)}; /* for the bench, or a debugger */
 static ring_t telemetry;
 
 /* Before main, and before variables have values: uses none. */
@@ -102,12 +106,13 @@ static uint32_t ticks_due(void)
 
 #if RDPI_BENCH
 
+#define NO_READING(axis) RDPI_PORT_NO_READING,
 static struct {
     uint32_t tick; /* of the latest question, and expected back */
-    uint32_t answer[2];
+    uint32_t answer[1 + RDPI_AXES];
     unsigned received; /* bytes of it */
-    int32_t counts;    /* of the latest one */
-} bench = {.counts = RDPI_PORT_NO_READING};
+    int32_t counts[RDPI_AXES]; /* of the latest one */
+} bench = {.counts = {RDPI_EACH_AXIS(NO_READING)}};
 
 static void bench_send(uint32_t word)
 {
@@ -121,10 +126,12 @@ static void bench_send(uint32_t word)
 /* At the end of the timer's interrupt: no other follows until the timer goes on. */
 static void bench_ask(void)
 {
-    bench.answer[0] = bench.answer[1] = 0;
+    memset(bench.answer, 0, sizeof bench.answer);
     bench.received = 0;
     bench_send(bench.tick);
-    bench_send(dac_code);
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        bench_send(dac_code[k]);
+    }
 }
 
 /* The timers go on once answer and telemetry are through. From the UARTs' interrupts, of one priority. */
@@ -132,7 +139,7 @@ static void bench_go_on(void)
 {
     if (bench.received == sizeof bench.answer && bench.answer[0] == bench.tick && ring_empty(&telemetry)) {
         bench.received = 0;
-        bench.counts = (int32_t)bench.answer[1];
+        memcpy(bench.counts, &bench.answer[1], sizeof bench.counts);
         due = rdpi_port_cycles() - (TIMER0->reload - TIMER0->value); /* they did not stop at the same time */
         cortex_m_sync();
         TIMER1->ctrl = TIMER_CTRL_EN;
@@ -220,18 +227,24 @@ bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
     return true;
 }
 
-bool rdpi_port_write_dac(uint32_t code)
+bool rdpi_port_write_dac(const uint32_t *codes)
 {
-    if (code > LAST_CODE) {
-        return false;
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        if (codes[k] > LAST_CODE) {
+            return false;
+        }
     }
-    dac_code = code;
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        dac_code[k] = codes[k];
+    }
     return true;
 }
 
 void rdpi_port_safe(void)
 {
-    dac_code = RDPI_SAFE_CODE;
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        dac_code[k] = RDPI_SAFE_CODE;
+    }
 }
 
 bool rdpi_port_watchdog_reset(void)
@@ -239,13 +252,15 @@ bool rdpi_port_watchdog_reset(void)
     return false;
 }
 
-int32_t rdpi_port_read_adc(void)
+void rdpi_port_read_adc(int32_t *counts)
 {
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
 #if RDPI_BENCH
-    return bench.counts;
+        counts[k] = bench.counts[k];
 #else
-    return RDPI_PORT_NO_READING;
+        counts[k] = RDPI_PORT_NO_READING;
 #endif
+    }
 }
 
 uint32_t rdpi_port_overruns(void)

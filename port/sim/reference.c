@@ -22,7 +22,7 @@ bool rdpi_reference_q31(uint32_t ticks, uint32_t ahead, int32_t *reference, int3
 {
     double um, later_um;
     (void)ticks; /* every row is a tick */
-    if (!rdpi_port_sim_reference(ahead, &um, &later_um)) {
+    if (!rdpi_port_sim_reference(RDPI_AXIS, ahead, &um, &later_um)) {
         return false;
     }
     *reference = reference_of(um);
@@ -34,7 +34,7 @@ bool rdpi_reference_um(uint32_t ticks, uint32_t ahead, float *reference_um, floa
 {
     double um, later_um;
     (void)ticks; /* every row is a tick */
-    if (!rdpi_port_sim_reference(ahead, &um, &later_um)) {
+    if (!rdpi_port_sim_reference(RDPI_AXIS, ahead, &um, &later_um)) {
         return false;
     }
     *reference_um = (float)um;

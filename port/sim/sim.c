@@ -1,4 +1,4 @@
-/* The port contract on the host: every row of a CSV file is a tick, every tick a row of another. */
+/* The port contract on the host: every row of a CSV file is a tick, every tick a row of another; a pair for each axis. */
 #define _XOPEN_SOURCE 700 /* POSIX.1-2008 and realpath */
 
 #include <errno.h>
@@ -24,12 +24,12 @@ typedef struct {
     unsigned long line;
 } row_t;
 
-static struct {
+typedef struct {
     const char *name;
     row_t *rows;
     size_t count, capacity, next; /* next: the row that is due, or beyond the last */
     bool timed, taken;            /* taken: row `next` has become the reference */
-} in;
+} input_t;
 
 typedef struct {
     const char *name; /* NULL: not wanted */
@@ -37,14 +37,20 @@ typedef struct {
     char *target, *part; /* where the file goes when it is complete, and until then; NULL for pipes and devices */
 } output_t;
 
-static output_t out, telemetry;
-
 /* The converter and all behind it. */
-static struct {
+typedef struct {
     uint32_t code;
     float last_code; /* 0: volts not asked for */
     float min_V, max_V;
-} dac;
+} dac_t;
+
+static struct {
+    input_t in;
+    output_t out;
+    dac_t dac;
+} axes[RDPI_AXES];
+
+static output_t telemetry;
 
 static uint32_t rate_Hz;
 static rdpi_port_tick_t on_tick;
@@ -65,7 +71,9 @@ static void fail(const char *format, ...)
     vfprintf(stderr, format, arguments);
     va_end(arguments);
     fputc('\n', stderr);
-    discard(&out);
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        discard(&axes[k].out);
+    }
     discard(&telemetry);
     exit(EXIT_BAD_INPUT);
 }
@@ -98,7 +106,7 @@ static char *next_field(char **line)
 }
 
 /* Places of the columns in the line of names, -1 where there is none; returns how many columns there are. */
-static int read_names(char *line, unsigned long number, int *time, int *reference)
+static int read_names(const input_t *in, char *line, unsigned long number, int *time, int *reference)
 {
     int count = 0;
     *time = *reference = -1;
@@ -110,12 +118,12 @@ static int read_names(char *line, unsigned long number, int *time, int *referenc
         }
     }
     if (*reference < 0) {
-        fail("%s:%lu: no column reference_um; name the columns in this line, the reference so", in.name, number);
+        fail("%s:%lu: no column reference_um; name the columns in this line, the reference so", in->name, number);
     }
     return count;
 }
 
-static void read_row(char *line, unsigned long number, int columns, int time, int reference)
+static void read_row(input_t *in, char *line, unsigned long number, int columns, int time, int reference)
 {
     row_t row = {0, 0, number};
     int count = 0;
@@ -125,7 +133,7 @@ static void read_row(char *line, unsigned long number, int columns, int time, in
             continue;
         }
         if (!parse_number(field, &value)) {
-            fail("%s:%lu: %s is '%.40s', not a number; correct it or take the line out", in.name, number,
+            fail("%s:%lu: %s is '%.40s', not a number; correct it or take the line out", in->name, number,
                  count == time ? "time_s" : "reference_um", field);
         }
         if (count == time) {
@@ -135,21 +143,21 @@ static void read_row(char *line, unsigned long number, int columns, int time, in
         }
     }
     if (count != columns) {
-        fail("%s:%lu: %d values where there should be %d; complete the line or take it out", in.name, number, count,
+        fail("%s:%lu: %d values where there should be %d; complete the line or take it out", in->name, number, count,
              columns);
     }
-    if (in.count == in.capacity) {
-        in.capacity = 2 * in.capacity + 1024;
-        in.rows = realloc(in.rows, in.capacity * sizeof *in.rows);
-        if (in.rows == NULL) {
-            fail("%s:%lu: no memory for so many samples; cut the reference", in.name, number);
+    if (in->count == in->capacity) {
+        in->capacity = 2 * in->capacity + 1024;
+        in->rows = realloc(in->rows, in->capacity * sizeof *in->rows);
+        if (in->rows == NULL) {
+            fail("%s:%lu: no memory for so many samples; cut the reference", in->name, number);
         }
     }
-    in.rows[in.count++] = row;
+    in->rows[in->count++] = row;
 }
 
 /* Everything is read and checked before the application starts, so that bad input leaves no output behind. */
-static void read_reference(FILE *file)
+static void read_reference(input_t *in, FILE *file)
 {
     char *line = NULL;
     size_t size = 0;
@@ -157,7 +165,7 @@ static void read_reference(FILE *file)
     ssize_t length;
     for (unsigned long number = 1; (length = getline(&line, &size, file)) >= 0; number++) {
         if (strlen(line) != (size_t)length) {
-            fail("%s:%lu: a NUL byte; is this a text file, and written to its end?", in.name, number);
+            fail("%s:%lu: a NUL byte; is this a text file, and written to its end?", in->name, number);
         }
         char *text = number == 1 && strncmp(line, "\xef\xbb\xbf", 3) == 0 ? line + 3 : line; /* byte-order mark */
         text += strspn(text, BLANKS);
@@ -165,19 +173,19 @@ static void read_reference(FILE *file)
             continue;
         }
         if (columns == 0) {
-            columns = read_names(text, number, &time, &reference);
+            columns = read_names(in, text, number, &time, &reference);
         } else {
-            read_row(text, number, columns, time, reference);
+            read_row(in, text, number, columns, time, reference);
         }
     }
     free(line);
     if (ferror(file)) {
-        fail("%s: cannot be read; check the file", in.name);
+        fail("%s: cannot be read; check the file", in->name);
     }
-    if (in.count == 0) {
-        fail("%s: no samples; a reference has a line time_s,reference_um and then one line per sample", in.name);
+    if (in->count == 0) {
+        fail("%s: no samples; a reference has a line time_s,reference_um and then one line per sample", in->name);
     }
-    in.timed = time >= 0;
+    in->timed = time >= 0;
 }
 
 /* A regular file is written beside its place and moved there when complete: nobody meets half a drive. */
@@ -217,46 +225,62 @@ static void close_output(output_t *output)
     }
 }
 
-bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
+/* The times of a reference are those of the application's ticks. */
+static void check_times(const input_t *in, uint32_t rate_hz)
 {
-    for (size_t k = 0; in.timed && k < in.count; k++) {
-        double due_s = in.rows[0].time_s + (double)k / rate_hz;
-        if (fabs(in.rows[k].time_s - due_s) > 0.25 / rate_hz) {
+    for (size_t k = 0; in->timed && k < in->count; k++) {
+        double due_s = in->rows[0].time_s + (double)k / rate_hz;
+        if (fabs(in->rows[k].time_s - due_s) > 0.25 / rate_hz) {
             fail("%s:%lu: time_s is %.9g where %.9g is due: the application runs at %lu samples per second; resample "
                  "the reference, or build the application for its rate",
-                 in.name, in.rows[k].line, in.rows[k].time_s, due_s, (unsigned long)rate_hz);
+                 in->name, in->rows[k].line, in->rows[k].time_s, due_s, (unsigned long)rate_hz);
         }
+    }
+}
+
+bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
+{
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        check_times(&axes[k].in, rate_hz);
     }
     rate_Hz = rate_hz;
     on_tick = tick;
-    open_output(&out);
-    fprintf(out.file, "# sample_rate_hz: %lu\ntime_s,reference_um,dac_code%s\n", (unsigned long)rate_hz,
-            dac.last_code > 0 ? ",command_V" : "");
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        open_output(&axes[k].out);
+        fprintf(axes[k].out.file, "# sample_rate_hz: %lu\ntime_s,reference_um,dac_code%s\n", (unsigned long)rate_hz,
+                axes[k].dac.last_code > 0 ? ",command_V" : "");
+    }
     return true;
 }
 
-bool rdpi_port_sim_reference(uint32_t ahead, double *reference_um, double *ahead_um)
+bool rdpi_port_sim_reference(uint32_t axis, uint32_t ahead, double *reference_um, double *ahead_um)
 {
-    in.taken = in.next < in.count;
-    if (in.taken) {
-        *reference_um = in.rows[in.next].reference_um;
-        *ahead_um = in.rows[ahead < in.count - in.next ? in.next + ahead : in.count - 1].reference_um;
+    input_t *in = &axes[axis].in;
+    in->taken = in->next < in->count;
+    if (in->taken) {
+        *reference_um = in->rows[in->next].reference_um;
+        *ahead_um = in->rows[ahead < in->count - in->next ? in->next + ahead : in->count - 1].reference_um;
     }
-    return in.taken;
+    return in->taken;
 }
 
-bool rdpi_port_write_dac(uint32_t code)
+bool rdpi_port_write_dac(const uint32_t *codes)
 {
-    if (dac.last_code > 0 && (float)code > dac.last_code) {
-        fail("code %lu does not fit the DAC of --dac; give it the model's dac_bits", (unsigned long)code);
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        dac_t *dac = &axes[k].dac;
+        if (dac->last_code > 0 && (float)codes[k] > dac->last_code) {
+            fail("code %lu does not fit the DAC of --dac; give it the model's dac_bits", (unsigned long)codes[k]);
+        }
+        dac->code = codes[k];
     }
-    dac.code = code;
     return true;
 }
 
 void rdpi_port_safe(void)
 {
-    dac.code = RDPI_SAFE_CODE;
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        axes[k].dac.code = RDPI_SAFE_CODE;
+    }
 }
 
 bool rdpi_port_watchdog_reset(void)
@@ -270,15 +294,17 @@ uint32_t rdpi_port_overruns(void)
 }
 
 /* Computed as in lib/src/rdpi_f32.c: the same volts to the bit. */
-static float dac_V(void)
+static float dac_V(const dac_t *dac)
 {
-    float drive_V = dac.min_V + (float)dac.code * ((dac.max_V - dac.min_V) / dac.last_code);
-    return drive_V < dac.min_V ? dac.min_V : (drive_V > dac.max_V ? dac.max_V : drive_V);
+    float drive_V = dac->min_V + (float)dac->code * ((dac->max_V - dac->min_V) / dac->last_code);
+    return drive_V < dac->min_V ? dac->min_V : (drive_V > dac->max_V ? dac->max_V : drive_V);
 }
 
-int32_t rdpi_port_read_adc(void)
+void rdpi_port_read_adc(int32_t *counts)
 {
-    return RDPI_PORT_NO_READING;
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        counts[k] = RDPI_PORT_NO_READING;
+    }
 }
 
 uint32_t rdpi_port_cycles(void)
@@ -294,22 +320,30 @@ bool rdpi_port_send(const uint8_t *bytes, size_t count)
     return telemetry.file == NULL || fwrite(bytes, 1, count, telemetry.file) == count;
 }
 
-/* A tick, and a row if it took one; those of a start-up sweep do not. */
+static void write_row(input_t *in, FILE *file, const dac_t *dac)
+{
+    const row_t *row = &in->rows[in->next];
+    double time_s = in->timed ? row->time_s : (double)in->next / rate_Hz;
+    fprintf(file, "%.9f,%.9g,%lu", time_s, (double)(float)row->reference_um, (unsigned long)dac->code);
+    if (dac->last_code > 0) {
+        fprintf(file, ",%.9g", (double)dac_V(dac));
+    }
+    fputc('\n', file);
+    in->next++;
+}
+
+/* A tick, and a row for each axis that took one; those of a start-up sweep do not. */
 void rdpi_port_idle(void)
 {
-    in.taken = false;
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        axes[k].in.taken = false;
+    }
     on_tick();
-    if (!in.taken) {
-        return;
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        if (axes[k].in.taken) {
+            write_row(&axes[k].in, axes[k].out.file, &axes[k].dac);
+        }
     }
-    const row_t *row = &in.rows[in.next];
-    double time_s = in.timed ? row->time_s : (double)in.next / rate_Hz;
-    fprintf(out.file, "%.9f,%.9g,%lu", time_s, (double)(float)row->reference_um, (unsigned long)dac.code);
-    if (dac.last_code > 0) {
-        fprintf(out.file, ",%.9g", (double)dac_V());
-    }
-    fputc('\n', out.file);
-    in.next++;
 }
 
 static void usage(FILE *file)
@@ -320,11 +354,13 @@ static void usage(FILE *file)
           "                  application's rate; without the name, or for -, standard input\n"
           "  -o DRIVE.csv    time_s, reference_um, dac_code; without it, standard output\n"
           "  --dac B:MIN:MAX also write command_V: the volts of a DAC of B bits (1 to 24) over MIN to MAX\n"
-          "  --telemetry F   what a board sends to the host, for rdpi import --telemetry\n",
+          "  --telemetry F   what a board sends to the host, for rdpi import --telemetry\n\n"
+          "Of an application with several axes each axis has a REFERENCE.csv and a -o DRIVE.csv, and each or\n"
+          "none a --dac, in the order of the axes.\n",
           file);
 }
 
-static void read_dac(const char *text)
+static dac_t read_dac(const char *text)
 {
     unsigned bits;
     double min_V, max_V;
@@ -333,9 +369,7 @@ static void read_dac(const char *text)
         bits > 24 || !(fabs(min_V) < 1e6) || !(fabs(max_V) < 1e6) || !((float)min_V < (float)max_V)) {
         fail("--dac %s: give BITS:MIN_V:MAX_V, 1 to 24 bits, MIN_V below MAX_V, e.g. 16:0:100", text);
     }
-    dac.last_code = (float)((1uL << bits) - 1);
-    dac.min_V = (float)min_V;
-    dac.max_V = (float)max_V;
+    return (dac_t){0, (float)((1uL << bits) - 1), (float)min_V, (float)max_V};
 }
 
 /* The operand of the option at `*k`. */
@@ -347,45 +381,89 @@ static const char *operand(int count, char **words, int *k)
     return words[++*k];
 }
 
-int main(int argc, char **argv)
+/* The axis that the next word of a kind is for. */
+static unsigned next_axis(unsigned *given, const char *word)
 {
-    in.name = out.name = "-";
+    if (*given == RDPI_AXES) {
+        fail("%s: not understood; the application has %u %s; see --help", word, RDPI_AXES,
+             RDPI_AXES > 1 ? "axes" : "axis");
+    }
+    return (*given)++;
+}
+
+static void read_words(int argc, char **argv)
+{
+    unsigned ins = 0, outs = 0, dacs = 0;
     for (int k = 1; k < argc; k++) {
         const char *word = argv[k];
         if (strcmp(word, "-h") == 0 || strcmp(word, "--help") == 0) {
             usage(stdout);
-            return EXIT_SUCCESS;
+            exit(EXIT_SUCCESS);
         } else if (strcmp(word, "-o") == 0) {
-            out.name = operand(argc, argv, &k);
+            word = operand(argc, argv, &k);
+            axes[next_axis(&outs, word)].out.name = word;
         } else if (strcmp(word, "--telemetry") == 0) {
             telemetry.name = operand(argc, argv, &k);
         } else if (strcmp(word, "--dac") == 0) {
-            read_dac(operand(argc, argv, &k));
-        } else if ((word[0] == '-' && word[1] != '\0') || strcmp(in.name, "-") != 0) {
+            word = operand(argc, argv, &k);
+            axes[next_axis(&dacs, word)].dac = read_dac(word);
+        } else if (word[0] == '-' && word[1] != '\0') {
             fail("%s: not understood; see --help", word);
         } else {
-            in.name = word;
+            axes[next_axis(&ins, word)].in.name = word;
         }
     }
+    if (RDPI_AXES == 1) {
+        axes[0].in.name = ins ? axes[0].in.name : "-";
+        axes[0].out.name = outs ? axes[0].out.name : "-";
+    } else if (ins != RDPI_AXES || outs != RDPI_AXES || (dacs != 0 && dacs != RDPI_AXES)) {
+        fail("the application has %u axes: give so many REFERENCE.csv and -o DRIVE.csv, and so many --dac or none; "
+             "see --help", RDPI_AXES);
+    }
+}
 
-    bool piped = strcmp(in.name, "-") == 0;
-    FILE *file = piped ? stdin : fopen(in.name, "r");
+static bool same_regular_file(const struct stat *one, const char *name)
+{
+    struct stat other;
+    return stat(name, &other) == 0 && S_ISREG(other.st_mode) && one->st_dev == other.st_dev &&
+           one->st_ino == other.st_ino;
+}
+
+static void read_axis(input_t *in)
+{
+    bool piped = strcmp(in->name, "-") == 0;
+    FILE *file = piped ? stdin : fopen(in->name, "r");
     if (file == NULL) {
-        fail("%s: cannot be opened; check the path", in.name);
+        fail("%s: cannot be opened; check the path", in->name);
     }
-    struct stat from, to;
-    if (fstat(fileno(file), &from) == 0 && stat(out.name, &to) == 0 && S_ISREG(to.st_mode) &&
-        from.st_dev == to.st_dev && from.st_ino == to.st_ino) {
-        fail("%s: is the reference itself; give the drive another name", out.name);
+    struct stat from;
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        if (fstat(fileno(file), &from) == 0 && same_regular_file(&from, axes[k].out.name)) {
+            fail("%s: is the reference itself; give the drive another name", axes[k].out.name);
+        }
     }
-    in.name = piped ? "stdin" : in.name;
-    read_reference(file);
+    in->name = piped ? "stdin" : in->name;
+    read_reference(in, file);
     if (!piped) {
         fclose(file);
     }
+}
 
+int main(int argc, char **argv)
+{
+    read_words(argc, argv);
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        for (unsigned other = 0; other < k; other++) {
+            if (strcmp(axes[k].out.name, axes[other].out.name) == 0) {
+                fail("%s: two axes cannot have the same drive; give them two names", axes[k].out.name);
+            }
+        }
+        read_axis(&axes[k].in);
+    }
     int status = rdpi_port_sim_application();
-    close_output(&out);
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        close_output(&axes[k].out);
+    }
     close_output(&telemetry);
     return status;
 }

@@ -5,8 +5,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* The next row's reference, and that of the row `ahead` rows later or of the last; false after the last row, which
- * leaves both. Called from the tick. */
-bool rdpi_port_sim_reference(uint32_t ahead, double *reference_um, double *ahead_um);
+/* The next row's reference of an axis, and that of the row `ahead` rows later or of the last; false after the last row,
+ * which leaves both. Called from the tick. */
+bool rdpi_port_sim_reference(uint32_t axis, uint32_t ahead, double *reference_um, double *ahead_um);
 
 #endif

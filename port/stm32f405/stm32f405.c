@@ -259,9 +259,9 @@ static bool dac_start(void)
     return rdpi_ad5683r_start(&dac);
 }
 
-bool rdpi_port_write_dac(uint32_t code)
+bool rdpi_port_write_dac(const uint32_t *codes)
 {
-    return dac_start() && rdpi_ad5683r_write(&dac, code);
+    return dac_start() && rdpi_ad5683r_write(&dac, codes[0]);
 }
 
 static void tim2_interrupt(void)
@@ -306,9 +306,9 @@ bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
 }
 
 /* None while the converter does not run. */
-int32_t rdpi_port_read_adc(void)
+void rdpi_port_read_adc(int32_t *counts)
 {
-    return (reg_read(&ADC1->sr) & ADC_SR_STRT) != 0u ? (int32_t)reg_read(&ADC1->dr) : RDPI_PORT_NO_READING;
+    counts[0] = (reg_read(&ADC1->sr) & ADC_SR_STRT) != 0u ? (int32_t)reg_read(&ADC1->dr) : RDPI_PORT_NO_READING;
 }
 
 uint32_t rdpi_port_cycles(void)

@@ -222,12 +222,12 @@ bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
     return true;
 }
 
-bool rdpi_port_write_dac(uint32_t code)
+bool rdpi_port_write_dac(const uint32_t *codes)
 {
-    if (code > LAST_CODE) {
+    if (codes[0] > LAST_CODE) {
         return false;
     }
-    reg_write(&DAC1->dhr12r1, code);
+    reg_write(&DAC1->dhr12r1, codes[0]);
     return true;
 }
 
@@ -242,9 +242,9 @@ void rdpi_port_safe(void)
 }
 
 /* None if the converter could not be started. */
-int32_t rdpi_port_read_adc(void)
+void rdpi_port_read_adc(int32_t *counts)
 {
-    return (reg_read(&ADC1->cr) & ADC_CR_ADSTART) != 0u ? (int32_t)reg_read(&ADC1->dr) : RDPI_PORT_NO_READING;
+    counts[0] = (reg_read(&ADC1->cr) & ADC_CR_ADSTART) != 0u ? (int32_t)reg_read(&ADC1->dr) : RDPI_PORT_NO_READING;
 }
 
 /* From rdpi_port_start on. */

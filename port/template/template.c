@@ -83,10 +83,12 @@ bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
     return false;
 }
 
-bool rdpi_port_write_dac(uint32_t code)
+bool rdpi_port_write_dac(const uint32_t *codes)
 {
-    if (code > LAST_CODE) {
-        return false;
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        if (codes[k] > LAST_CODE) {
+            return false;
+        }
     }
     /* BOARD: start the transfer and return, true if it was started. For a DAC on the SPI take port/drivers, which needs
      * the two functions of rdpi_spi.h. */
@@ -106,10 +108,12 @@ bool rdpi_port_watchdog_reset(void)
     return false;
 }
 
-int32_t rdpi_port_read_adc(void)
+void rdpi_port_read_adc(int32_t *counts)
 {
-    /* BOARD: the latest conversion's counts. A converter that has to be asked is asked here for the next time. */
-    return RDPI_PORT_NO_READING;
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        /* BOARD: the latest conversion's counts. A converter that has to be asked is asked here for the next time. */
+        counts[k] = RDPI_PORT_NO_READING;
+    }
 }
 
 uint32_t rdpi_port_overruns(void)

@@ -80,19 +80,19 @@ void __wrap_rdpi_spi_write(const uint8_t *bytes, size_t frames)
     __real_rdpi_spi_write(bytes, frames);
 }
 
-int32_t __wrap_rdpi_port_read_adc(void)
+void __wrap_rdpi_port_read_adc(int32_t *counts)
 {
-    return output;
+    *counts = output;
 }
 """
 # Every code to the DAC leaves a frame on the line that is none of telemetry's.
 MARKED_DAC = """
-bool __real_rdpi_port_write_dac(uint32_t code);
-bool __wrap_rdpi_port_write_dac(uint32_t code)
+bool __real_rdpi_port_write_dac(const uint32_t *codes);
+bool __wrap_rdpi_port_write_dac(const uint32_t *codes)
 {
     static const uint8_t mark[] = {1, 2, 3, 0};
     (void)rdpi_port_send(mark, sizeof mark);
-    return __real_rdpi_port_write_dac(code);
+    return __real_rdpi_port_write_dac(codes);
 }
 """
 

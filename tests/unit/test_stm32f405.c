@@ -138,7 +138,7 @@ void test_in_qemu_without_a_clock_unit_it_goes_on(void)
     in_qemu();
     started(10000);
     TEST_ASSERT_EQUAL_HEX32(1, fake.tim2.cr1);
-    TEST_ASSERT_EQUAL_INT32(RDPI_PORT_NO_READING, rdpi_port_read_adc());
+    TEST_ASSERT_EQUAL_INT32(RDPI_PORT_NO_READING, reading());
     for (unsigned k = 0; k < count_writes; k++) { /* some versions would give back what is written */
         TEST_ASSERT_NOT_EQUAL(&fake.rcc.cr, writes[k].reg);
     }
@@ -170,7 +170,7 @@ void test_the_first_code_starts_the_dac_and_is_sent(void)
 {
     const uint8_t expected[] = {0x48, 0x00, 0x00, 0x40, 0x80, 0x00, 0x3A, 0xBC, 0xD0};
     booted();
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(0xABCD));
+    TEST_ASSERT_TRUE(write_code(0xABCD));
     TEST_ASSERT_TRUE(rdpi_spi_busy());
     spi_drain();
     TEST_ASSERT_FALSE(rdpi_spi_busy());
@@ -185,7 +185,7 @@ void test_in_qemu_frames_go_out_without_interrupts(void)
 {
     in_qemu();
     booted();
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(0xABCD));
+    TEST_ASSERT_TRUE(write_code(0xABCD));
     TEST_ASSERT_FALSE(rdpi_spi_busy());
     TEST_ASSERT_EQUAL_UINT(9, spi_count);
     TEST_ASSERT_EQUAL_UINT(3, spi_frames);
@@ -208,21 +208,21 @@ void test_two_frames_have_chip_select_high_between_them(void)
 void test_a_code_while_the_one_before_is_sent_is_refused(void)
 {
     booted();
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(1));
-    TEST_ASSERT_FALSE(rdpi_port_write_dac(2));
+    TEST_ASSERT_TRUE(write_code(1));
+    TEST_ASSERT_FALSE(write_code(2));
     spi_drain();
     TEST_ASSERT_EQUAL_UINT(9, spi_count);
     TEST_ASSERT_EQUAL_UINT32(1, dac.busy_count);
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(2));
+    TEST_ASSERT_TRUE(write_code(2));
 }
 
 void test_a_code_beyond_16_bits_outputs_nothing(void)
 {
     booted();
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(0xFFFF));
+    TEST_ASSERT_TRUE(write_code(0xFFFF));
     spi_drain();
-    TEST_ASSERT_FALSE(rdpi_port_write_dac(0x10000));
-    TEST_ASSERT_FALSE(rdpi_port_write_dac(UINT32_MAX));
+    TEST_ASSERT_FALSE(write_code(0x10000));
+    TEST_ASSERT_FALSE(write_code(UINT32_MAX));
     TEST_ASSERT_EQUAL_UINT(9, spi_count);
     TEST_ASSERT_EQUAL_UINT32(2, dac.code_count);
 }
@@ -257,7 +257,7 @@ static void faults_after(unsigned bytes, bool amid, bool lost)
     setUp();
     started(10000);
     spi_drain();
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(0xABCD));
+    TEST_ASSERT_TRUE(write_code(0xABCD));
     for (unsigned k = 0; k < bytes; k++) {
         spi_shifted();
     }
@@ -304,7 +304,7 @@ void test_a_code_after_the_safe_one_is_sent_again(void)
     faults_after(1, true, false);
     masked = cut_allowed = false;
     device_vectors[35](); /* pending all the same */
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(0x4321));
+    TEST_ASSERT_TRUE(write_code(0x4321));
     spi_drain();
     TEST_ASSERT_EQUAL_HEX32(0x4321, dac_code);
 }
@@ -349,7 +349,7 @@ void test_start_without_the_dac_is_refused(void)
     rdpi_ad5683r_init(&dac, &wiring);
     spi_left = 1; /* a transfer that does not end */
     TEST_ASSERT_FALSE(rdpi_port_start(10000, tick));
-    TEST_ASSERT_FALSE(rdpi_port_write_dac(1));
+    TEST_ASSERT_FALSE(write_code(1));
 }
 
 void test_start_enables_the_interrupts_before_the_timer_runs(void)
@@ -397,8 +397,8 @@ void test_the_sensor_is_converted_without_end(void)
     TEST_ASSERT_EQUAL_HEX32(4, fake.adc1.smpr2);
     TEST_ASSERT_EQUAL_HEX32(3, fake.adc1.cr2);
     fake.adc1.dr = 0xABC;
-    TEST_ASSERT_EQUAL_INT32(0xABC, rdpi_port_read_adc());
-    TEST_ASSERT_EQUAL_INT32(0xABC, rdpi_port_read_adc());
+    TEST_ASSERT_EQUAL_INT32(0xABC, reading());
+    TEST_ASSERT_EQUAL_INT32(0xABC, reading());
 }
 
 void test_cycles_are_those_of_the_core(void)

@@ -127,12 +127,12 @@ void test_the_dac_is_on_before_main_at_the_safe_code(void)
 void test_a_fault_ends_in_the_safe_code(void)
 {
     started(10000);
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(0xABC));
+    TEST_ASSERT_TRUE(write_code(0xABC));
     count_writes = 0;
     rdpi_port_safe();
     TEST_ASSERT_EQUAL_HEX32(RDPI_SAFE_CODE, fake.dac1.dhr12r1);
     TEST_ASSERT_EQUAL_UINT(1, count_writes); /* the output goes there without being switched off */
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(0xDEF));
+    TEST_ASSERT_TRUE(write_code(0xDEF));
     TEST_ASSERT_EQUAL_HEX32(0xDEF, fake.dac1.dhr12r1);
 }
 
@@ -160,22 +160,22 @@ void test_only_a_tick_that_has_returned_feeds_the_watchdog_and_only_while_main_l
 void test_a_code_is_written(void)
 {
     SystemInit();
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(0));
+    TEST_ASSERT_TRUE(write_code(0));
     TEST_ASSERT_EQUAL_HEX32(0, fake.dac1.dhr12r1);
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(0xABC));
+    TEST_ASSERT_TRUE(write_code(0xABC));
     TEST_ASSERT_EQUAL_HEX32(0xABC, fake.dac1.dhr12r1);
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(0xFFF));
+    TEST_ASSERT_TRUE(write_code(0xFFF));
     TEST_ASSERT_EQUAL_HEX32(0xFFF, fake.dac1.dhr12r1);
 }
 
 void test_a_code_beyond_12_bits_outputs_nothing(void)
 {
     SystemInit();
-    TEST_ASSERT_TRUE(rdpi_port_write_dac(0x123));
+    TEST_ASSERT_TRUE(write_code(0x123));
     count_writes = 0;
-    TEST_ASSERT_FALSE(rdpi_port_write_dac(0x1000));
-    TEST_ASSERT_FALSE(rdpi_port_write_dac(0x1001));
-    TEST_ASSERT_FALSE(rdpi_port_write_dac(UINT32_MAX));
+    TEST_ASSERT_FALSE(write_code(0x1000));
+    TEST_ASSERT_FALSE(write_code(0x1001));
+    TEST_ASSERT_FALSE(write_code(UINT32_MAX));
     TEST_ASSERT_EQUAL_UINT(0, count_writes);
     TEST_ASSERT_EQUAL_HEX32(0x123, fake.dac1.dhr12r1);
 }
@@ -331,8 +331,8 @@ void test_the_sensor_is_converted_without_end(void)
     TEST_ASSERT_EQUAL_HEX32(1u << 6, fake.adc1.sqr1);
     TEST_ASSERT_EQUAL_HEX32(5u << 3, fake.adc1.smpr1);
     fake.adc1.dr = 0xABC;
-    TEST_ASSERT_EQUAL_INT32(0xABC, rdpi_port_read_adc());
-    TEST_ASSERT_EQUAL_INT32(0xABC, rdpi_port_read_adc());
+    TEST_ASSERT_EQUAL_INT32(0xABC, reading());
+    TEST_ASSERT_EQUAL_INT32(0xABC, reading());
 }
 
 void test_a_converter_that_does_not_follow_gives_no_reading(void)
@@ -340,12 +340,12 @@ void test_a_converter_that_does_not_follow_gives_no_reading(void)
     has_calibration = false;
     SystemInit();
     TEST_ASSERT_BITS_LOW(1u | 1u << 2, fake.adc1.cr);
-    TEST_ASSERT_EQUAL_INT32(RDPI_PORT_NO_READING, rdpi_port_read_adc());
+    TEST_ASSERT_EQUAL_INT32(RDPI_PORT_NO_READING, reading());
     has_calibration = true;
     has_adc = false;
     SystemInit();
     TEST_ASSERT_BITS_LOW(1u << 2, fake.adc1.cr);
-    TEST_ASSERT_EQUAL_INT32(RDPI_PORT_NO_READING, rdpi_port_read_adc());
+    TEST_ASSERT_EQUAL_INT32(RDPI_PORT_NO_READING, reading());
     TEST_ASSERT_TRUE(rdpi_port_start(10000, tick));
 }
 

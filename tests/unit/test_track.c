@@ -21,10 +21,12 @@ TEST_SOURCE_FILE("port/drivers/telemetry.c")
 #include "rdpi_params.h"
 static rdpi_f32_chain_params_t flashed; /* in place of that of rdpi_params.h: tests change it */
 #define rdpi_chain flashed
+#include "track/axis.c"
+#undef rdpi_chain
+#undef couple
 #define main track_main
 #include "track/main.c"
 #undef main
-#undef rdpi_chain
 
 #define TICKS 40
 
@@ -73,11 +75,11 @@ static bool reference_um(uint32_t since, uint32_t ahead, float *reference, float
     return true;
 }
 
-static bool write_dac(uint32_t code, int calls)
+static bool write_dac(const uint32_t *code, int calls)
 {
     TEST_ASSERT_EQUAL_INT(written, calls);
-    TEST_ASSERT_TRUE(code < 1u << RDPI_PARAMS_DAC_BITS);
-    codes[written++] = code;
+    TEST_ASSERT_TRUE(*code < 1u << RDPI_PARAMS_DAC_BITS);
+    codes[written++] = *code;
     return true;
 }
 
@@ -94,10 +96,10 @@ static bool watchdog_reset(int calls)
     return was_reset;
 }
 
-static int32_t read_adc(int calls)
+static void read_adc(int32_t *adc_counts, int calls)
 {
     (void)calls;
-    return 100 + ticks; /* of the code before */
+    *adc_counts = 100 + ticks; /* of the code before */
 }
 
 static uint32_t overruns(int calls)
@@ -157,9 +159,9 @@ static bool send_bytes(const uint8_t *bytes, size_t count, int calls)
 /* As at power up: main.c's own variables. */
 static void power_up(void)
 {
-    memset(&line, 0, sizeof line);
+    memset(line, 0, sizeof line);
     memset(&counts, 0, sizeof counts);
-    memset(&sample, 0, sizeof sample);
+    memset(sample, 0, sizeof sample);
     sweeping = TRACK_SWEEP;
     finished = false;
 }
@@ -264,7 +266,7 @@ void test_a_tick_without_reference_outputs_the_code_before(void)
 static bool sweep_expected; /* the library is still sweeping */
 static int swept;
 
-static bool write_what_the_library_sweeps_and_steps(uint32_t code, int calls)
+static bool write_what_the_library_sweeps_and_steps(const uint32_t *code, int calls)
 {
     if (calls > 0 && sweep_expected) {
         sweep_expected = rdpi_f32_chain_sweep(&expected);
@@ -272,7 +274,7 @@ static bool write_what_the_library_sweeps_and_steps(uint32_t code, int calls)
     } else if (calls > 0) {
         rdpi_f32_chain_step(&expected, ahead_of(calls - swept - 1));
     }
-    TEST_ASSERT_EQUAL_UINT32(expected.axis.dac_code, code);
+    TEST_ASSERT_EQUAL_UINT32(expected.axis.dac_code, *code);
     written++;
     return true;
 }
@@ -288,7 +290,7 @@ static bool count_frames(const uint8_t *bytes, size_t count, int calls)
 
 void test_the_start_up_sweep_comes_first(void)
 {
-    sweeping = true;
+    sweeping = 1;
     sweep_expected = true;
     swept = 0;
     rdpi_port_write_dac_StubWithCallback(write_what_the_library_sweeps_and_steps);
@@ -324,14 +326,14 @@ void test_lost_ticks_are_missed_samples_of_the_reference(void)
     TEST_ASSERT_EQUAL_INT(TICKS - 2 + 1, written);
     TEST_ASSERT_EQUAL_UINT32(2, counts.overruns);
     TEST_ASSERT_EQUAL_UINT32(2, counts.missed_count);
-    TEST_ASSERT_EQUAL_UINT32(TICKS + 1, sample.tick);
+    TEST_ASSERT_EQUAL_UINT32(TICKS + 1, sample[0].tick);
 }
 
 void test_a_full_line_to_the_host_changes_no_code_and_is_counted(void)
 {
     line_full = true;
     TEST_ASSERT_EQUAL_INT(0, track_main());
-    TEST_ASSERT_EQUAL_UINT32(TICKS, line.refused_count);
+    TEST_ASSERT_EQUAL_UINT32(TICKS, line[0].refused_count);
     for (int k = 0; k < TICKS; k++) {
         rdpi_f32_chain_step(&expected, ahead_of(k));
         TEST_ASSERT_EQUAL_UINT32(expected.axis.dac_code, codes[k + 1]);
@@ -341,7 +343,7 @@ void test_a_full_line_to_the_host_changes_no_code_and_is_counted(void)
 
 static uint16_t flags_of[TICKS + 1];
 
-static bool take_none_in_the_fifth(uint32_t code, int calls)
+static bool take_none_in_the_fifth(const uint32_t *code, int calls)
 {
     write_dac(code, calls);
     return calls != 5;
