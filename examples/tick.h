@@ -84,7 +84,7 @@ static void send_due_infos(uint32_t ticks)
 {
     uint32_t every = finished ? END_INFO_EVERY : INFO_EVERY;
     for (uint32_t k = 0; k < RDPI_AXES; k++) {
-        if ((sample[k].tick - k) % every < ticks) {
+        if ((sample[k].tick + k) % every < ticks) {
             (void)send_info(k);
         }
     }
