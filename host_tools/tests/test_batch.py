@@ -311,8 +311,8 @@ def test_a_scheduler_that_goes_away_ends_the_batch_with_words(here, cluster):
     first = process.stdout.readline()
     os.killpg(cluster[1].pid, signal.SIGKILL)
     cluster[1].wait()
-    out, errors = process.communicate(timeout=120)
-    assert process.returncode == 2 and "the scheduler went away" in errors and "Traceback" not in errors
+    out, errors = process.stdout.read(), process.stderr.read()  # communicate() loses what readline() has read ahead
+    assert process.wait(timeout=120) == 2 and "the scheduler went away" in errors and "Traceback" not in errors
     ended = {line.split()[1].rstrip(":") for line in [first, *out.splitlines()]}
     assert {name for name, status in table("actuator, status") if status == "done"} == ended != set()
 

@@ -17,7 +17,6 @@ from rdpi.data import Recording
 from rdpi.identify import localise
 from rdpi.identify.identify import Fit, Options, fit
 from rdpi.identify.report import drawing
-from rdpi.identify.report import drawing
 from rdpi.identify.report.page import WITH, WITHOUT, _missed, _sides, _spectrum, _tables, page_of
 from rdpi.simulate import chain
 

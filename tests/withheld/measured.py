@@ -21,9 +21,9 @@ from rdpi.model import read_model
 
 DATA = Path(os.environ.get("RDPI_DATA", Path(__file__).resolve().parents[3] / "shared/data/picma_p885")).resolve()
 PARTS = {  # file and rows
-    "sine-1": ("Model_Vi_Do.dat", 400, 4200), "sine-2": ("Model_Vi_Do.dat", 4200, 8000),
-    "loops-1": ("Test_Vi_Do_Di.dat", 200, 3700), "loops-2": ("Test_Vi_Do_Di.dat", 3700, 7350),
-    "path-1": ("Test_Vi_Do_Di.dat", 7450, 10800), "path-2": ("Test_Vi_Do_Di.dat", 10800, 14100),
+    "sine-1": ("Model_Vi_Do.dat", "400:4200"), "sine-2": ("Model_Vi_Do.dat", "4200:8000"),
+    "loops-1": ("Test_Vi_Do_Di.dat", "200:3700"), "loops-2": ("Test_Vi_Do_Di.dat", "3700:7350"),
+    "path-1": ("Test_Vi_Do_Di.dat", "7450:10800"), "path-2": ("Test_Vi_Do_Di.dat", "10800:14100"),
 }
 FITTED = (  # and, in turn, the rest is fitted
     ("sine-1", "sine-2"), ("sine-1", "loops-1", "path-1"), ("sine-1", "loops-2", "path-2"),
@@ -124,11 +124,11 @@ def _rows(run: Recording, rows: slice) -> Recording:
 
 
 def _part(folder: Path, name: str) -> Recording:
-    source, first, last = PARTS[name]
+    source, rows = PARTS[name]
     path = folder / "models" / f"{name}.csv"
     path.parent.mkdir(parents=True, exist_ok=True)
-    if rdpi("import", str(DATA / source), "--command", "0", "--displacement", "4", "--rate", "200", "--rows",
-            f"{first}:{last}", "-o", str(path)):
+    if rdpi("import", str(DATA / source), "--command", "0", "--displacement", "4", "--rate", "200", "--rows", rows,
+            "-o", str(path)):
         raise SystemExit(f"{DATA / source}: rdpi import refuses it")
     return read_recording(path)
 
