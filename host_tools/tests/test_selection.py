@@ -126,6 +126,28 @@ def test_recordings_that_do_not_lie_where_creep_would_take_them() -> None:
     assert elsewhere.best is not creep and "do not lie" in elsewhere.why_rejected(creep)
 
 
+def test_what_may_predict_recordings_that_were_left_out_worse_is_rejected() -> None:
+    best = decided().selection.rounds[0].best
+    assert selection._why_rejected(best, further=False, clear=True, born_in=0.25) is None
+    doubtful = dataclasses.replace(best, shrink_ci=(-2 * thresholds.WORSE_LEFT_OUT, 0.9))
+    assert "worse" in selection._why_rejected(doubtful, further=False, clear=True, born_in=0.25)
+
+
+def test_stick_slip_has_no_name() -> None:
+    """The stage stands still until it is 0.5 um behind, then slips all the way; others explain three quarters of that."""
+    def slipping(run: Recording) -> Recording:
+        at, shown = run.displacement_um[0], np.empty(len(run))
+        for k, z in enumerate(run.displacement_um):
+            at = z if abs(z - at) > 0.5 else at
+            shown[k] = at
+        return changed(run, displacement_um=shown)
+
+    runs = [slipping(run) for run in recorded(plain_model(), drives())]
+    found = decide(AugmentedModel.given(commissioned(), runs, []), passport.read(commissioned()))
+    assert found.verdict == "unknown" and not found.selection.accepted.chosen
+    assert any("explains a part of the gap, but leaves too much" in note for note in found.notes)
+
+
 def test_accepting_makes_another_model() -> None:
     best = decided().selection.rounds[0].best.candidate
     values, jacobian = dict(best.values), best.jacobian.copy()

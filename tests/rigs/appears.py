@@ -93,6 +93,13 @@ APPEARS: dict[str, tuple[tuple[str, ...], Appears]] = {
     "gain": (("gain_change",), scaled("stroke_um", (0.9, 0.97), (1.03, 1.1))),
     "curve": (("static_nonlinearity", "input_curve"), curve),
 }
+# What rdpi has no name for; beside it names that are as right as its catalogue allows.
+STRANGERS: dict[str, tuple[str, ...]] = {
+    "leakage": ("creep", "thermal_drift", "relaxation"), "settling": ("creep", "relaxation"),
+    "second_resonance": ("resonance",), "softening": ("gain_change", "rate_dependence", "thermal_drift"),
+    "stick_slip": (), "dropouts": (),
+}
+APPEARS |= {name: (twins, lambda rig, random, name=name: rig.put(name)) for name, twins in STRANGERS.items()}
 
 
 def play(rig: Rig, folder: Path, kind: str, names: Sequence[str], starts: Sequence[str], rate_hz: float, scale: float,
@@ -166,7 +173,8 @@ def ask(before: Rig, after: Rig, folder: Path, model: Path, random: np.random.Ge
     same, same_better = missed(model, fresh), missed(improved, fresh)
     first = gap["effects"][:1]
     return {"verdict": gap["verdict"], "names": [one["name"] for one in gap["effects"]],
-            "rivals": first[0]["confusable_with"] if first else [], "ratio": (gap["passport"] or {}).get("ratio"),
+            "rivals": first[0]["confusable_with"] if first else [], "ratio": gap["passport"]["ratio"],
+            "left": gap["passport"]["ratio"] * gap["gap"]["remaining_um"] / gap["gap"]["rms_um"],
             "rho": pooled([np.std(b - a) for a, b in zip(was, now)]) / floor, "promised": gap["promised"]["shrink"],
             "ci90": gap["promised"]["ci90"],
             "same": 1 - pooled([*map(spread, same_better)]) / pooled([*map(spread, same)]),

@@ -77,6 +77,16 @@ SINS: dict[str, Callable[[np.random.Generator], dict[str, float]]] = {
     "noise": lambda random: {"white": _log(random, 5e-5, 3e-4), "flicker": _log(random, 3e-5, 2e-4)},
     "adc": lambda random: {"bits": 16},
 }
+# What has no name in rdpi. No rig has it unless it is put in.
+STRANGE: dict[str, Callable[[np.random.Generator], dict[str, float]]] = {
+    "leakage": lambda random: {"share": random.uniform(0.05, 0.2), "time_constant_s": _log(random, 0.3, 3)},
+    "softening": lambda random: {"share": random.uniform(0.04, 0.12), "time_constant_s": _log(random, 0.3, 3)},
+    "settling": lambda random: {"share": random.uniform(0.03, 0.08), "time_constant_s": _log(random, 0.1, 1)},
+    "second_resonance": lambda random: {"share": random.uniform(0.1, 0.4), "f0_hz": _log(random, 80, 300),
+                                        "damping": _log(random, 0.01, 0.08)},
+    "stick_slip": lambda random: {"share": random.uniform(0.015, 0.05)},
+    "dropouts": lambda random: {"per_s": random.uniform(2, 8), "hold_s": _log(random, 0.005, 0.03)},
+}
 SOME = {"hold": 0.25, "rate": 0.5, "edge_start": 0.4}  # share of the rigs that have the sin; all have the others
 CHAIN = "delay", "lag", "overshoot", "relaxation", "creep", "resonance"  # what has a memory in time
 RATE_FORMS: dict[str, Callable[[np.ndarray, float], np.ndarray]] = {  # growth of the width over rate / RATE_SCALE
@@ -147,6 +157,36 @@ class Delay:
         self.past = line[len(line) - len(self.past):]
         n = len(signal)
         return (1 - self.part) * line[1:n + 1] + self.part * line[:n]
+
+
+class Softening:
+    """Motion warms the actuator: the stroke grows about its middle, by `share` where all goes as fast as RATE_SCALE."""
+
+    def __init__(self, share: float, time_constant_s: float, step_s: float) -> None:
+        self.share, self.step_s, self.before = share, step_s, None
+        self.warmth = first_order(time_constant_s, step_s, True)
+
+    def __call__(self, signal: np.ndarray) -> np.ndarray:
+        moved = np.diff(signal, prepend=signal[0] if self.before is None else self.before)
+        self.before = signal[-1]
+        warmth = self.warmth(2 * np.abs(moved) / self.step_s / RATE_SCALE)
+        return 0.5 + (1 + self.share * warmth) * (signal - 0.5)
+
+
+class StickSlip:
+    """The stage sticks until it is `share` of the stroke behind, then slips all the way."""
+
+    def __init__(self, share: float) -> None:
+        self.share, self.at = share, None
+
+    def __call__(self, signal: np.ndarray) -> np.ndarray:
+        result, at = np.empty(len(signal)), signal[0] if self.at is None else self.at
+        for k, value in enumerate(signal):
+            if abs(value - at) > self.share:
+                at = value
+            result[k] = at
+        self.at = at
+        return result
 
 
 class Loop:
@@ -228,13 +268,13 @@ class Rig:
     def put(self, name: str, **values: float) -> Rig:
         """The same rig, not played yet, with this sin as its seed draws it, or with these parameters."""
         _check([name])
-        drawn = SINS[name](self._random(name))
+        drawn = (SINS | STRANGE)[name](self._random(name))
         if wrong := set(values) - set(drawn):
             raise ValueError(f"{name} has no parameter {', '.join(sorted(wrong))}: {', '.join(drawn)}")
         return self._with({**self.sins, name: {**drawn, **values}})
 
     def _with(self, sins: Sins) -> Rig:
-        ordered = {name: dict(sins[name]) for name in SINS if name in sins}
+        ordered = {name: dict(sins[name]) for name in SINS | STRANGE if name in sins}
         return Rig(self.family, self.seed, ordered, self.low_V, self.high_V, self.stroke_um, self.offset_um,
                    self.width, self.curve, self.sweep_cycles, self.sweep_hz, self.rest_s)
 
@@ -268,7 +308,7 @@ class Rig:
         else:
             raise ValueError(f"start {start!r}: swept, unknown or carried")
         self.runs += 1
-        return self._read(self._play(command_V), random)
+        return self._read(self._play(command_V), random, sample_rate_hz)
 
     def _sweep(self, end_V: float, rate_hz: float, random: np.random.Generator) -> np.ndarray:
         n = round(self.sweep_cycles / self.sweep_hz * rate_hz)
@@ -297,6 +337,8 @@ class Rig:
             chain.append(("overshoot", second_order(sin["f0_hz"], sin["damping"], step_s, held)))
             held = False
         chain.append(("supply", lambda share: np.clip(share, -SUPPLY, 1 + SUPPLY)))
+        if sin := sins.get("leakage"):
+            chain.append(("leakage", Sum(1.0, [(-sin["share"], first_order(sin["time_constant_s"], step_s, held))])))
         if sin := sins.get("input_curve"):
             chain.append(("input_curve", lambda share, sin=sin: input_curve(share, **sin)))
         loop = Loop(self.operator, self.width, self.curve, sins.get("rate"), step_s)
@@ -308,6 +350,20 @@ class Rig:
             chain.append(("creep", self._creep(sin["percent_per_decade"], sin["power"], step_s, held)))
         if sin := sins.get("resonance"):
             chain.append(("resonance", second_order(sin["f0_hz"], sin["damping"], step_s, held)))
+        return chain + self._strange(step_s, held)
+
+    def _strange(self, step_s: float, held: bool) -> list[tuple[str, Signal]]:
+        """Blocks behind the resonance that rdpi has no name for."""
+        sins, chain = self.sins, []
+        if sin := sins.get("softening"):
+            chain.append(("softening", Softening(**sin, step_s=step_s)))
+        if sin := sins.get("settling"):
+            chain.append(("settling", Sum(1.0, [(sin["share"], first_order(sin["time_constant_s"], step_s, held))])))
+        if sin := sins.get("second_resonance"):
+            chain.append(("second_resonance", Sum(1 - sin["share"], [
+                (sin["share"], second_order(sin["f0_hz"], sin["damping"], step_s, held))])))
+        if sin := sins.get("stick_slip"):
+            chain.append(("stick_slip", StickSlip(**sin)))
         return chain
 
     def _creep(self, percent_per_decade: float, power: float, step_s: float, held: bool) -> Sum:
@@ -338,7 +394,7 @@ class Rig:
                 self.monitor_V = self.volts(signal[read])
         return signal[read]
 
-    def _read(self, share: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    def _read(self, share: np.ndarray, random: np.random.Generator, rate_hz: float) -> np.ndarray:
         n = len(share)
         noise = random.standard_normal((2, n))
         if sin := self.sins.get("noise"):
@@ -346,6 +402,10 @@ class Rig:
         if sin := self.sins.get("adc"):  # over 1.5 strokes
             codes = 2 ** sin["bits"] / 1.5
             share = np.round(share * codes) / codes
+        if sin := self.sins.get("dropouts"):  # the reading before is repeated
+            hold = max(1, round(sin["hold_s"] * rate_hz))
+            lost = np.convolve(random.random(n) < sin["per_s"] / rate_hz, np.ones(hold))[:n] > 0
+            share = share[np.maximum.accumulate(np.where(lost, 0, np.arange(n)))]
         return self.offset_um + self.stroke_um * share
 
 
@@ -364,8 +424,8 @@ def _random(family: str, seed: int, what: str) -> np.random.Generator:
 
 
 def _check(names: Collection[str]) -> None:
-    if wrong := set(names) - set(SINS):
-        raise ValueError(f"no sin {', '.join(sorted(wrong))}: {', '.join(SINS)}")
+    if wrong := set(names) - set(SINS | STRANGE):
+        raise ValueError(f"no sin {', '.join(sorted(wrong))}: {', '.join(SINS | STRANGE)}")
 
 
 def make_rig(family: str, seed: int, sins: Sins | Collection[str] | None = None, without: Collection[str] = ()) -> Rig:

@@ -82,7 +82,10 @@ tests)
     python3-hypothesis  module   hypothesis
     python3-distributed  module   distributed
     python3-jsonschema  module   jsonschema
-    python3-selenium    module   selenium'
+    python3-selenium    module   selenium
+    xvfb                command  xvfb-run
+    xauth               command  xauth
+    python3-tk          module   tkinter'
     ;;
 *)
     sed -n '2,7s/^# \{0,1\}//p' "$0" >&2

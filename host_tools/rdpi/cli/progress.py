@@ -5,8 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from typing import Any
+from contextlib import contextmanager
 
 DELAY_S = 2.0
 
@@ -48,28 +47,3 @@ def progress(label: str) -> Iterator[Callable[[float], None]]:
         timer.join()
         if bar is not None:
             bar.stop()
-
-
-@contextmanager
-def recording_line() -> Iterator[Callable[[Any], None]]:
-    """On a terminal, a line that tells how a recording goes on; when stderr is piped, nothing."""
-    if not sys.stderr.isatty():
-        yield lambda decoder: None
-        return
-    from rich.console import Console
-
-    from ..board import how_it_goes
-
-    status = Console(stderr=True).status("waiting for the first frame; Ctrl-C stops")
-
-    def report(decoder: Any) -> None:
-        with suppress(OSError):  # the terminal is gone, the recording is not
-            status.update(how_it_goes(decoder))
-
-    try:
-        with suppress(OSError):
-            status.start()
-        yield report
-    finally:
-        with suppress(OSError):
-            status.stop()

@@ -10,7 +10,7 @@ import click
 
 from ..errors import BadInput, printable
 from .program import command, other_outputs
-from .progress import progress, recording_line
+from .progress import progress
 from .types import Number, Numbers, Output, Rows, pairs
 
 _COLUMN = "COLUMN[:UNIT]"
@@ -206,8 +206,11 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
                    "received completely, ended near the middle of its range, and the drive goes on from there; "
                    "otherwise unknown.")
 @click.option("--note", metavar="TEXT", help="Any text, stored in the recording.")
+@click.option("--window", is_flag=True,
+              help="Show reference, reading, error and drive also in a window. It needs a display and a library for "
+                   "windows that Matplotlib knows, such as Debian's python3-tk.")
 @_telemetry_options
-def record_(port: str, output: str, baud: int, duration_s: float | None, timeout_s: float, raw: str | None,
+def record_(port: str, output: str, baud: int, duration_s: float | None, timeout_s: float, raw: str | None, window: bool,
             actuator: str | None, memory: str | None, note: str | None, stretches: bool, max_lost: int | None,
             um_per_count: float | None, count_0_um: float | None) -> dict[str, Any]:
     """Record a microcontroller's telemetry from a serial port.
@@ -219,6 +222,8 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
     1. Start this command.
     2. Flash or reset the board. Samples that the board sent before step 1 are lost.
 
+    A terminal shows the latest five seconds while they come: reference, reading, error, drive, and what is lost.
+
     The recording does not contain the start-up sweep. If the target plays a drive without a reference, it contains the
     last sample of the sweep. A recording never spans a gap. The file's metadata count the lost samples and the corrupt
     frames.
@@ -229,10 +234,11 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
     a valid recording: a reader ignores a last line that is incomplete.
     """
     from ..board import check_recording_outputs, record_file
+    from .view import recording_view
 
     check_recording_outputs(port, output, other_outputs(), stretches)
     texts = _texts(actuator=actuator, memory=memory, note=note)
-    with recording_line() as report:
+    with recording_view(um_per_count, count_0_um, window) as report:
         recorded = record_file(port, output, baud=baud, duration_s=duration_s, timeout_s=timeout_s, raw=raw,
                                every=stretches, scale=(um_per_count, count_0_um), texts=texts, report=report)
     click.echo("\n".join(recorded.written.lines))

@@ -244,7 +244,7 @@ def _verdict(selection: Selection, gap: Excess) -> Verdict:
     if gap.ratio and not first.refitted:
         left = _left(selection)
         explained = (gap.total - left) / max(gap.total - gap.floor, 1e-300)
-        if explained < thresholds.LEAST_EXPLAINED and gap.left(left) > thresholds.LEFT_OVER:
+        if (1 - explained) * gap.left(left) > thresholds.UNEXPLAINED:
             return "unknown"
     return "ambiguous" if any(one.rivals for one in selection.rounds) else "effect"
 

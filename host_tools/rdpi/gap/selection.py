@@ -363,6 +363,8 @@ def _why_rejected(one: Score, further: bool, clear: bool, born_in: float) -> str
         (thresholds.LEAST_SHARE, thresholds.LEAST_SHRINK)
     if one.share <= share or one.gain <= shrink:
         return "explains too little of the gap"
+    if one.shrink_ci is not None and one.shrink_ci[0] < -thresholds.WORSE_LEFT_OUT:
+        return "recordings that were left out may as well be predicted worse"
     if one.follows_drive:
         return "lies at a frequency of the drive itself"
     if one.was_there:
