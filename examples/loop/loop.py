@@ -94,9 +94,14 @@ class Loop:
         """Run the image to its end; returns the recording."""
         raise NotImplementedError
 
+    def recordings(self, name: str) -> list[str]:
+        """Of each axis."""
+        return [f"{name}.csv"]
+
     def listen(self, port: str, name: str) -> subprocess.Popen:
         """Start `rdpi record`."""
-        words = self.command("rdpi", "record", port, "-o", f"{name}.csv", "--raw", f"{name}.raw", "--timeout", "60")
+        outputs = [word for recording in self.recordings(name) for word in ("-o", recording)]
+        words = self.command("rdpi", "record", port, *outputs, "--raw", f"{name}.raw", "--timeout", "60")
         return subprocess.Popen(words, cwd=self.out, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
 
     def recorded(self, recorder: subprocess.Popen, name: str) -> Path:
@@ -105,7 +110,7 @@ class Loop:
         print("".join(f"    {line}\n" for line in output.splitlines()), end="")
         if recorder.returncode:
             sys.exit(f"loop: rdpi record failed with status {recorder.returncode}")
-        return self.out / f"{name}.csv"
+        return self.out / self.recordings(name)[0]
 
 
 class Emulated(Loop):
@@ -113,17 +118,19 @@ class Emulated(Loop):
 
     def __init__(self, out: Path, preset: str, dac: str, kind: str) -> None:
         super().__init__(out, preset, dac, lockstep.counts_scale(bench.make(kind, adc_bits=16)), ["-DRDPI_BENCH=ON"])
-        self.kind = kind
+        self.kinds = [kind]  # of each axis
         self.settings: dict[str, float] = {}  # of the virtual actuator that are not the kind's own
+        self.couple_um_per_V = 0.0  # how much axes move each other
         self.powered_up = 0
 
     def power_up(self, name: str) -> subprocess.Popen:
         """Start the actuator, every time with another memory. It moves after a line on its standard input."""
         self.powered_up += 1
         actuator = subprocess.Popen(
-            self.command("python", ROOT / "tests/bench/lockstep.py", self.kind, "--socket", f"{name}.sock", "--dac",
+            self.command("python", ROOT / "tests/bench/lockstep.py", *self.kinds, "--socket", f"{name}.sock", "--dac",
                          self.dac, "--rate", str(self.rate_hz), "--log", f"{name}.npy", "--seed",
-                         str(self.powered_up), *(f"--set={key}={value:g}" for key, value in self.settings.items())),
+                         str(self.powered_up), *(f"--set={key}={value:g}" for key, value in self.settings.items()),
+                         *([f"--couple={self.couple_um_per_V:g}"] if self.couple_um_per_V else [])),
             cwd=self.out, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         actuator.stdout.readline()  # it listens
         return actuator

@@ -64,8 +64,9 @@ class Board(loop.Emulated):
         finally:
             actuator.stdin.close()
             actuator.wait(timeout=loop.PATIENCE_S)
-        self.do("rdpi", "import", "--telemetry", stream, "-o", f"{name}.csv")
-        return self.out / f"{name}.csv"
+        for axis, recording in enumerate(self.recordings(name)):
+            self.do("rdpi", "import", "--telemetry", stream, "--axis", str(axis), "-o", recording)
+        return self.out / self.recordings(name)[0]
 
 
 def wait(board: subprocess.Popen, stream: Path) -> None:

@@ -24,9 +24,10 @@ class Sample:
     dac_code: int = 0
     adc_counts: int = NO_READING
     flags: int = 0
+    axis: int = 0
 
     def frame(self, numbers: str = "ff") -> bytes:
-        return frame(struct.pack(f"<BHI{numbers}IiH", 1, self.sequence % 2**16, self.tick % 2**32, self.reference,
+        return frame(struct.pack(f"<BHI{numbers}IiH", 1 + 16 * self.axis, self.sequence % 2**16, self.tick % 2**32, self.reference,
                                  self.rate, self.dac_code, self.adc_counts, self.flags))
 
 
@@ -46,9 +47,10 @@ class Info:
     count_0_um: float = 0.5
     offered: int = 0
     counts: tuple[int, ...] = (0,) * 9  # samples not taken, ticks lost, ...
+    axis: int = 0
 
     def frame(self, version: int = 1) -> bytes:
-        return frame(struct.pack("<BBBbIBB7d10I", 2, version, self.state, self.status, self.rate_hz, self.dac_bits,
+        return frame(struct.pack("<BBBbIBB7d10I", 2 + 16 * self.axis, version, self.state, self.status, self.rate_hz, self.dac_bits,
                                  self.numbers, self.min_V, self.max_V, self.um_per_reference, self.reference_0_um,
                                  self.um_per_s_per_rate, self.um_per_count, self.count_0_um, self.offered,
                                  *self.counts))

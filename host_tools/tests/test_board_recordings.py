@@ -104,22 +104,22 @@ def test_how_a_recording_goes_on() -> None:
 
 
 def test_files_that_a_recording_must_leave_alone(here: Path) -> None:
-    check_recording_outputs("/dev/null", "run.csv", ["log.json", "raw.bin"])
-    check_recording_outputs("socket://localhost:1234", "run.csv")
+    check_recording_outputs("/dev/null", ["run.csv"], ["log.json", "raw.bin"])
+    check_recording_outputs("socket://localhost:1234", ["run.csv"])
     for others, every, message in ((["/dev/null"], False, "/dev/null: is the port"),
                                    (["run.csv.part2"], False, "run.csv.part2: is used for samples"),
                                    (["run.csv"], False, "run.csv: would be written over another output"),
                                    (["run-4.csv"], True, "run-4.csv: would be written over another output")):
         with pytest.raises(BadInput, match=message):
-            check_recording_outputs("/dev/null", "run.csv", others, every)
+            check_recording_outputs("/dev/null", ["run.csv"], others, every)
     with pytest.raises(BadInput, match="is the port"):
-        check_recording_outputs("run.csv", "run.csv")
+        check_recording_outputs("run.csv", ["run.csv"])
 
 
 def test_a_live_recording(board: Board, here: Path) -> None:
     data, goes = stream(samples(2500)), []
     board.later(lambda: board.send(data))
-    recorded = record_file(board.port, "run.csv", raw="raw.bin", texts={"actuator": "stack 7"},
+    recorded = record_file(board.port, ["run.csv"], raw="raw.bin", texts={"actuator": "stack 7"},
                            report=lambda decoder: goes.append(decoder.counts.samples))
     assert recorded.why == "the target has finished" and recorded.failures == []
     assert (here / "raw.bin").read_bytes() == data
@@ -132,13 +132,13 @@ def test_a_live_recording(board: Board, here: Path) -> None:
 def test_a_live_recording_that_breaks_off(board: Board, here: Path) -> None:
     """What came is written and what went wrong is told."""
     board.later(lambda: board.send(stream(samples(2500), finished=0)), lambda: time.sleep(1), board.unplug)
-    recorded = record_file(board.port, "run.csv")
+    recorded = record_file(board.port, ["run.csv"])
     assert "the connection to the port was lost" in recorded.failures[0] and "the samples before that have been written" in recorded.failures[0]
-    assert len(read_recording("run.csv")) >= 1000 and recorded.written.stream["finished"] is False
+    assert len(read_recording("run.csv")) >= 1000 and recorded.written[0].stream["finished"] is False
 
 
 def test_a_live_recording_without_a_sample(board: Board, here: Path) -> None:
     board.later(lambda: os.kill(os.getpid(), signal.SIGINT))
     with pytest.raises(BadInput, match=f"{board.port}: no samples: stopped"):
-        record_file(board.port, "run.csv")
+        record_file(board.port, ["run.csv"])
     assert list(here.iterdir()) == []

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import binascii
 import os
+import re
 import struct
 import warnings
 from collections import Counter
@@ -47,7 +48,8 @@ INFOS = st.builds(streams.Info, state=st.integers(0, 3), rate_hz=st.sampled_from
                   dac_bits=st.sampled_from([1, 16, 32]), numbers=st.integers(0, 2), max_V=st.sampled_from([-19.0, 1e8]),
                   um_per_count=st.sampled_from([-1e8, 0.0, 0.001]), offered=near(32))
 BODIES = (st.binary(min_size=1, max_size=251) | layout(telemetry.SAMPLE, SAMPLE_LAYOUT)
-          | layout(telemetry.INFO, INFO_LAYOUT) | st.builds(bytes.__add__, st.sampled_from([b"\1", b"\2", b"\2\1"]),
+          | layout(telemetry.INFO, INFO_LAYOUT) | layout(16 + telemetry.SAMPLE, SAMPLE_LAYOUT)
+          | layout(32 + telemetry.INFO, INFO_LAYOUT) | st.builds(bytes.__add__, st.sampled_from([b"\1", b"\2", b"\2\1"]),
                                                             st.binary(max_size=120)))
 FRAMES = BODIES.map(frame) | INFOS.map(streams.Info.frame)
 NUMBERS = st.tuples(near(32), near(32), near(32), near(32).map(lambda number: number - 2**31), near(16))
@@ -96,6 +98,9 @@ def _kind(coded: bytes) -> str:
         return "corrupt"
     if body[0] == telemetry.SAMPLE and len(body) == struct.calcsize(SAMPLE_LAYOUT):
         return "sample"
+    if body[0] >> 4 and body[0] & 15 == {struct.calcsize(SAMPLE_LAYOUT): telemetry.SAMPLE,
+                                        struct.calcsize(INFO_LAYOUT): telemetry.INFO}.get(len(body)):
+        return "of another axis"
     known = body[:2] == b"\2\1" and len(body) == struct.calcsize(INFO_LAYOUT)
     return "info" if known and not telemetry.Info(*telemetry.INFO_BODY.unpack(body)[2:]).fault() else "corrupt"
 
@@ -108,7 +113,7 @@ def decode(data: bytes, cuts: list[int]) -> Decoder:
     try:
         decoder.finish()
     except BadInput as error:
-        told = "unknown to this version" in str(error) or "the firmware reports" in str(error)
+        told = re.search("unknown to this version|the firmware reports|has nothing of axis 0", str(error))
         assert with_nothing or decoder.complaint() or told
     return decoder
 

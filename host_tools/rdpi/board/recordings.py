@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -40,29 +41,39 @@ class Written:
 class Recorded(NamedTuple):
     """What a recording from a port came to."""
 
-    written: Written
+    written: list[Written]  # of each axis
     why: str  # it ended
     failures: list[str]  # what kept it, or the copy of its bytes, from being whole
 
 
 def read_stream(path: str, scale: Scale = (None, None),
-                report: Callable[[float], None] = lambda fraction: None) -> Stream:
-    """Decode a stored stream. `report` is called with the fraction done, 0 to 1.
+                report: Callable[[float], None] = lambda fraction: None, axis: int = 0) -> Stream:
+    """Decode one axis of a stored stream. `report` is called with the fraction done, 0 to 1.
 
-    Raises BadInput for a file that cannot be read, that holds no telemetry, or no stretch of MIN_SAMPLES samples.
+    Raises BadInput for a file that cannot be read, that holds no telemetry, none of this axis, or no stretch of
+    MIN_SAMPLES samples.
     """
-    decoder = Decoder(path)
     data = read_bytes(path)
-    for start in range(0, len(data), STREAM_CHUNK):
-        decoder.feed(data[start:start + STREAM_CHUNK])
-        report(start / len(data))
+
+    def decoded(axis: int, done: float, part: float) -> Decoder:
+        decoder = Decoder(path, axis)
+        for start in range(0, len(data), STREAM_CHUNK):
+            decoder.feed(data[start:start + STREAM_CHUNK])
+            report(done + part * start / len(data))
+        return decoder
+
+    decoder = decoded(axis, 0.0, 0.5)
     decoder.finish()
-    return Stream(decoder, usable_stretches(decoder, scale))
+    others = [decoded(other, 0.5, 0.5) for other in decoder.axes[1:]]
+    return Stream(decoder, usable_stretches(decoder, scale, others))
 
 
-def usable_stretches(decoder: Decoder, scale: Scale = (None, None)) -> list[Stretch]:
-    """The stretches of what has been decoded. Raises BadInput, which says why, if there is none."""
-    found = stretches(decoder, *scale)
+def usable_stretches(decoder: Decoder, scale: Scale = (None, None), others: Sequence[Decoder] = ()) -> list[Stretch]:
+    """The stretches of what has been decoded; `others` heard the other axes of the same stream.
+
+    Raises BadInput, which says why, if there is none.
+    """
+    found = stretches(decoder, *scale, others)
     if not found:
         if decoder.info is not None and decoder.info.state >= REFUSED:
             raise BadInput(f"{decoder.where}: {how_it_ended(decoder)}")
@@ -122,52 +133,71 @@ def write_stream(stream: Stream, target: Path, source: str, every: bool = False,
     return Written(recordings, whole, decoder.counts.missing, lines)
 
 
-def check_recording_outputs(port: str, output: str, others: Sequence[str] = (), every: bool = False) -> None:
-    """Raise BadInput unless a recording from `port` to `output` leaves the port and the `others` alone.
+def check_recording_outputs(port: str, outputs: Sequence[str], others: Sequence[str] = (), every: bool = False) -> None:
+    """Raise BadInput unless a recording from `port` to `outputs`, one for each axis, leaves the port, each other and the
+    `others` alone.
 
     The others are files that are written too: RUN.csv.part belongs to the recording while it goes on.
     """
-    for name in (output, *others):
+    for name in (*outputs, *others):
         if same_file(name, port):
             raise BadInput(f"{name}: is the port; give a file name")
-    check_targets([Path(output)], (), others, every)
-    target = Path(os.path.realpath(output))
-    for name in others:
-        if is_part(Path(os.path.realpath(name)), target):
-            raise BadInput(f"{name}: is used for samples during the recording; give another name")
+    for number, output in enumerate(outputs):
+        check_targets([Path(output)], (), [*others, *outputs[:number], *outputs[number + 1:]], every)
+    for target in map(os.path.realpath, outputs):
+        for name in (*outputs, *others):
+            if is_part(Path(os.path.realpath(name)), Path(target)):
+                raise BadInput(f"{name}: is used for samples during the recording; give another name")
 
 
-def record_file(port: str, output: str, *, baud: int = 3_000_000, duration_s: float | None = None,
+def record_file(port: str, outputs: Sequence[str], *, baud: int = 3_000_000, duration_s: float | None = None,
                 timeout_s: float = 5.0, raw: str | None = None, every: bool = False, scale: Scale = (None, None),
                 texts: Mapping[str, str] = MappingProxyType({}),
                 report: Callable[[Decoder], None] = lambda decoder: None) -> Recorded:
     """Record a port's telemetry until the target has finished, `duration_s` of its time have passed, or Ctrl-C.
 
-    `output`, `every` and `texts` are those of write_stream; `raw` gets every byte as it came. While the recording goes
-    on the samples are in files beside `output`, see Safe. `report` is called several times a second.
+    `outputs` are the recordings of the board's axes, in order; `every` and `texts` are those of write_stream; `raw` gets
+    every byte as it came. While the recording goes on the samples are in files beside the outputs, see Safe. `report` is
+    called several times a second, with the first axis.
 
     Raises BadInput as `record` does, and when there are no samples to write; names the files that hold the samples
-    when `output` cannot be written.
+    when an output cannot be written.
     """
-    decoder, copy = Decoder(port), Raw(raw)
-    with stop_signals() as stopped, reserved(output), reserved(raw):  # until all is written
-        safe = Safe(None if is_device(output) else Path(os.path.realpath(output)), every, Following(decoder, *scale),
-                    {"source": printable(port), **texts}, copy)
-        with safe:
-            end = record(decoder, baud, duration_s, timeout_s, safe, report, stopped)
+    decoders, copy = [Decoder(port, axis) for axis in range(len(outputs))], Raw(raw)
+    with ExitStack() as stack:  # until all is written
+        stopped = stack.enter_context(stop_signals())
+        for name in (*outputs, raw):
+            stack.enter_context(reserved(name))
+        safes = [Safe(None if is_device(output) else Path(os.path.realpath(output)), every, Following(decoder, *scale),
+                      {"source": printable(port), **texts}, Raw(None) if decoder.axis else copy)
+                 for output, decoder in zip(outputs, decoders)]
+        with ExitStack() as saving:
+            for safe in safes:
+                saving.enter_context(safe)
+            end = record(decoders, baud, duration_s, timeout_s, safes, report, stopped)
         copied = [f"--raw {copy.failure}"] if copy.failure else []
-        stream, why = _ended(decoder, end, scale, copied)
-        try:
-            written = write_stream(stream, Path(output), port, every, texts)
-        except OSError as error:
-            if not safe.where:
-                raise
-            raise BadInput(f"{error.filename}: {error.strerror or error}; the samples are in {safe.where}") from None
-        safe.remove()
-    return Recorded(written, end.why, ([f"{why}; the samples before that have been written"] if why else []) + copied)
+        written, failures = [], []
+        streams = [_ended(decoder, end, scale, copied, [one for one in decoders if one is not decoder])
+                   for decoder in decoders]
+        for (stream, why), output in zip(streams, outputs):
+            failures += [f"{why}; the samples before that have been written"] if why else []
+            try:
+                written.append(write_stream(stream, Path(output), port, every, texts))
+            except OSError as error:
+                where = " and ".join(safe.where for safe in safes if safe.where)
+                if not where:
+                    raise
+                raise BadInput(f"{error.filename}: {error.strerror or error}; the samples are in {where}") from None
+        for safe in safes:
+            safe.remove()
+    if left := [axis for axis in decoders[0].axes if axis >= len(outputs)]:
+        written[0].lines.append(f"note: the target has axis {', '.join(map(str, left))} too; to record all axes give -o "
+                                "once for each")
+    return Recorded(written, end.why, list(dict.fromkeys(failures)) + copied)
 
 
-def _ended(decoder: Decoder, end: End, scale: Scale, copied: list[str]) -> tuple[Stream, str]:
+def _ended(decoder: Decoder, end: End, scale: Scale, copied: list[str], others: Sequence[Decoder]
+           ) -> tuple[Stream, str]:
     """What can be written, and what went wrong all the same, or "".
 
     Raises BadInput where there is nothing to write; `copied`, what kept the copy from being whole, is told with it.
@@ -184,7 +214,7 @@ def _ended(decoder: Decoder, end: End, scale: Scale, copied: list[str]) -> tuple
             if decoder.info is None:
                 raise
             why = str(error).removeprefix(f"{port}: ")
-        return Stream(decoder, usable_stretches(decoder, scale)), why
+        return Stream(decoder, usable_stretches(decoder, scale, others)), why
     except BadInput as error:
         besides = [why] if why not in str(error) else []
         raise BadInput("; ".join([str(error), *besides, *copied])) from None

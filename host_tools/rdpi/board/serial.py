@@ -8,7 +8,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
@@ -160,20 +160,21 @@ def is_part(path: Path, target: Path) -> bool:
     return number != path.name and (not number or number.isdecimal()) and path.parent == target.parent
 
 
-def record(decoder: Decoder, baud: int, duration_s: float | None, timeout_s: float, safe: Safe,
+def record(decoders: Sequence[Decoder], baud: int, duration_s: float | None, timeout_s: float, safes: Sequence[Safe],
            report: Callable[[Decoder], None], stopped: list[int]) -> End:
-    """Feed `decoder` with telemetry from the port that it is named after, until something is on the list `stopped`, the
-    target has finished, or `duration_s` of its time have passed.
+    """Feed `decoders`, one for each axis, with telemetry from the port that they are named after, until something is on
+    the list `stopped`, the target has finished, or `duration_s` of its time have passed.
 
     The first frame is waited for without limit, for a board may have to be flashed or reset first: what a target says
     that had finished before is none. It also ends when nothing valid comes for `timeout_s` after that, or for so long
     nothing but bytes that are no telemetry, or infos without a sample; when NO_INFO samples came without any info; when
-    the target refuses to run, or sends what Decoder.complaint finds; when samples cannot be saved; or the port is gone.
+    the target refuses to run, has no such axis, or sends what Decoder.complaint finds; when samples cannot be saved; or
+    the port is gone. Times and counts are those of the first axis.
     The port is a device or a URL that pyserial knows, socket://localhost:1234 for instance.
     Raises BadInput for a port that cannot be opened.
     """
-    with _open(decoder.where, baud) as line:
-        return _take(decoder, line, duration_s, timeout_s, safe, report, stopped)
+    with _open(decoders[0].where, baud) as line:
+        return _take(decoders, line, duration_s, timeout_s, safes, report, stopped)
 
 
 @contextmanager
@@ -212,8 +213,9 @@ def _open(port: str, baud: int) -> Any:
                        ) from None
 
 
-def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: float, safe: Safe,
+def _take(decoders: Sequence[Decoder], line: Any, duration_s: float | None, timeout_s: float, safes: Sequence[Safe],
           report: Callable[[Decoder], None], stopped: list[int]) -> End:
+    decoder = decoders[0]
     counts, frames = decoder.counts, 0
     listening = over = False  # to a target at work; or only to one that had finished before
     reported = time.monotonic()
@@ -225,8 +227,9 @@ def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: floa
             data = line.read(CHUNK)  # what there is; an error drops nothing, it is told when there is nothing else
         except OSError as error:
             return End(f"the connection to the port was lost ({error.strerror or error})", False)
-        safe.raw.take(data)
-        decoder.feed(data)
+        safes[0].raw.take(data)
+        for one in decoders:
+            one.feed(data)
         now = time.monotonic()
         run = decoder.runs[-1]
         info = run.infos[-1] if run.infos else None
@@ -244,15 +247,18 @@ def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: floa
             if now - idle > timeout_s:
                 return End(f"no sample for {timeout_s:g} s, although the target reports that it is running; check "
                            "whether it is reset again and again", False)
-        if info is not None and info.state >= REFUSED:
-            return End(f"the target refuses to run: {refusal(info)}", False)
-        if run.finished:
+        for one in decoders:
+            if one.runs[-1].infos and one.runs[-1].infos[-1].state >= REFUSED:
+                return End(f"the target refuses to run: {refusal(one.runs[-1].infos[-1])}", False)
+        if run.finished and (missing := [one.axis for one in decoders if one.info is None]):
+            return End(f"the target has no axis {missing[0]}: give -o once for each axis", False)
+        if all(one.runs[-1].finished for one in decoders):
             return End("the target has finished", True)
         if duration_s is not None and decoder.info is not None \
                 and counts.samples + counts.missing >= duration_s * decoder.info.rate_hz:
             return End(f"{duration_s:g} s recorded", True)
-        if safe.failure:
-            return End(safe.failure, False)
+        if failures := [safe.failure for safe in safes if safe.failure]:
+            return End(failures[0], False)
         if decoder.info is None and counts.samples > NO_INFO:
             return End(f"no info frame with rate and scale in the first {NO_INFO} samples", False)
         if received - noisy > timeout_s:
@@ -260,7 +266,7 @@ def _take(decoder: Decoder, line: Any, duration_s: float | None, timeout_s: floa
         if listening and now - received > timeout_s:
             return End(f"no data for {timeout_s:g} s", False)
         if now - reported > REPORT_S:
-            if what := decoder.complaint():
+            if what := next(filter(None, (one.complaint() for one in decoders)), ""):
                 return End(what, False)
             report(decoder)
             reported = now

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import NamedTuple
 
@@ -29,21 +29,42 @@ class Stretch(NamedTuple):
         return len(self.columns["time_s"])
 
 
-def stretches(decoder: Decoder, um_per_count: float | None = None, count_0_um: float | None = None) -> list[Stretch]:
+def stretches(decoder: Decoder, um_per_count: float | None = None, count_0_um: float | None = None,
+              others: Sequence[Decoder] = ()) -> list[Stretch]:
     """Every unbroken stretch of at least 16 samples after the start-up sweep, in order, as a recording.
 
     A stretch ends where a sample is missing, or has no reading while others have one. `memory` is reset if the sweep
     was received from the first sample to the last, ends amid its own range, and the stretch begins where it ended: with
     references, at the first one if the drive stays; without, at the sweep's last sample. `um_per_count` and
-    `count_0_um` replace the firmware's.
+    `count_0_um` replace the firmware's. `others` are those of the same stream that heard the other axes: their drives
+    become columns, see _drives.
     """
     found = []
-    for run in decoder.runs:
+    for number, run in enumerate(decoder.runs):
         if len(samples := run.samples):
             read = bool((samples["adc_counts"] != NO_READING).any())
-            found += [part for _, part in _stretches(samples, decoder.info_of(run), um_per_count, count_0_um, read)]
+            parts = [part for _, part in _stretches(samples, decoder.info_of(run), um_per_count, count_0_um, read)]
+            same = [other for other in others if len(other.runs) == len(decoder.runs)]
+            found += [part._replace(columns=part.columns | _drives(part, number, same, len(others) + 1))
+                      for part in parts]
     counts = {f"telemetry_{name}": count for name, count in asdict(decoder.counts).items() if name != "corrupt_at_end"}
     return [stretch._replace(metadata=stretch.metadata | counts) for stretch in found]
+
+
+def _drives(stretch: Stretch, run: int, others: Sequence[Decoder], axes: int) -> dict[str, np.ndarray]:
+    """The drives of the other axes in V, by column: other_axis_V of two axes, axis_0_V and so on of more.
+
+    Where a sample of theirs is missing it is the one before; an axis of which none came by then has no column.
+    """
+    ticks = int(stretch.metadata["first_tick"]) + np.arange(stretch.samples)
+    columns = {}
+    for other in others:
+        samples = other.runs[run].samples
+        at = np.searchsorted(samples["tick"], ticks, side="right") - 1
+        if len(samples) and at[0] >= 0:
+            name = "other_axis_V" if axes == 2 else f"axis_{other.axis}_V"
+            columns[name] = volts(other.info_of(other.runs[run]), _output(samples)[at])
+    return columns
 
 
 class Following:

@@ -5,6 +5,8 @@ received before or after it is its neighbour by sequence and tick, or both are b
 still believed where its CRC is right by chance and sequence and tick are undamaged: less than once in 65536 damaged
 frames. What no neighbour confirms is not used, and is missing like any other lost sample.
 
+Several axes of a board share its line. A decoder hears one of them, as if the others were not there.
+
 A board that is reset begins a new run, told by a STARTING or by confirmed samples that go back. No recording spans two.
 The bytes before the first zero of a stream, and after the last, may be parts of a frame and are not held against it.
 """
@@ -22,7 +24,7 @@ import numpy as np
 from ..errors import BadInput
 
 VERSION = 1
-SAMPLE, INFO = 1, 2  # frame types
+SAMPLE, INFO = 1, 2  # frame types, in the lower half of a frame's first byte; the upper is the axis
 STARTING, RUNNING, FINISHED, REFUSED, SAFE, RESET = range(6)  # rdpi_telemetry_state_t; from REFUSED on: no sample more
 NO_REFERENCE, FLOAT, INT32 = range(3)  # rdpi_telemetry_number_t
 SWEEP, HELD = 0x100, 0x200  # among the flags: start-up sweep; the DAC held the code before
@@ -31,6 +33,7 @@ BODY = np.dtype([("type", "u1"), ("sequence", "<u2"), ("tick", "<u4"), ("referen
                  ("dac_code", "<u4"), ("adc_counts", "<i4"), ("flags", "<u2")])
 INFO_BODY = struct.Struct("<BBBbIBB7d10I")
 
+LENGTHS = {BODY.itemsize: SAMPLE, INFO_BODY.size: INFO}
 LONGEST = 254  # bytes of a frame of this kind of COBS without its zero: one block
 NEAR_TICKS = 1000  # more ticks than this are not lost between neighbours
 LARGEST = 1e9  # of volts and scales, either sign: far beyond any, and all sums of them are finite
@@ -155,9 +158,10 @@ class Run:
 class Decoder:
     """Takes the stream in pieces of any size; `counts` and `runs` tell what has come so far."""
 
-    def __init__(self, where: str) -> None:
-        """`where` names the stream in messages."""
-        self.where = where
+    def __init__(self, where: str, axis: int = 0) -> None:
+        """`where` names the stream in messages. `axis`: of the board, from 0."""
+        self.where, self.axis = where, axis
+        self.other_axes: Counter[int] = Counter()  # frames of each
         self.counts = Counts()
         self.runs = [Run()]
         self.bytes = 0
@@ -186,8 +190,11 @@ class Decoder:
             which = np.flatnonzero(lengths == length)
             bodies, sound = _unframe(stream[starts[which][:, np.newaxis] + np.arange(length)])
             which, bodies = which[sound], bodies[sound]
+            own = self._own(bodies)
+            good[which[~own]] = True
+            which, bodies = which[own], bodies[own]
             if length == BODY.itemsize + 3:
-                alike = bodies[:, 0] == SAMPLE
+                alike = bodies[:, 0] & 15 == SAMPLE
                 places, samples = which[alike], np.ascontiguousarray(bodies[alike]).view(BODY)[:, 0]
                 good[places] = True
                 which, bodies = which[~alike], bodies[~alike]
@@ -218,6 +225,8 @@ class Decoder:
             raise BadInput(f"{self.where}: {next(iter(self._strange))}")
         self.check()
         if not self.counts.infos + self.counts.samples + self.counts.unconfirmed:
+            if others := self.axes[1:]:
+                raise BadInput(f"{self.where}: has nothing of axis {self.axis}, but of {', '.join(map(str, others))}")
             raise BadInput(f"{self.where}: no telemetry frame in {self.bytes} bytes; "
                            + ("check the baud rate" if self.bytes else "nothing was sent"))
 
@@ -249,11 +258,24 @@ class Decoder:
         """The last believed sample of the present run."""
         return self.runs[-1].pieces[-1][-1] if self.runs[-1].pieces else None
 
+    @property
+    def axes(self) -> list[int]:
+        """Those that are on the line, this one first. One frame of another may be a damaged one."""
+        return [self.axis, *sorted(axis for axis, frames in self.other_axes.items() if frames > 1)]
+
+    def _own(self, bodies: np.ndarray) -> np.ndarray:
+        """Whether frames of one length, (frames, length), are of this axis, or of a kind that is not known."""
+        axes = bodies[:, 0] >> 4
+        own = (axes == self.axis) | (LENGTHS.get(bodies.shape[1]) != bodies[:, 0] & 15)
+        self.other_axes.update(axes[~own].tolist())
+        return own
+
     def _info(self, body: bytes) -> Info | None:
         """An info frame; of a frame of any other kind it is remembered that there was one."""
-        if body[0] == INFO and len(body) > 1 and body[1] != VERSION:  # the length is another version's own affair
+        known = body[0] == INFO | self.axis << 4
+        if known and len(body) > 1 and body[1] != VERSION:  # the length is another version's own affair
             what = f"telemetry of version {body[1]}{UNKNOWN}"
-        elif body[0] != INFO or len(body) != INFO_BODY.size:
+        elif not known or len(body) != INFO_BODY.size:
             what = f"a frame of type {body[0]} with {len(body)} bytes{UNKNOWN}"
         else:
             info = Info(*INFO_BODY.unpack(body)[2:])

@@ -121,7 +121,8 @@ def _check_paths(context: click.Context) -> None:
         kind, value = parameter.type, context.params.get(parameter.name)
         if not isinstance(kind, click.Path) or value is None or value == ():
             continue
-        if "" in (value, *value):
+        values = [value] if isinstance(value, str) else value
+        if "" in values:
             raise BadInput(f"{parameter.opts[0]}: the name is empty; give a name")
         if isinstance(kind, Report):
             made = value
@@ -129,10 +130,10 @@ def _check_paths(context: click.Context) -> None:
         elif isinstance(kind, Folder):
             kept.append((value, parameter.opts[0]))
         elif not isinstance(kind, Output):
-            inputs += [value] if isinstance(value, str) else value
-        elif value != "-":
-            outputs.append(value)
-            folders += [value] if kind.dir_okay else []
+            inputs += values
+        elif "-" not in values:
+            outputs += values
+            folders += values if kind.dir_okay else []
         elif parameter.name != "json_path":
             raise BadInput(f"{parameter.opts[0]} -: standard output is only for --json; give a file name")
         elif getattr(sys.stdout, "name", None) == os.devnull:

@@ -44,7 +44,7 @@ def _texts(**texts: str | None) -> dict[str, str]:
 def _check_telemetry_options(context: click.Context, telemetry: bool) -> None:
     """Refuse options of import that mean nothing with --telemetry, and those that mean nothing without."""
     common = {"sources", "output", "actuator", "memory", "note", "json_path", "telemetry"}
-    only = {"um_per_count", "count_0_um", "stretches", "max_lost"}
+    only = {"um_per_count", "count_0_um", "stretches", "max_lost", "axis"}
     for parameter in context.command.params:
         given = context.get_parameter_source(parameter.name) is click.core.ParameterSource.COMMANDLINE
         if given and parameter.name not in common and (parameter.name in only) != telemetry:
@@ -52,19 +52,21 @@ def _check_telemetry_options(context: click.Context, telemetry: bool) -> None:
 
 
 def _import_telemetry(sources: tuple[str, ...], output: str, texts: dict[str, str],
-                      scale: tuple[float | None, float | None], stretches: bool,
-                      max_lost: int | None) -> dict[str, Any]:
+                      scale: tuple[float | None, float | None], stretches: bool, max_lost: int | None,
+                      axis: int) -> dict[str, Any]:
     from ..board import how_it_ended, read_stream, write_stream
     from ..data import targets
 
     files = targets(sources, output, other_outputs(), stretches)
     with progress("importing") as report:  # all of them first, so that a bad source leaves nothing behind
-        streams = [read_stream(source, scale, lambda fraction, index=index: report((index + fraction) / len(sources)))
-                   for index, source in enumerate(sources)]
+        streams = [read_stream(source, scale, lambda fraction, index=index: report((index + fraction) / len(sources)),
+                               axis) for index, source in enumerate(sources)]
     recordings, told = [], []
     for source, stream, file in zip(sources, streams, files):
         written = write_stream(stream, file, Path(source).name, stretches, texts)
         click.echo("\n".join([*written.lines, how_it_ended(stream.decoder)]))
+        if others := stream.decoder.axes[1:]:
+            click.echo(f"note: the file has axis {', '.join(map(str, others))} too, see --axis")
         recordings += written.recordings
         told.append({**written.stream, "gate_failed": _too_many_lost(written.missing, max_lost)})
     return {"recordings": recordings, "streams": told, "gate_failed": any(stream["gate_failed"] for stream in told)}
@@ -120,11 +122,14 @@ def _too_many_lost(missing: int, max_lost: int | None) -> bool:
 @click.option("--telemetry", is_flag=True,
               help="SOURCE is the bytes that a microcontroller sent, as stored by `rdpi record --raw` or by any "
                    "program that reads a serial port.")
+@click.option("--axis", type=click.IntRange(min=0, max=15), default=0, metavar="N",
+              help="With --telemetry, of a board with several axes: which one, counted from 0. Default: 0.")
 @_telemetry_options
 def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: slice, resample_hz: float | None,
             command_gain: float, purpose: str, also: dict[str, str], actuator: str | None, memory: str | None,
             note: str | None, drive: str | None, telemetry: bool, stretches: bool, max_lost: int | None,
-            um_per_count: float | None, count_0_um: float | None, **columns: str | None) -> dict[str, Any]:
+            um_per_count: float | None, count_0_um: float | None, axis: int,
+            **columns: str | None) -> dict[str, Any]:
     """Convert files of other formats to recordings.
 
     SOURCE is one of these:
@@ -158,7 +163,8 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
         raise BadInput("--drive: makes a run at the drive's samples; leave out --as and --resample")
     texts = _texts(actuator=actuator, memory=memory, note=note)
     if telemetry:
-        return _import_telemetry(sources, output, texts, (um_per_count, count_0_um), stretches, max_lost)
+        return _import_telemetry(sources, output, texts, (um_per_count, count_0_um), stretches, max_lost,
+                                 axis)
     request = Request(columns={key: spec for key, spec in columns.items() if spec is not None}, also=also,
                       rate_hz=rate_hz, rows=rows, command_gain=command_gain, purpose=purpose, resample_hz=resample_hz,
                       metadata=texts)
@@ -187,8 +193,8 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
 
 @command("record")
 @click.argument("port", metavar="PORT")
-@click.option("-o", "--output", required=True, metavar="RUN.csv", type=Output(),
-              help="The recording.")
+@click.option("-o", "--output", "outputs", required=True, multiple=True, metavar="RUN.csv", type=Output(),
+              help="The recording. Of a board with several axes: once for each, in their order.")
 @click.option("--baud", type=click.IntRange(min=1), default=3_000_000, show_default=True, metavar="BAUD",
               help="Bits per second on the line.")
 @click.option("--duration", "duration_s", type=Number(positive=True), metavar="S",
@@ -210,7 +216,7 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
               help="Show reference, reading, error and drive also in a window. It needs a display and a library for "
                    "windows that Matplotlib knows, such as Debian's python3-tk.")
 @_telemetry_options
-def record_(port: str, output: str, baud: int, duration_s: float | None, timeout_s: float, raw: str | None, window: bool,
+def record_(port: str, outputs: tuple[str, ...], baud: int, duration_s: float | None, timeout_s: float, raw: str | None, window: bool,
             actuator: str | None, memory: str | None, note: str | None, stretches: bool, max_lost: int | None,
             um_per_count: float | None, count_0_um: float | None) -> dict[str, Any]:
     """Record a microcontroller's telemetry from a serial port.
@@ -224,6 +230,9 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
 
     A terminal shows the latest five seconds while they come: reference, reading, error, drive, and what is lost.
 
+    A board with several axes is recorded to as many files. Each holds the drive of the other axis too, in the column
+    other_axis_V; of more than two axes, in axis_0_V, axis_1_V, ...
+
     The recording does not contain the start-up sweep. If the target plays a drive without a reference, it contains the
     last sample of the sweep. A recording never spans a gap. The file's metadata count the lost samples and the corrupt
     frames.
@@ -236,18 +245,20 @@ def record_(port: str, output: str, baud: int, duration_s: float | None, timeout
     from ..board import check_recording_outputs, record_file
     from .view import recording_view
 
-    check_recording_outputs(port, output, other_outputs(), stretches)
+    check_recording_outputs(port, outputs, other_outputs(), stretches)
     texts = _texts(actuator=actuator, memory=memory, note=note)
     with recording_view(um_per_count, count_0_um, window) as report:
-        recorded = record_file(port, output, baud=baud, duration_s=duration_s, timeout_s=timeout_s, raw=raw,
+        recorded = record_file(port, outputs, baud=baud, duration_s=duration_s, timeout_s=timeout_s, raw=raw,
                                every=stretches, scale=(um_per_count, count_0_um), texts=texts, report=report)
-    click.echo("\n".join(recorded.written.lines))
-    failed = _too_many_lost(recorded.written.missing, max_lost)
+    for written in recorded.written:
+        click.echo("\n".join(written.lines))
+    failed = _too_many_lost(max(written.missing for written in recorded.written), max_lost)
     if recorded.failures:
         raise BadInput(f"{port}: {'; '.join(recorded.failures)}")
     click.echo(f"  {recorded.why}")
-    return {"recordings": recorded.written.recordings, **recorded.written.stream, "gate_failed": failed,
-            "ended": recorded.why}
+    first, *further = recorded.written
+    return {"recordings": [one for written in recorded.written for one in written.recordings], **first.stream,
+            "further_axes": [written.stream for written in further], "gate_failed": failed, "ended": recorded.why}
 
 
 @command("excite")
