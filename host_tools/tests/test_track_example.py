@@ -276,3 +276,76 @@ def test_a_folder_without_header_stops_the_configuration(tmp_path: Path) -> None
     done = subprocess.run(["cmake", "-S", ROOT, "-B", tmp_path / "build", "-DRDPI_BUILD_TESTS=OFF",
                            f"-DRDPI_PARAMS_DIR={tmp_path}"], capture_output=True, text=True)
     assert done.returncode != 0 and "No rdpi_params.h" in done.stderr
+
+
+# --- several axes ---
+
+
+@pytest.fixture(scope="module")
+def stage(build: Callable[..., Path], model: Model, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The application with two axes: of `model`, and of one with half its gain."""
+    params = tmp_path_factory.mktemp("stage")
+    for name, one in (("x", model), ("y", replace(model, gain_um_per_V=model.gain_um_per_V / 2))):
+        (params / name).mkdir()
+        write_header(one, params / name / "rdpi_params.h")
+    program = build("-DRDPI_AXES=2", f"-DRDPI_PARAMS_DIR={params}/x;{params}/y", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}")
+    return lambda *words: subprocess.run([program, *words], capture_output=True, text=True)
+
+
+def test_each_axis_of_two_is_as_if_it_were_alone(stage: Run, model: Model, reference: dict, tmp_path: Path) -> None:
+    """The second reference is shorter, and turned."""
+    references_um = [reference["reference_um"], -reference["reference_um"][:1500]]
+    for name, reference_um in zip("xy", references_um):
+        write_recording(tmp_path / f"{name}.csv", {"reference_um": reference_um}, {})
+    done = stage(tmp_path / "x.csv", tmp_path / "y.csv", "-o", tmp_path / "drive-x.csv", "-o", tmp_path / "drive-y.csv",
+                 "--dac", "15:-1.7:80.1", "--dac", "15:-1.7:80.1", "--telemetry", tmp_path / "sent")
+    assert done.returncode == 0, done.stderr
+    for axis, name in enumerate("xy"):
+        one = replace(model, gain_um_per_V=model.gain_um_per_V / (1 + axis))
+        steps = Firmware(one, 1 / RATE_HZ, "f32").step(references_um[axis])
+        drive = rows((tmp_path / f"drive-{name}.csv").read_text())
+        assert [int(row["dac_code"]) for row in drive] == steps.dac_code.tolist()
+        assert [row["command_V"] for row in drive] == nine_digits(steps.drive_V)
+        decoder = Decoder("stage", axis)
+        decoder.feed((tmp_path / "sent").read_bytes())
+        decoder.finish()
+        sent = decoder.runs[0].samples["dac_code"].tolist()
+        assert sent == [*steps.dac_code.tolist(), *[steps.dac_code[-1]] * (4000 - len(steps.dac_code))]
+
+
+@pytest.mark.parametrize("words, message", [
+    (["x.csv"], "the application has 2 axes: give so many REFERENCE.csv and -o DRIVE.csv"),
+    (["x.csv", "x.csv", "-o", "d.csv"], "the application has 2 axes"),
+    (["x.csv", "x.csv", "-o", "d.csv", "-o", "e.csv", "--dac", "16:0:1"], "the application has 2 axes"),
+    (["x.csv", "x.csv", "x.csv"], "x.csv: not understood; the application has 2 axes"),
+    (["x.csv", "x.csv", "-o", "d.csv", "-o", "d.csv"], "d.csv: two axes cannot have the same drive"),
+    (["x.csv", "x.csv", "-o", "d.csv", "-o", "x.csv"], "x.csv: is the reference itself"),
+    (["x.csv", "nowhere.csv", "-o", "d.csv", "-o", "e.csv"], "nowhere.csv: cannot be opened"),
+])
+def test_command_lines_of_two_axes_that_are_refused(stage: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                    words: list[str], message: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x.csv").write_text("reference_um\n1\n")
+    done = stage(*words)
+    assert done.returncode == 2 and done.stderr.splitlines()[-1].startswith(message)
+    assert [path.name for path in tmp_path.iterdir()] == ["x.csv"]
+    assert (tmp_path / "x.csv").read_text() == "reference_um\n1\n"
+
+
+@pytest.mark.parametrize("options, message", [
+    (["-DRDPI_AXES=0"], "RDPI_AXES is '0', not a number from 1 to 6"),
+    (["-DRDPI_AXES=7"], "RDPI_AXES is '7', not a number from 1 to 6"),
+    (["-DRDPI_AXES=2", f"-DRDPI_PARAMS_DIR={PARAMS};{PARAMS};{PARAMS}"], "3 values; give one for each of 2 axes"),
+    (["-DRDPI_AXES=2", "-DRDPI_UM_PER_COUNT=1;2;3"], "RDPI_UM_PER_COUNT is '1;2;3', 3 values"),
+    (["-DRDPI_AXES=2", "-DRDPI_UM_PER_COUNT=1;two"], "RDPI_UM_PER_COUNT is '1;two', not a number"),
+])
+def test_settings_of_axes_that_are_refused(tmp_path: Path, options: list[str], message: str) -> None:
+    done = subprocess.run(["cmake", "-S", ROOT, "-B", tmp_path / "build", "-DRDPI_BUILD_TESTS=OFF", *options],
+                          capture_output=True, text=True)
+    assert done.returncode != 0 and message in " ".join(done.stderr.split())
+
+
+def test_a_board_with_fewer_axes(tmp_path: Path) -> None:
+    done = subprocess.run(["cmake", "-S", ROOT, "-B", tmp_path / "build", "--preset", "stm32g474", "-DRDPI_AXES=2"],
+                          capture_output=True, text=True)
+    assert done.returncode != 0 and "RDPI_AXES is 2, but port/stm32g474 moves fewer" in " ".join(done.stderr.split())
