@@ -21,7 +21,7 @@ import loops  # noqa: E402
 import measure  # noqa: E402
 import rigs  # noqa: E402
 import waves  # noqa: E402
-from rigs import CHAIN, FAMILIES, SEALED, SINS, Rig, make_rig  # noqa: E402
+from rigs import CHAIN, FAMILIES, SEALED, SINS, STRANGE, Rig, make_rig  # noqa: E402
 from test_withheld import TOOL_SOURCES, foreign_imports, statements  # noqa: E402
 from rdpi.data import read_recording  # noqa: E402
 
@@ -283,6 +283,50 @@ def test_wrong_names_are_refused():
         make_rig("duhem", 1, without=["hum"])
     with pytest.raises(ValueError, match="delay has no parameter lag_s: delay_s"):
         make_rig("duhem", 1).put("delay", lag_s=1.0)
+
+
+@pytest.mark.parametrize("name, sign", [("leakage", -1), ("settling", 1)])
+def test_what_goes_on_after_a_step(name, sign):
+    time_s, answer = stepped(straight(**{name: {"share": 0.1, "time_constant_s": 0.02}}), 0.5)
+    since = sign * (answer - answer[0])
+    assert since[-1] == pytest.approx(0.1, rel=0.01)
+    assert np.interp(0.02, time_s, since) == pytest.approx(0.1 * (1 - np.exp(-1)), rel=0.02)
+
+
+def test_a_second_resonance_rings_beside_the_first():
+    rig = straight(second_resonance={"share": 0.3, "f0_hz": 100.0, "damping": 0.02})
+    time_s, answer = stepped(rig, 1.0)
+    rings = answer - 1
+    assert np.abs(rings).max() == pytest.approx(0.3, rel=0.1)
+    assert np.fft.rfftfreq(len(rings), 1 / RATE_HZ)[np.abs(np.fft.rfft(rings)).argmax()] == pytest.approx(100, abs=1.5)
+
+
+def test_motion_softens():
+    """A triangle of 10 Hz over the range goes as fast as RATE_SCALE."""
+    phase = np.arange(round(3 * RATE_HZ)) / RATE_HZ * 10 % 1
+    reading = straight(softening={"share": 0.1, "time_constant_s": 0.3}).run(1 - np.abs(2 * phase - 1), RATE_HZ)
+    assert np.ptp(reading[:1000]) == pytest.approx(1 + 0.1 * (1 - np.exp(-0.1 / 0.3)), rel=0.02)
+    assert np.ptp(reading[-1000:]) == pytest.approx(1.1, rel=0.01)
+
+
+def test_a_stage_that_sticks_slips_when_it_is_far_enough_behind():
+    command = np.linspace(0.2, 0.8, 5000)
+    reading = straight(stick_slip={"share": 0.03}).run(command, RATE_HZ)
+    assert np.max(command - reading) == pytest.approx(0.03, abs=2e-4)
+    assert len(np.unique(reading)) == 20 and (np.diff(reading) >= 0).all()
+
+
+def test_of_what_drops_out_the_reading_before_is_repeated():
+    command = np.linspace(0.2, 0.8, 200_000)
+    reading = straight(dropouts={"per_s": 5.0, "hold_s": 0.01}).run(command, RATE_HZ)
+    lost = np.diff(reading) == 0
+    assert lost.mean() == pytest.approx(1 - np.exp(-0.05), rel=0.25)
+    assert np.allclose(reading[1:][~lost], command[1:][~lost])
+
+
+def test_no_rig_is_strange_unless_it_is_made_so():
+    assert not set(STRANGE) & set().union(*(make_rig(family, 5).truth for family in FAMILIES))
+    assert set(appears.STRANGERS) == set(STRANGE)
 
 
 # --- drives and recordings -------------------------------------------------------------------------------------------
