@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import without_scripts
 from chain_files import change_model, reference, refusal, result_of, write_files, write_reference
 from plants import model_of, rate_of, stack, waves
 
@@ -205,6 +206,32 @@ def test_compensate_follows_a_recording(folder: Path, rdpi: Callable) -> None:
     assert recorded["rms_percent"] == pytest.approx(100 * recorded["rms_V"] / 90, rel=1e-3)
     assert recorded["max_percent"] == pytest.approx(100 * recorded["max_V"] / 90, rel=1e-3)
     assert recorded["rms_percent"] < 0.2 and recorded["removed_um"] == 0
+
+
+def test_the_page_shows_both_drives(folder: Path, rdpi: Callable) -> None:
+    _, result = compensated(rdpi, "--reference-column", "displacement_um", "--report", "page", source="large.csv")
+    page = without_scripts(Path("page/compensate.html").read_text())
+    assert page.count("<figure>") == 3 and "% rms of the recorded drive" in page
+    assert json.loads(Path("page/compensate.json").read_text()) == result
+
+
+def test_the_page_without_a_recorded_drive(folder: Path, rdpi: Callable) -> None:
+    """There is no reference in one sample."""
+    run = read_recording("large.csv")
+    reference_um = run.displacement_um.copy()
+    reference_um[len(run) // 2] = 1e9
+    write_recording("followed.csv", {"time_s": run.time_s, "reference_um": reference_um,
+                                     "displacement_um": run.displacement_um}, {})
+    compensated(rdpi, "--report", "page", source="followed.csv")
+    page = without_scripts(Path("page/compensate.html").read_text())
+    assert page.count("<figure>") == 2 and "recorded drive" not in page
+
+
+def test_the_page_needs_a_displacement(folder: Path, rdpi: Callable) -> None:
+    write_reference("alone.csv", reference())
+    done = rdpi("compensate", "static.json", "alone.csv", "-o", "drive.csv", "--report", "page")
+    assert done.exit_code == 2 and "displacement_um" in done.output
+    assert not Path("drive.csv").exists() and not Path("page").exists()
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -27,7 +27,8 @@ from rdpi.data import sample_times, write_recording  # noqa: E402
 pytestmark = pytest.mark.slow
 
 RATE_HZ = 2000.0
-PAGES = {"fit": "fit/fit.html", "gap": "gap/index.html", "score": "score/score.html", "batch": "batch/index.html"}
+PAGES = {"fit": "fit/fit.html", "gap": "gap/index.html", "score": "score/score.html", "batch": "batch/index.html",
+         "compensate": "compensate/compensate.html"}
 
 
 def rdpi(*arguments: object) -> None:
@@ -59,6 +60,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rdpi("fit", folder / "first.csv", folder / "second.csv", "-o", model, "--report", folder / "fit")
     rdpi("gap", model, folder / "late.csv", "--report", folder / "gap")
     rdpi("score", folder / "first.csv", "--report", folder / "score")
+    rdpi("compensate", model, folder / "first.csv", "-o", folder / "drive.csv", "--report", folder / "compensate")
     with open(folder / "plan.csv", "w", newline="") as file:
         rows = csv.writer(file)
         rows.writerows([["actuator", "model", "gap"], ["A<1>", "model.json", "late.csv"],

@@ -10,7 +10,7 @@ import click
 from ..errors import BadInput
 from .program import command
 from .progress import progress
-from .types import Dac, Output
+from .types import Dac, Output, Report
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -191,11 +191,14 @@ def profile(source: str, output: str, reference_column: str | None,
                    "matches the recorded one.")
 @click.option("--remove-offset", is_flag=True,
               help="Remove the mean difference between recording and model from the reference first (thermal drift).")
+@click.option("--report", metavar="DIR", type=Report("compensate.json", "compensate.html"),
+              help="Write compensate.html (one page with pictures) and compensate.json to this directory. REFERENCE.csv "
+                   "needs a column displacement_um.")
 @NOISE_SHAPING
 @effect_options
 def compensate(model: str, reference: str, output: str, engine: str, fixed_point: bool, sweep: bool,
                dac_bits: int | None, reference_column: str, remove_offset: bool, noise_shaping: bool,
-               **of_effects: Any) -> dict[str, Any]:
+               report: str | None, **of_effects: Any) -> dict[str, Any]:
     """Compute the drive in V for a reference in um, as the firmware does.
 
     REFERENCE.csv needs the columns time_s and reference_um (or --reference-column). A board runs its start-up sweep
@@ -224,7 +227,7 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     from dataclasses import replace
 
     from .. import board
-    from ..data import read_recording, write_recording
+    from ..data import Recording, read_recording, write_recording
     from ..model import read_model
     from ..simulate import chain
 
@@ -235,10 +238,11 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     if noise_shaping:
         _shaped(parameters)
     inverse = _inverse(parameters, **of_effects)
-    run = read_recording(reference, required=("time_s", reference_column))
-    with progress("compensating") as report:
+    recorded = () if report is None else ("displacement_um",)
+    run = read_recording(reference, required=("time_s", reference_column, *recorded))
+    with progress("compensating") as advance:
         found = board.compensate(parameters, run, reference_column, engine, fixed_point=fixed_point, sweep=sweep,
-                                 remove_offset=remove_offset, by=inverse, report=report)
+                                 remove_offset=remove_offset, by=inverse, report=advance)
     result: dict[str, Any] = {"file": output, "engine": engine, "sweep": sweep, "samples": len(run),
                               "effects": _effects_of(inverse),
                               **{f"{name}_count": count for name, count in found.flag_counts.items()}}
@@ -258,4 +262,9 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     if found.why_unknown:
         click.echo(f"memory: unknown ({found.why_unknown})")
     write_recording(output, found.columns, found.metadata)
+    if report is not None:
+        from ..identify import report as reports
+
+        reports.write_compensation(report, Recording(output, found.metadata, found.columns), inverse.lines,
+                                   score.rms_percent if score else None, result)
     return result
