@@ -338,8 +338,10 @@ def test_command_lines_of_two_axes_that_are_refused(stage: Run, tmp_path: Path, 
     (["-DRDPI_AXES=2", f"-DRDPI_PARAMS_DIR={PARAMS};{PARAMS};{PARAMS}"], "3 values; give one for each of 2 axes"),
     (["-DRDPI_AXES=2", "-DRDPI_UM_PER_COUNT=1;2;3"], "RDPI_UM_PER_COUNT is '1;2;3', 3 values"),
     (["-DRDPI_AXES=2", "-DRDPI_UM_PER_COUNT=1;two"], "RDPI_UM_PER_COUNT is '1;two', not a number"),
+    (["-DRDPI_TRACK_LOOP=ON", "-DRDPI_TRACK_KI=10", "-DRDPI_TRACK_KP=101"], "RDPI_TRACK_KP is 101"),
+    (["-DRDPI_TRACK_LOOP=ON", "-DRDPI_TRACK_KI=1000001"], "RDPI_TRACK_KI 1000001: at most 100"),
 ])
-def test_settings_of_axes_that_are_refused(tmp_path: Path, options: list[str], message: str) -> None:
+def test_settings_that_are_refused(tmp_path: Path, options: list[str], message: str) -> None:
     done = subprocess.run(["cmake", "-S", ROOT, "-B", tmp_path / "build", "-DRDPI_BUILD_TESTS=OFF", *options],
                           capture_output=True, text=True)
     assert done.returncode != 0 and message in " ".join(done.stderr.split())

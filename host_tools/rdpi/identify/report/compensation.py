@@ -44,7 +44,7 @@ def _page(drive: Recording, effects: Sequence[str], rms_percent: float | None) -
             heading=plain(drive.metadata.get("actuator") or base(drive.path), 100),
             sentence=_sentence(drive, rms_percent), effects=[plain(line, 400) for line in effects],
             flagged=int(np.count_nonzero(drive.columns["flags"])), samples=len(drive),
-            figures=[drawing.shown(made, caption) for made, caption in _figures(drive, rms_percent is not None)],
+            figures=[drawing.shown(made, caption, wide) for made, caption, wide in _figures(drive, rms_percent is not None)],
             facts=[("tool", f"rdpi {version()}")])
 
 
@@ -56,16 +56,18 @@ def _sentence(drive: Recording, rms_percent: float | None) -> str:
     return f"{text}. It is {number(rms_percent, 2)} % rms of the recorded drive's peak-to-peak away from that."
 
 
-def _figures(drive: Recording, recorded: bool) -> list[tuple[Figure, str]]:
+def _figures(drive: Recording, recorded: bool) -> list[tuple[Figure, str, bool]]:
+    """Pictures, captions, and which are wide."""
     computed_V = drive.columns["command_V"]
     missed_um = drive.displacement_um - drive.columns["reference_um"]
     apart_V = computed_V - drive.columns["recorded_V"] if recorded else None
     part = drawing.worst_part(np.nan_to_num(missed_um if apart_V is None else apart_V))  # nan: no reference
-    found = [(_time(drive, part, recorded), "Reference and displacement, and the drives, where they are furthest apart.")]
+    found = [(_time(drive, part, recorded), "Reference and displacement, and the drives, where they are furthest apart.",
+              True)]
     if apart_V is not None:
         found.append((_difference(drive, apart_V), "Computed less recorded drive, against the reference. A loop is "
-                                                   "hysteresis or delay that the model lacks."))
-    return [*found, (_against(drive, recorded), "The drives against the reference.")]
+                                                   "hysteresis or delay that the model lacks.", True))
+    return [*found, (_against(drive, recorded), "The drives against the reference.", False)]
 
 
 def _time(drive: Recording, part: slice, recorded: bool) -> Figure:

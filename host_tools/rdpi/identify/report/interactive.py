@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 DIGITS = 6  # of a value
 DAY_MS = 86_400_000
+LEADING = 0.3  # of a label's height: what a browser's line has above its letters
 DASHES = {"-": "solid", "--": "dashed", ":": "dotted", "solid": "solid", "dotted": "dotted"}
 SYMBOLS = {"o": "circle", ".": "circle", "|": "rect", "x": "diamond"}
 
@@ -72,7 +73,7 @@ def _axis(axis: Axis, index: int, width: float) -> Json:
     text = axis.get_label_text()
     if text:
         label, box = axis.label.get_window_extent(), axis.axes.bbox
-        gap = box.y0 - label.y1 if axis.axis_name == "x" else box.x0 - label.x1
+        gap = box.y0 - label.y1 - LEADING * label.height if axis.axis_name == "x" else box.x0 - label.x1
         made |= {"name": text, "nameLocation": "middle", "nameGap": gap / width}
     if isinstance(axis.get_major_locator(), FixedLocator):
         labels = axis.get_ticklabels()
