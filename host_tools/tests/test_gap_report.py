@@ -237,8 +237,8 @@ def rendered(content: dict[str, Any], shown: Pictures | None = None) -> Page:
 
 
 WITHOUT_PICTURES = patch.multiple(gap_pictures, where=lambda document, pictures: [],
-                                  recordings=lambda document: drawing.Shown("data:,", "{}", ""))
-UNDRAWN = patch.object(drawing, "source", lambda figure: "data:image/svg+xml;base64,")
+                                  recordings=lambda document: drawing.Shown("data:,", "data:,", "{}", ""))
+UNDRAWN = patch.object(drawing, "source", lambda figure, form="svg": "data:image/svg+xml;base64,")
 
 
 def check_text(text: str) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from base64 import b64decode
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -100,6 +102,9 @@ def test_page(rdpi: Callable, runs: tuple[str, str]) -> None:
     page = without_scripts(Path("page/score.html").read_text())
     assert page.count("<figure>") == 6 and "stack &lt;7&gt;" in page and "http" not in page.replace("http-equiv", "")
     assert Path("page/score.json").read_text() == Path("score.json").read_text()
+    pictures = [b64decode(one) for one in re.findall('data-pdf="data:application/pdf;base64,([^"]+)"', page)]
+    assert len(pictures) == 6 and all(one.startswith(b"%PDF") for one in pictures)
+    assert all(b"/FontFile2" in one and b"/Type3" not in one for one in pictures), "letters that programs can edit"
 
 
 @pytest.mark.parametrize("missing", ["reference_um", "displacement_um"])

@@ -142,7 +142,7 @@ def test_plots_zoom_and_tell_values(name: str, folder: Path, browser: webdriver.
     assert browser.get_log("browser") == []
 
 
-def test_a_plot_is_saved_as_svg_with_text(folder: Path, browser: webdriver.Chrome) -> None:
+def test_a_plot_is_saved_as_svg_with_text_and_as_pdf(folder: Path, browser: webdriver.Chrome) -> None:
     figure = opened(browser, folder / PAGES["fit"])[0]
     address = browser.execute_script("""
         let saved;
@@ -152,6 +152,8 @@ def test_a_plot_is_saved_as_svg_with_text(folder: Path, browser: webdriver.Chrom
     assert address[0] == "figure.svg"
     picture = unquote(address[1])
     assert picture.startswith("data:image/svg+xml") and "displacement [µm]</text>" in picture
+    whole = figure.find_element(By.CSS_SELECTOR, "a[download]")
+    assert whole.text == "PDF" and whole.get_attribute("href").startswith("data:application/pdf;base64,JVBERi")
 
 
 def test_the_table_of_actuators_sorts_and_filters(folder: Path, browser: webdriver.Chrome) -> None:

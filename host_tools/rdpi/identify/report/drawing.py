@@ -24,7 +24,8 @@ INK = "#747a82"  # reads on white and on black
 NOW, AFTER = "#d0642a", "#2f86c4"  # also told apart by those who are colour-blind
 STYLE = {"font.size": 9, "text.color": INK, "axes.edgecolor": INK, "axes.labelcolor": INK, "xtick.color": INK,
          "ytick.color": INK, "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False,
-         "figure.facecolor": "none", "axes.facecolor": "none", "savefig.facecolor": "none", "svg.hashsalt": "rdpi"}
+         "figure.facecolor": "none", "axes.facecolor": "none", "savefig.facecolor": "none", "svg.hashsalt": "rdpi",
+         "pdf.fonttype": 42}
 LABELS = {"time_s": "time from the start [s]", "frequency_hz": "frequency [Hz]", "rate_um_per_s": "rate [µm/s]",
           "position_um": "position [µm]"}
 WIDE, LOOP = (4.6, 3.3), (3.6, 3.4)  # inches
@@ -37,6 +38,7 @@ class Shown(NamedTuple):
     """A picture of a page."""
 
     source: str  # as the data URI of an SVG
+    pdf: str  # likewise of a PDF
     plot: str  # see interactive.py
     caption: str
     wide: bool = True
@@ -44,7 +46,7 @@ class Shown(NamedTuple):
 
 
 def shown(figure: Figure, caption: str, wide: bool = True, dominant: bool = False) -> Shown:
-    return Shown(source(figure), interactive.plot(figure), caption, wide, dominant)
+    return Shown(source(figure), source(figure, "pdf"), interactive.plot(figure), caption, wide, dominant)
 
 
 def panel(size: tuple[float, float] = WIDE) -> tuple[Figure, Axes]:
@@ -184,10 +186,14 @@ def style() -> Any:
     return rc_context(STYLE)
 
 
-def source(figure: Figure) -> str:
-    """A picture as the data URI of an SVG; the same bytes for the same picture."""
+UNDATED = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Creator": None, "Producer": None}}
+MEDIA = {"svg": "image/svg+xml", "pdf": "application/pdf"}
+
+
+def source(figure: Figure, form: str = "svg") -> str:
+    """A picture as the data URI of an SVG or a PDF; the same bytes for the same picture."""
     data = io.BytesIO()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # letters the font lacks
-        figure.savefig(data, format="svg", metadata={"Date": None, "Creator": None})
-    return f"data:image/svg+xml;base64,{base64.b64encode(data.getvalue()).decode()}"
+        figure.savefig(data, format=form, metadata=UNDATED[form])
+    return f"data:{MEDIA[form]};base64,{base64.b64encode(data.getvalue()).decode()}"

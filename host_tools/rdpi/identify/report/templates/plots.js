@@ -24,14 +24,14 @@ for (const figure of document.querySelectorAll("figure:has(> script)")) {
   }).observe(place);
   plot.getZr().on("dblclick", () => plot.dispatchAction({type: "dataZoom", batch: plot.getOption().dataZoom.map(
     (_, dataZoomIndex) => ({dataZoomIndex, start: 0, end: 100}))}));
-  const save = figure.querySelector("figcaption").appendChild(document.createElement("a"));
-  save.textContent = "SVG";
-  save.href = "#";
-  save.title = "Save what is shown";
+  const caption = figure.querySelector("figcaption");
+  const link = values => caption.appendChild(Object.assign(document.createElement("a"), values));
+  const save = link({textContent: "SVG", href: "#", title: "Save what is shown"});
+  link({textContent: "PDF", href: picture.dataset.pdf, download: "figure.pdf", title: "Save the whole picture"});
   save.addEventListener("click", event => {
     event.preventDefault();
-    const link = Object.assign(document.createElement("a"), {href: plot.getDataURL({type: "svg"}), download: "figure.svg"});
-    link.click();
+    const file = Object.assign(document.createElement("a"), {href: plot.getDataURL({type: "svg"}), download: "figure.svg"});
+    file.click();
   });
 }
 
