@@ -84,6 +84,17 @@ void test_a_sample_is_laid_out_as_documented(void)
     TEST_ASSERT_EQUAL_HEX8_ARRAY(layout, body, 25);
 }
 
+void test_the_first_byte_holds_the_axis(void)
+{
+    rdpi_telemetry_t line = {.axis = 15};
+    (void)rdpi_telemetry_sample(&line, &sample);
+    TEST_ASSERT_EQUAL_size_t(25, received());
+    TEST_ASSERT_EQUAL_HEX8(0xF1, body[0]);
+    (void)rdpi_telemetry_info(&line, &(rdpi_telemetry_run_t){0}, &(rdpi_telemetry_counts_t){0});
+    (void)received();
+    TEST_ASSERT_EQUAL_HEX8(0xF2, body[0]);
+}
+
 void test_samples_are_numbered_and_the_number_wraps(void)
 {
     rdpi_telemetry_t line = {0};
