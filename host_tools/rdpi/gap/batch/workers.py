@@ -124,10 +124,16 @@ def _from(client_of: Callable[..., Any], as_completed: Callable[..., Any], tasks
     with client:
         futures = {client.submit(work, task, pure=False, retries=ATTEMPTS): task for task in tasks}
         for future in as_completed(futures, loop=client.loop):
-            if future.cancelled():
-                raise BadInput(f"--scheduler {address}: the scheduler went away; what ended is not lost: the same "
-                               "command goes on from there")
-            error = future.exception()
-            yield future.result() if error is None else lost(
-                futures[future], f"the cluster gave it up: {type(error).__name__}: {error}")
+            yield _outcome(future, futures[future], address)
             future.release()
+
+
+def _outcome(future: Any, task: Task, address: str) -> Outcome:
+    """Of a future that has ended. Raises BadInput if it ended because the scheduler is no more."""
+    with suppress(OSError):  # a connection that is lost while what it has made is asked for
+        if not future.cancelled():
+            error = future.exception()
+            return future.result() if error is None else lost(
+                task, f"the cluster gave it up: {type(error).__name__}: {error}")
+    raise BadInput(f"--scheduler {address}: the scheduler went away; what ended is not lost: the same command goes on "
+                   "from there")
