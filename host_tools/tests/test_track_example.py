@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rdpi.board import compensate
 from rdpi.board.telemetry import Decoder, rates_um_per_s, references_um, volts
-from rdpi.data import read_recording, write_recording
+from rdpi.data import Recording, read_recording, write_recording
 from rdpi.firmware import Firmware, FixedPoint, engine
 from rdpi.firmware.header import render, write_header
 from rdpi.model import Drive, Memory, Model, Rate, read_model
@@ -311,6 +312,35 @@ def test_each_axis_of_two_is_as_if_it_were_alone(stage: Run, model: Model, refer
         decoder.finish()
         sent = decoder.runs[0].samples["dac_code"].tolist()
         assert sent == [*steps.dac_code.tolist(), *[steps.dac_code[-1]] * (4000 - len(steps.dac_code))]
+
+
+@pytest.mark.parametrize("number", ["f32", "q31"])
+def test_cross_coupling_is_taken_off_as_by_compensate(number: str, build: Callable[..., Path], reference: dict,
+                                                      tmp_path: Path) -> None:
+    """The drive of the other axis is that of the sample before; before the first, where the model's memory begins."""
+    plain = read_model(PARAMS / "model.json")
+    coupled = replace(plain, effects=[{"name": "cross_coupling", "stage": "environment", "column": "other_axis_V",
+                                       "parameters": {"um_per_V": {"value": 0.01, "ci95": None, "unit": "um/V"}}}])
+    references_um = {"x": reference["reference_um"], "y": 4 + 2 * np.sin(np.arange(4000) / 90)}
+    for name, model in (("x", coupled), ("y", plain)):
+        (tmp_path / name).mkdir()
+        by = inverse_of(model)
+        write_header(by.model, tmp_path / name / "rdpi_params.h", chain=by.chain,
+                     addends=[(one.column, one.um_per_unit) for one in by.addends])
+        write_recording(tmp_path / f"{name}.csv", {"reference_um": references_um[name]}, {})
+    program = build("-DRDPI_AXES=2", f"-DRDPI_PARAMS_DIR={tmp_path}/x;{tmp_path}/y", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}",
+                    f"-DRDPI_TRACK_Q31={number == 'q31'}")
+    subprocess.run([program, "x.csv", "y.csv", "-o", "dx.csv", "-o", "dy.csv"], cwd=tmp_path, check=True)
+    ours, other = ([int(row["dac_code"]) for row in rows((tmp_path / f"d{name}.csv").read_text())] for name in "xy")
+    low_V, high_V, last = plain.drive.min_V, plain.drive.max_V, 2**plain.drive.dac_bits - 1
+    start = round((plain.start_V() - low_V) / (high_V - low_V) * last)
+    other_V = low_V + np.array([start, *other[:-1]]) * (high_V - low_V) / last
+    run = Recording("x", {}, {"time_s": np.arange(4000) / RATE_HZ, "reference_um": references_um["x"],
+                              "other_axis_V": other_V})
+    codes = compensate(coupled, run, engine=number).steps.dac_code.astype(int)
+    assert np.abs(codes - ours).max() <= (0 if number == "q31" else 1)
+    alone = compensate(plain, run, engine=number).steps.dac_code.astype(int)
+    assert np.abs(codes - alone).max() > 1000
 
 
 @pytest.mark.parametrize("words, message", [
