@@ -153,7 +153,7 @@ def test_a_dac_of_few_bits() -> None:
     assert first.parameters["step"].value == pytest.approx(0.8, rel=0.01)
 
 
-def test_a_memory_that_was_not_reset() -> None:
+def not_reset() -> list[Recording]:
     """The plant came from 0 V or 100 V; the recordings say that a sweep ended at their first sample."""
     model, runs, t = plain_model(), [], np.arange(1500) / RATE_HZ
     for k, (hertz, came_from_V) in enumerate(((1.0, 0.0), (0.7, 100.0), (1.6, 0.0), (2.3, 100.0))):
@@ -164,8 +164,22 @@ def test_a_memory_that_was_not_reset() -> None:
         silent = recording(command, None, RATE_HZ, f"{hertz} Hz.csv")
         z = chain.simulate(plant, [silent], "model")[0].predicted_um
         runs.append(changed(silent, displacement_um=z + NOISE_UM * np.random.default_rng(k).standard_normal(len(z))))
-    found = diagnose(commissioned(), runs)
+    return runs
+
+
+def test_a_memory_that_was_not_reset() -> None:
+    found = diagnose(commissioned(), not_reset())
     assert found.document.verdict in ("effect", "ambiguous") and "initial_memory" in named(found)
+
+
+def test_where_inner_loops_drift_a_start_is_no_change() -> None:
+    """The model's plays do not drift, so they do not say where a recording starts; what both recordings miss is gone."""
+    drifts = replace(commissioned(), passport={**commissioned().passport, "drifts": True})
+    found = diagnose(drifts, not_reset()).document
+    assert found.verdict == "none" and "initial_memory" in [one.name for one in found.not_excited]
+    earlier = recorded(plain_model(), not_reset())
+    paired = diagnose(drifts, not_reset(), earlier=earlier)
+    assert paired.document.verdict in ("effect", "ambiguous") and "initial_memory" in named(paired)
 
 
 def test_two_effects_at_once() -> None:

@@ -123,7 +123,7 @@ def document(verdict: str = "effect", **changes: Any) -> dict[str, Any]:
         "offset_um": {"mean": 0.0465, "low": 0.0, "high": 0.093, "added": 0.0, "moved": False},
         "leftover": {"ratio": 1.1, "correlation": {"command": 0.01}, "kurtosis": 3.0},
         "notes": ["thermal_drift was estimated anew in each recording"],
-        "gate_failed": False,
+        "gate_failed": False, "not_known_from_commissioning": [],
         "not_excited": [{"name": "slew_limit", "needs": CATALOGUE["slew_limit"].needs},
                         {"name": "cross_coupling", "needs": CATALOGUE["cross_coupling"].needs}],
         "matrix": {"names": ["delay", "lag", "resonance", "creep"],

@@ -335,7 +335,8 @@ def test_every_key_is_needed() -> None:
             if isinstance(value, dict):
                 yield from keys(value, (*path, name))
 
-    found = list(keys(plain().to_json()))
+    younger = ("octaves", "moved"), ("drifts",)  # than the format: models of before lack them
+    found = [path for path in keys(plain().to_json()) if path not in younger]
     assert len(found) > 25
     for path in found:
         known = plain().to_json()

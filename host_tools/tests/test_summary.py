@@ -26,7 +26,7 @@ def fitted(*percents: float, held_out: tuple[bool, ...] = ()) -> Fit:
     scores = [RunScore(replace(run, path=f"{k}.csv"), k < len(held_out) and held_out[k],
                        chain.Score(0.1, 0.2, percent, 2 * percent, 0.0), "reset") for k, percent in enumerate(percents)]
     bands = RateSlopes(np.array([100.0]), np.full((1, 10), np.nan), np.array([5]))
-    sweep = SweepStart(0.25, "beginnings", 0.012, 0.034, model.thresholds_um, (0.0, 12.5))
+    sweep = SweepStart(0.25, "beginnings", 0.012, 0.034, False, model.thresholds_um, (0.0, 12.5))
     return Fit(model, (0.01, 0.02), scores, bands, 0.003, sweep, ["something to know"])
 
 

@@ -75,7 +75,7 @@ def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: n
     if known is not None:  # what it would have to explain if the model did not hold it
         without = before - plain + dataset.predict([one for one in acting if one is not known])
     starts = effect.starts(dataset.residuals(without))
-    if not starts:
+    if not starts or effect.starts_memory and not any(one.start_known for one in dataset.model_runs):
         return None
     if effect.starts_memory:
         return _memory(dataset, effect, acting, before)
@@ -166,7 +166,7 @@ def _memory(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: 
         r = model_run.model.thresholds_um
         x0 = float(model_run.start_um[0])
         best = (_square(measured - predicted), model_run.start_um, predicted, x0)
-        if model_run.recording.memory != "unknown":
+        if model_run.start_known:
             for position in x0 + np.linspace(-r[-1], r[-1], POSITIONS):
                 start = chain.states_after(position, x0, r)
                 z = model_run.predict(acting, start)

@@ -33,6 +33,7 @@ class ModelRun:
     recording: Recording
     model: Model  # without effects
     start_um: np.ndarray  # the plays before the first sample, (n + 1,)
+    start_known: bool  # not estimated
     rate_um_per_s: np.ndarray  # settled, (samples,)
     smoothing_s: float
     monitored: bool
@@ -122,14 +123,22 @@ class ModelRun:
         return np.hstack(parts)
 
 
-def model_runs(model: Model, runs: Sequence[Recording], monitored: bool) -> list[ModelRun]:
-    """Each recording beside the model, its memory as `rdpi simulate` takes it."""
+def model_runs(model: Model, runs: Sequence[Recording], monitored: bool, paired: bool = False) -> list[ModelRun]:
+    """Each recording beside the model, its memory as `rdpi simulate` takes it.
+
+    Where inner loops drift, as the passport tells, plays do not say where a recording after a sweep starts. What they
+    miss is taken off where recordings are `paired`; else the start is estimated, lest it be named as a change.
+    """
+    drifts = bool((model.passport or {}).get("drifts")) and not paired
+    known = [run.memory != "unknown" and not (drifts and run.memory == "reset") for run in runs]
     inputs = [replace(run, columns={**run.columns, "command_V": run.columns["monitor_V"]}) if monitored else run
               for run in runs]
+    inputs = [run if sure else replace(run, metadata={**run.metadata, "memory": "unknown"})
+              for run, sure in zip(inputs, known)]
     kept = effects.entries(one for one in effects.acting(model) if not (monitored and one.effect.before_monitor))
     plain = replace(model, effects=[])
-    return [ModelRun(run, plain, found.start_um, found.rate_um_per_s, found.smoothing_s, monitored)
-            for run, found in zip(runs, chain.simulate(replace(model, effects=kept), inputs))]
+    return [ModelRun(run, plain, found.start_um, sure, found.rate_um_per_s, found.smoothing_s, monitored)
+            for run, sure, found in zip(runs, known, chain.simulate(replace(model, effects=kept), inputs))]
 
 
 class Dataset:
@@ -138,7 +147,7 @@ class Dataset:
     """
 
     def __init__(self, model: Model, runs: Sequence[Recording], earlier: Sequence[Recording] = (),
-                 monitored: bool = True) -> None:
+                 monitored: bool = True, paired: bool = False) -> None:
         """With `monitored` the actuator is driven by monitor_V, where every recording has it.
 
         With `earlier` recordings, one of each run's drive and length, what the model misses of them is taken off what
@@ -146,7 +155,8 @@ class Dataset:
         """
         self.monitored = monitored and all("monitor_V" in run.columns for run in (*runs, *earlier))
         self.model, self.recordings = model, list(runs)
-        self.model_runs = model_runs(model, runs, self.monitored)
+        self.paired = paired or bool(earlier)
+        self.model_runs = model_runs(model, runs, self.monitored, self.paired)
         self.lengths = [len(run) for run in runs]
         self.measured = self.join([run.displacement_um for run in runs],
                                   [one.um_per_V * one.recording.columns["monitor_V"] for one in self.model_runs]
@@ -160,7 +170,8 @@ class Dataset:
         self.missed_then, self.acting_then = np.zeros(0), []
         if earlier:
             before = effects.then(model)
-            self.earlier, self.acting_then = Dataset(before, earlier, monitored=self.monitored), effects.acting(before)
+            self.earlier = Dataset(before, earlier, monitored=self.monitored, paired=True)
+            self.acting_then = effects.acting(before)
             self.missed_then = self.earlier.measured - self.earlier.predict(self.acting_then)
             self.measured -= self.missed_then
 
@@ -198,13 +209,14 @@ class Dataset:
         return result
 
     def restarted(self, acting: Sequence[Acting]) -> Dataset:
-        """The same with the starts of recordings of unknown memory estimated anew, beside these effects."""
-        unknown = [one.recording for one in self.model_runs if one.recording.memory == "unknown"]
+        """The same with the starts that are not known estimated anew, beside these effects."""
+        unknown = [one.recording for one in self.model_runs if not one.start_known]
         if not unknown:
             return self
-        found = iter(model_runs(replace(self.model, effects=effects.entries(acting)), unknown, self.monitored))
+        beside = replace(self.model, effects=effects.entries(acting))
+        found = iter(model_runs(beside, unknown, self.monitored, self.paired))
         result = copy.copy(self)
-        result.model_runs = [one.starting(next(found).start_um) if one.recording.memory == "unknown" else one
+        result.model_runs = [one if one.start_known else one.starting(next(found).start_um)
                              for one in self.model_runs]
         return result
 

@@ -17,7 +17,7 @@ from ..identify import checks, localise, passport
 from ..model import Model, Passport, records
 from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE
-from . import document, promise, thresholds
+from . import document, promise, thresholds, unseen
 from .augmented import AugmentedModel
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
@@ -61,13 +61,17 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
     axes = localise.localise(runs, before, decision.coords, known, noise)
     notes += [*decision.notes, *_remarks_on_what_is_left(selection, verdict, offset, noise, axes)]
-    found = document.build(selection, decision.gap, verdict, known, axes, noise, offset, notes)
-    spectrum = localise.along_frequency(runs, after, decision.coords, known, noise) if state.chosen else None
+    spectrum = next(axis for axis in axes if axis.name == "frequency_hz")
+    unknown = [] if earlier else unseen.not_known(known, runs, before, decision.coords, spectrum, noise)
+    notes += map(unseen.remark, unknown)
+    found = document.build(selection, decision.gap, verdict, known, axes, unknown, noise, offset, notes)
+    spectrum_after = localise.along_frequency(runs, after, decision.coords, known, noise) if state.chosen else None
     found.promised.tracking = tracked
     improved = replace(state.model, effects=_entries(model, selection, found, bool(earlier)),
                        offset_um=model.offset_um + offset.added)
     progress(1.0)
-    return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords), spectrum)
+    return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords),
+                     spectrum_after)
 
 
 def _worth_tracking(decision: Decision, known: Passport | None, references: Sequence[Recording]

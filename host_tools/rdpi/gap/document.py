@@ -18,12 +18,12 @@ from .candidates import Candidate
 from .dataset import Dataset
 from .normal_equations import NormalEquations
 from .sections import (AcceptedEffect, BeforeAfter, CandidateEntry, GapDocument, GapFigures, Leftover, Matrix,
-                       NotExcited, Offset, PassportFigures, Promise, Refit, RunEntry, StageShares, Verdict, Where)
+                       NotExcited, NotKnown, Offset, PassportFigures, Promise, Refit, RunEntry, StageShares, Verdict, Where)
 from .selection import Excess, Round, Selection, shrink_interval, shrink_of
 
 
 def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport | None, axes: Sequence[localise.Axis],
-          noise_um: float, offset_um: Offset, notes: list[str]) -> GapDocument:
+          unseen: list[NotKnown], noise_um: float, offset_um: Offset, notes: list[str]) -> GapDocument:
     """The document, from a selection that has ended; `known` is the passport of the model that was given."""
     state, first = selection.accepted, selection.rounds[0]
     final = equations_of(state)
@@ -35,8 +35,8 @@ def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport |
         where=_where(selection, axes), runs=_runs(selection, gap), passport=passport,
         promised=promised(selection, final), refit=Refit(shrink=first.baseline.refit_alone),
         numerics=numerics.compare(selection.given.model, state.recordings), not_excited=_not_excited(selection),
-        leftover=_leftover(selection, gap), matrix=_matrix(first),
-        next_experiment=experiment.propose(selection, verdict), notes=notes, offset_um=offset_um)
+        not_known_from_commissioning=unseen, leftover=_leftover(selection, gap), matrix=_matrix(first),
+        next_experiment=experiment.propose(selection, verdict, unseen), notes=notes, offset_um=offset_um)
 
 
 def equations_of(state: AugmentedModel) -> NormalEquations | None:

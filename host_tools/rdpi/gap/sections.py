@@ -160,6 +160,20 @@ class NotExcited(Document):
 
 
 @dataclass(kw_only=True)
+class NotKnown(Document):
+    """A part of the gap that lies where the recordings of the passport hardly moved: it need not be new."""
+
+    axis: Literal["frequency_hz", "position_um"] = json_key("axis on which it lies")
+    low: float = json_key("where it begins")
+    high: float = json_key("where it ends")
+    unit: str = json_key("unit of low and high")
+    share: float = json_key("share of the gap's energy beyond noise", low=0, high=1)
+    moved_um: float | None = json_key("along frequency, how far the recordings move there", "um", low=0, default=None)
+    commissioned_um: float | None = json_key("along frequency, how far those of the passport did", "um", low=0,
+                                             default=None)
+
+
+@dataclass(kw_only=True)
 class Leftover(Document):
     """What is left with the effects."""
 
@@ -227,6 +241,9 @@ class GapDocument(Document):
     refit: Refit = json_key("what fitting the model anew would bring")
     numerics: Numerics | None = json_key("what the firmware's arithmetic adds; null: it refuses the model")
     not_excited: list[NotExcited] = json_key("effects that these recordings cannot show")
+    not_known_from_commissioning: list[NotKnown] = json_key(
+        "parts of the gap that lie where the recordings of the passport hardly moved: they need not be new",
+        default_factory=list)
     leftover: Leftover | None = json_key("what is left with the effects", default=None)
     matrix: Matrix = json_key("which effects these recordings can tell apart")
     next_experiment: NextExperiment | None = json_key("the recording to make next; null: none would settle anything")

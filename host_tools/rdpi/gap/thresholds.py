@@ -66,6 +66,12 @@ TRACKED_WORSE = 0.02  # [1] by which tracking may get worse as promised, before 
 ZERO_AGREES = 4.0  # [scatter] of zeros, from which their mean is carried over to the improved model; rigs
 ZERO_SCATTER = 0.004  # [stroke] that zeros scatter by, worth one recording; rigs
 
+# --- is it known from commissioning?
+HARDLY_MOVED = 4.0  # [movement] of commissioning, by which more is not known in an octave; judged
+BEYOND_ENDS = 0.02  # [range] of commissioning, beyond whose ends nothing is known; judged
+ABOVE_NOISE = 1.4  # [noise] rms from which a gap has places; judged
+MOSTLY = 0.5  # [of the energy] at places that are not known, from which these come first; judged
+
 # --- what is worth a remark? No verdict depends on these.
 BIN_SHARE = 0.1  # [of the energy] in one bin; tune
 BIN_RATIO = 2.5  # [passport] in that bin; tune

@@ -130,7 +130,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         warnings.append(f"only {len(found.plant.picks)} of {options.deadzones} dead zones are fitted, because more "
                         "would lie at or below zero; check for ringing and delay, and that the range is covered")
     left_out = _leave_out(found, predictions)
-    model.passport = _passport(runs, hold_out, predictions, left_out, noises).to_json()
+    model.passport = _passport(runs, hold_out, predictions, left_out, noises, found.sweep.drifts).to_json()
     bands = slopes_of_bands(found.model, found.runs)
     progress(1.0)
     result = Fit(model, (found.plant.residual, found.without.residual), scores, bands,
@@ -347,7 +347,7 @@ def _leave_out(found: Operator, predictions: Sequence[chain.Prediction]) -> list
 
 
 def _passport(runs: Sequence[Recording], hold_out: Sequence[Recording], predictions: Sequence[chain.Prediction],
-              left_out: Sequence[np.ndarray | None], noises: Sequence[float]) -> Passport:
+              left_out: Sequence[np.ndarray | None], noises: Sequence[float], drifts: bool) -> Passport:
     residuals = []
     for k, (run, prediction) in enumerate(zip([*runs, *hold_out], predictions)):
         left = run.displacement_um - prediction.predicted_um
@@ -358,7 +358,7 @@ def _passport(runs: Sequence[Recording], hold_out: Sequence[Recording], predicti
             residuals.append(passport.Residual(run, passport.FITTED, None, left, coords, noises[k]))
         else:
             residuals.append(passport.Residual(run, passport.LEFT_OUT, left_out[k], left, coords, noises[k]))
-    return passport.build(residuals)
+    return passport.build(residuals, drifts)
 
 
 def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], predictions: Sequence[chain.Prediction],

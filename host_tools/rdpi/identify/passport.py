@@ -21,13 +21,14 @@ from . import thresholds as tuned
 from .passport_file import AXES, FITTED, LEFT_OUT, OTHER_RUNS, SHAPE_AXES, SOURCES, read
 
 __all__ = ["FITTED", "LEFT_OUT", "OTHER_RUNS", "build", "expected_octaves", "expected_um", "level_um", "octaves",
-           "ratio", "read", "repeated"]
+           "moved_um", "ratio", "read", "repeated"]
 
 SPLITS = 1, 4, 16  # every run counts as a whole and in so many windows: small movements are seen too
 BINS, PASSES = 8, 10
 DIRECTION_EDGES = np.array([-1.5, -0.5, 0.5, 1.5])
 DIGITS = 5  # of what is stored
 TAPER = 0.2  # of a record, before its spectrum is taken
+MOVED_TAPER = 0.05  # the same where peaks count: a record that begins and ends at 0 needs little
 
 Coordinates = Mapping[str, np.ndarray]
 
@@ -61,7 +62,7 @@ class Ratio(NamedTuple):
     spread: float  # sd of the logarithm of a run's ratio when nothing has changed
 
 
-def build(residuals: Sequence[Residual]) -> Passport:
+def build(residuals: Sequence[Residual], drifts: bool | None = None) -> Passport:
     """The passport of a model from what it left of its runs; two dozen of them make 20 kB of JSON."""
     energies = [_energy(one) for one in residuals]
     windows, owner = _windows(residuals)
@@ -76,7 +77,7 @@ def build(residuals: Sequence[Residual]) -> Passport:
         runs=[_run(one) for one in residuals],
         axes=_axes({name: np.concatenate([one.coords[name] for one in residuals]) for name in AXES}, square),
         octaves=_spectra(residuals),
-        level=records.PassportLevel(coefficients=_coefficients(windows), **windows._asdict())))
+        level=records.PassportLevel(coefficients=_coefficients(windows), **windows._asdict()), drifts=drifts))
 
 
 def repeated(known: Passport) -> Passport:
@@ -146,21 +147,47 @@ def ratio(known: Passport, residuals_um: Sequence[np.ndarray], coords: Sequence[
 
 def octaves(signal: np.ndarray, sample_rate_hz: float) -> Octaves:
     """Power per octave of a signal with mean 0, from its tapered periodogram, scaled to the signal's mean square."""
+    spectrum = _lines(signal, sample_rate_hz, TAPER)
+    squares = np.abs(spectrum.lines) ** 2
+    squares[1:(spectrum.samples + 1) // 2] *= 2  # all but those at 0 and at half the sample rate stand for two
+    power = np.bincount(spectrum.octave, squares, spectrum.octaves)
+    total = float(np.sum(power))
+    if total > 0:
+        power *= float(np.mean(signal**2)) / total
+    return Octaves(spectrum.first, power, np.bincount(spectrum.octave, minlength=len(power)) / len(squares))
+
+
+def moved_um(position_um: np.ndarray, sample_rate_hz: float) -> tuple[int, np.ndarray]:
+    """How far a movement goes from 0 in each octave, its trend removed; k of the first octave, and (octaves,) in um."""
+    from scipy.fft import irfft
+
+    trend = np.linspace(position_um[0], position_um[-1], len(position_um))
+    spectrum = _lines(position_um - trend, sample_rate_hz, MOVED_TAPER)
+    return spectrum.first, np.array([np.max(np.abs(irfft(np.where(spectrum.octave == k, spectrum.lines, 0),
+                                                         spectrum.samples))) for k in range(spectrum.octaves)])
+
+
+class _Lines(NamedTuple):
+    """Spectrum of a tapered signal, and the octave of each line: `first` and the following ones."""
+
+    lines: np.ndarray
+    samples: int  # that the signal was padded to
+    first: int
+    octave: np.ndarray  # (lines,), counted from `first`
+    octaves: int
+
+
+def _lines(signal: np.ndarray, sample_rate_hz: float, taper: float) -> _Lines:
     from scipy.fft import next_fast_len, rfft
     from scipy.signal.windows import tukey
 
     count = next_fast_len(len(signal), True)
-    lines = np.abs(rfft(signal * tukey(len(signal), TAPER), count)) ** 2
-    lines[1:(count + 1) // 2] *= 2  # all but those at 0 and at half the sample rate stand for two
+    lines = rfft(signal * tukey(len(signal), taper), count)
     lowest, highest = sample_rate_hz / len(signal), sample_rate_hz / 2
     first, last = int(np.floor(log2(lowest))), int(np.ceil(log2(highest))) - 1
     frequency = np.maximum(np.arange(len(lines)) * sample_rate_hz / count, lowest)
-    band = np.clip(np.floor(np.log2(frequency)).astype(int), first, last) - first
-    power = np.bincount(band, lines, last - first + 1)
-    total = float(np.sum(power))
-    if total > 0:
-        power *= float(np.mean(signal**2)) / total
-    return Octaves(first, power, np.bincount(band, minlength=len(power)) / len(lines))
+    octave = np.clip(np.floor(np.log2(frequency)).astype(int), first, last) - first
+    return _Lines(lines, count, first, octave, last - first + 1)
 
 
 def quantile_edges(values: np.ndarray, bins: int) -> np.ndarray:
@@ -334,7 +361,16 @@ def _spectra(residuals: Sequence[Residual]) -> records.PassportOctaves:
     relative = [(left.first - drive.first - len(drive.power) + 1,
                  np.convolve(left.power / np.sum(left.power), drive.power[::-1] / np.sum(drive.power)))
                 for left, drive in pairs]
-    return records.PassportOctaves(absolute=_mean_share(absolute), relative=_mean_share(relative))
+    return records.PassportOctaves(absolute=_mean_share(absolute), relative=_mean_share(relative),
+                                   moved=_moved(residuals))
+
+
+def _moved(residuals: Sequence[Residual]) -> records.OctavePeaks:
+    """How far the predictions moved in each octave, the largest of them."""
+    parts = [moved_um(one.coords["position_um"], one.run.sample_rate_hz) for one in residuals]
+    first, last = min(start for start, _ in parts), max(start + len(peaks) for start, peaks in parts)
+    return records.OctavePeaks(first=first, peak_um=np.max([_window(peaks, start, first, last)
+                                                            for start, peaks in parts], axis=0))
 
 
 def _mean_share(parts: Sequence[tuple[int, np.ndarray]]) -> records.OctaveShare:

@@ -45,10 +45,15 @@ def read(model: Model) -> Passport | None:
             axis.refuse("factor", "must be positive")
     for name in ("absolute", "relative"):
         part = known.section("octaves").section(name)
-        if type(part.item("first")) is not int or abs(part.item("first")) > MAX_OCTAVE:
-            part.refuse("first", f"must be a whole number, -{MAX_OCTAVE} to {MAX_OCTAVE}")
+        part.octave("first")
         if not np.any(part.numbers("share")):
             part.refuse("share", "is 0 everywhere")
+    if known.section("octaves").get("moved") is not None:
+        part = known.section("octaves").section("moved")
+        part.octave("first")
+        part.numbers("peak_um")
+    if known.get("drifts") not in (None, True, False):
+        known.refuse("drifts", "must be true or false")
     level = known.section("level")
     level.numbers("coefficients", len(TERMS))
     windows = len(level.numbers("rms_um"))
@@ -75,6 +80,14 @@ class _Checked:
         if name not in self._value:
             self.refuse(name, "is missing")
         return self._value[name]
+
+    def get(self, name: str) -> Any:
+        return self._value.get(name)
+
+    def octave(self, name: str) -> None:
+        value = self.item(name)
+        if type(value) is not int or abs(value) > MAX_OCTAVE:
+            self.refuse(name, f"must be a whole number, -{MAX_OCTAVE} to {MAX_OCTAVE}")
 
     def section(self, name: str) -> _Checked:
         return _Checked(self.item(name), f"{self._place}.{name}")

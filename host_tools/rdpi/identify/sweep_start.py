@@ -42,6 +42,7 @@ class SweepStart(NamedTuple):
     shown_by: ShownBy
     remembers: float | None  # rms that plays which remember leave, over that of the loops; None: no loops are seen
     forgets: float | None  # the same of plays which forget
+    drifts: bool  # plays which forget describe the inner loops, or the beginnings, much better
     thresholds_um: np.ndarray
     range_um: tuple[float, float]  # control inputs at the ends of the drive
 
@@ -87,7 +88,7 @@ def sweep_start(runs: Sequence[Recording], gain_um_per_V: float, offset_V: float
     stroke = max(float(np.ptp(run.displacement_um)) for run in runs)
     parts = [_part(run, (gain_um_per_V * (run.command_V - offset_V) - middle) / half, run.displacement_um / stroke,
                    r[-1], MAX_SAMPLES // len(runs)) for run in runs]
-    unseen = SweepStart(1.0, "nothing", None, None, thresholds_um, range_um)
+    unseen = SweepStart(1.0, "nothing", None, None, False, thresholds_um, range_um)
     if all(part.first == len(part.used) for part in parts):
         return unseen
     begins = any(part.begin for part in parts)
@@ -99,13 +100,14 @@ def sweep_start(runs: Sequence[Recording], gain_um_per_V: float, offset_V: float
     remember, kept, forget = left[:len(shares)], *(float(np.min(part)) for part in np.split(beginning, [len(shares)]))
     best = float(np.min(remember))
     share, shown_by = 1.0, "nothing"
-    if forget < tuned.FORGETS * kept and kept**2 - forget**2 > tuned.FORGETS_LOOP:
+    drifts = forget < tuned.FORGETS * kept and kept**2 - forget**2 > tuned.FORGETS_LOOP
+    if drifts:
         share, shown_by = 0.0, "beginnings" if begins else "inner loops"
     elif best < tuned.SWEEP_SHOWN * remember[-1]:
         share, shown_by = _lowest(shares, remember**2), "beginnings"
     elif best < tuned.SWEEP_SHOWN * remember[0]:
         shown_by = "beginnings"
-    return SweepStart(share, shown_by, kept, forget, thresholds_um, range_um)
+    return SweepStart(share, shown_by, kept, forget, drifts, thresholds_um, range_um)
 
 
 def _part(run: Recording, x: np.ndarray, z: np.ndarray, reach: float, most: int) -> _Part:

@@ -149,11 +149,20 @@ class OctaveShare(Document):
 
 
 @dataclass(kw_only=True)
+class OctavePeaks(Document):
+    """How far the recordings moved in octaves: bin k lies at 2^(first + k) to twice that."""
+
+    first: int = json_key("power of two at which the first bin starts")
+    peak_um: list[float] = json_key("largest distance from 0 of what lies in each bin, trend removed", "um", low=0)
+
+
+@dataclass(kw_only=True)
 class PassportOctaves(Document):
     """Spectra of the residual, each the mean over the recordings."""
 
     absolute: OctaveShare = json_key("along frequency in Hz")
     relative: OctaveShare = json_key("along frequency relative to that of the movement")
+    moved: OctavePeaks | None = json_key("how far the prediction moved, the largest of the recordings", omitted=True)
 
 
 @dataclass(kw_only=True)
@@ -185,3 +194,5 @@ class Passport(Document):
     axes: PassportAxes = json_key("where the residual lies")
     octaves: PassportOctaves = json_key("its spectrum")
     level: PassportLevel = json_key("its size")
+    drifts: bool | None = json_key("true: the actuator's inner loops drift as it moves, which plays do not, so that "
+                                   "they do not tell where a recording starts", omitted=True)

@@ -1,0 +1,72 @@
+"""Not known from commissioning: where recordings move as the passport's never did.
+
+What the model misses there is not known, so it cannot be said to be new.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..data import Recording
+from ..identify import localise, passport
+from ..model import Passport
+from . import thresholds
+from .sections import NotKnown
+
+
+def not_known(known: Passport | None, runs: Sequence[Recording], residuals_um: Sequence[np.ndarray],
+              coords: Sequence[localise.Coordinates], spectrum: localise.Axis, noise_um: float) -> list[NotKnown]:
+    """Frequencies and positions of a part of the gap that commissioning did not show; `spectrum` is the gap's."""
+    squares = np.concatenate([(left - np.mean(left)) ** 2 for left in residuals_um])
+    if known is None or np.mean(squares) < (thresholds.ABOVE_NOISE * noise_um) ** 2:
+        return []
+    found = [*_frequencies(known, runs, coords, spectrum), *_positions(known, squares, coords, noise_um)]
+    return [one for one in found if one.share > thresholds.BIN_SHARE]
+
+
+def _frequencies(known: Passport, runs: Sequence[Recording], coords: Sequence[localise.Coordinates],
+                 spectrum: localise.Axis) -> list[NotKnown]:
+    """Octaves side by side are one band."""
+    moved = known.octaves.moved
+    if moved is None:  # a model of before
+        return []
+    octaves = np.round(np.log2(spectrum.edges[:-1])).astype(int)
+    then, now = np.zeros(len(octaves)), np.zeros(len(octaves))
+    for first, peaks, target in [(moved.first, np.array(moved.peak_um), then),
+                                 *((*passport.moved_um(at["position_um"], run.sample_rate_hz), now)
+                                   for run, at in zip(runs, coords))]:
+        there = np.isin(octaves, first + np.arange(len(peaks)))
+        target[there] = np.maximum(target[there], peaks[octaves[there] - first])
+    # What is slower than any recording of commissioning is a rest to it.
+    new = (octaves >= moved.first) & (now > thresholds.HARDLY_MOVED * then) & (now > spectrum.rms_um)
+    ends = np.flatnonzero(np.diff(np.r_[False, new, False])).reshape(-1, 2)
+    return [NotKnown(axis="frequency_hz", low=float(spectrum.edges[low]), high=float(spectrum.edges[high]), unit="Hz",
+                     share=float(np.sum(spectrum.share[low:high])), moved_um=float(np.max(now[low:high])),
+                     commissioned_um=float(np.max(then[low:high]))) for low, high in ends]
+
+
+def _positions(known: Passport, squares: np.ndarray, coords: Sequence[localise.Coordinates], noise_um: float
+               ) -> list[NotKnown]:
+    """Below and above all that commissioning reached."""
+    low, *_, high = known.axes.position_um.edges
+    beside = thresholds.BEYOND_ENDS * (high - low)
+    position = np.concatenate([at["position_um"] for at in coords])
+    whole = max(float(np.sum(squares)) - len(squares) * noise_um**2, 1e-300)
+    found = []
+    for ends, inside in (((float(np.min(position)), low), position < low - beside),
+                         ((high, float(np.max(position))), position > high + beside)):
+        if np.any(inside):
+            share = (float(np.sum(squares[inside])) - np.count_nonzero(inside) * noise_um**2) / whole
+            found.append(NotKnown(axis="position_um", low=ends[0], high=ends[1], unit="um",
+                                  share=float(np.clip(share, 0, 1))))
+    return found
+
+
+def remark(one: NotKnown) -> str:
+    """A part of the gap that is not known from commissioning, for people."""
+    moved = "commissioning did not go there" if one.moved_um is None else \
+        f"commissioning moved by {one.commissioned_um:.2g} um and these recordings by {one.moved_um:.2g} um"
+    return (f"{100 * one.share:.0f} % of the gap lies at {one.low:.4g} to {one.high:.4g} {one.unit}, where {moved}; what "
+            "the model misses there is not known from commissioning and need not be new")

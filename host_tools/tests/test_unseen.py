@@ -1,0 +1,107 @@
+"""What commissioning never showed is not known: said of frequencies and positions, with the drive that shows it."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from injected import Drives, drives, entry, plain_model, recorded
+from plants import marked
+
+from rdpi.data import Recording, read_recording
+from rdpi.gap import Diagnosis, diagnose, experiment
+from rdpi.gap.augmented import AugmentedModel
+from rdpi.gap.selection import Selection
+from rdpi.identify import Options, fit
+from rdpi.model import Model
+
+SLOW: Drives = (("sawtooth", {"frequencies_hz": (0.5, 2.0), "cycles": 2}, 1.0), ("minor-loops", {"levels": 4}, 1.0),
+                ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.4, 0.6, 1.0, 1.4, 2.2), "seed": 1}, 1.0))
+FAST: Drives = (("sine", {"frequencies_hz": (60.0, 61.0), "cycles": 60}, 0.3),
+                ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.5, 1.0, 1.7), "seed": 4}, 0.9),
+                ("sine", {"frequencies_hz": (45.0,), "cycles": 50}, 0.4))
+RIG = entry("lag", "amplifier", time_constant_s=5e-4)  # from the first day, but slow drives do not show it
+
+
+@lru_cache(maxsize=None)
+def slowly_commissioned(share: float = 1.0) -> Model:
+    return fit(commissioning(share), Options(rate_independent=True, effects="none")).model
+
+
+def slow(share: float = 1.0) -> list[Recording]:
+    return drives(tuple((kind, options, share * part) for kind, options, part in SLOW), sweep=False)
+
+
+def commissioning(share: float = 1.0) -> list[Recording]:
+    return recorded(plain_model(), slow(share), RIG)
+
+
+@lru_cache(maxsize=None)
+def asked_at_speed() -> Diagnosis:
+    return diagnose(slowly_commissioned(), recorded(plain_model(), drives(FAST, sweep=False), RIG))
+
+
+def test_where_commissioning_did_not_move_the_gap_need_not_be_new() -> None:
+    (band,) = asked_at_speed().document.not_known_from_commissioning
+    assert band.axis == "frequency_hz" and band.low == 32 and band.high >= 64
+    assert band.share > 0.8 and band.moved_um > 4 * band.commissioned_um
+    (said,) = (note for note in asked_at_speed().document.notes if "not known from commissioning" in note)
+    assert "32 to" in said and "Hz" in said
+
+
+def test_nothing_is_unknown_where_commissioning_went() -> None:
+    again = recorded(plain_model(), slow(), entry("gain_change", factor=1.05), seed=5)
+    assert not diagnose(slowly_commissioned(), again).document.not_known_from_commissioning
+
+
+def test_a_model_of_before_does_not_say() -> None:
+    known = slowly_commissioned()
+    octaves = {name: part for name, part in known.passport["octaves"].items() if name != "moved"}
+    older = replace(known, passport={**known.passport, "octaves": octaves})
+    assert not diagnose(older, asked_at_speed().runs).document.not_known_from_commissioning
+
+
+def test_positions_beyond_those_of_commissioning() -> None:
+    wide = recorded(plain_model(), slow(), entry("static_nonlinearity", "sensor", quadratic=0.03), seed=5)
+    found = diagnose(slowly_commissioned(0.6), wide).document.not_known_from_commissioning
+    assert {one.axis for one in found} == {"position_um"} and all(one.moved_um is None for one in found)
+    reached = slowly_commissioned(0.6).passport["axes"]["position_um"]["edges"]
+    assert {one.high for one in found if one.high <= reached[0]} <= {reached[0]}
+    assert {one.low for one in found if one.low >= reached[-1]} <= {reached[-1]}
+
+
+def proposed(found: Diagnosis, model: Model, make: Callable) -> Recording:
+    """The drive that is proposed where nothing has a name, made by the command as it stands."""
+    given = AugmentedModel.given(model, found.runs, [])
+    nothing = Selection(given, given, given, (), frozenset(), (given,))
+    next_one = experiment.propose(nothing, "none", found.document.not_known_from_commissioning)
+    assert "commissioning" in next_one.why
+    assert make(*shlex.split(next_one.command)[1:]).exit_code == 0
+    drive = read_recording("next.csv", ("command_V",))
+    assert drive.time_s[-1] == pytest.approx(next_one.seconds)
+    return drive
+
+
+def test_the_proposed_drive_shows_frequencies(rdpi: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It moves no further at them than the recordings did; fitted with it, the model knows them."""
+    monkeypatch.chdir(tmp_path)
+    drive = proposed(asked_at_speed(), slowly_commissioned(), rdpi)
+    (band,) = asked_at_speed().document.not_known_from_commissioning
+    assert np.ptp(drive.command_V) * 0.13 <= 2.2 * band.moved_um
+    played = recorded(plain_model(), [marked(drive, memory="unknown")], RIG)
+    wiser = fit([*commissioning(), *played], Options(rate_independent=True)).model
+    found = diagnose(wiser, asked_at_speed().runs).document
+    assert [one["name"] for one in wiser.effects] == ["lag"]
+    assert found.verdict == "none" and not found.not_known_from_commissioning
+
+
+def test_the_proposed_drive_shows_positions(rdpi: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    bent = recorded(plain_model(), slow(), entry("static_nonlinearity", "sensor", cubic=0.1))
+    drive = proposed(diagnose(slowly_commissioned(0.6), bent), slowly_commissioned(0.6), rdpi)
+    assert np.min(drive.command_V) == 0 and np.max(drive.command_V) == 100
