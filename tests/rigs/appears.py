@@ -15,6 +15,10 @@ models predict NEW recordings, other waveforms after a sweep, as `rdpi simulate`
 * promise: promised - realised shrink, means removed: median of its size. "same": of fresh recordings of the kinds that
   `rdpi gap` saw; "holds": how often its 90 % interval holds that; "other": of the new recordings, other waveforms.
 
+Under the table stand the rows of targets that the tool is to reach: singles are one effect of APPEARS of rho 1 or more,
+and "all" are these. A track alone: one of the references, predicted with the zero included, by more than 5 % worse.
+`--poor` shows a tracked profile and a sine only. `--nones` lets nothing happen several times, with other drives.
+
 The zero moves with the effects "zero" and "delay, zero" only. Thresholds that are chosen on all families but one are
 scored on that one: `--except`, `--families`, as in README.md. What stands after `--` goes to `rdpi gap`; `--earlier`
 there needs no path: the field recordings are made before the effect as well.
@@ -40,10 +44,12 @@ import waves  # noqa: E402
 from rigs import FAMILIES, Rig, make_rig, record  # noqa: E402
 
 SEEN = "decay", "moves", "biased"
+POOR = "5-20-35hz", "10hz"
 NEW = "two_sines", *waves.TRACKS
 WORSE = 1.02  # of the old error
 NAMEABLE = 1.0  # rho
-FRESH = 500_000  # added to the seed of drives
+FRESH, OTHER = 500_000, 1_000  # added to the seed of drives
+MUCH_WORSE = 1.05  # of the old error
 Appears = Callable[[Rig, np.random.Generator], Rig]
 
 
@@ -100,6 +106,10 @@ STRANGERS: dict[str, tuple[str, ...]] = {
     "stick_slip": (), "dropouts": (),
 }
 APPEARS |= {name: (twins, lambda rig, random, name=name: rig.put(name)) for name, twins in STRANGERS.items()}
+PAIRS = {f"{one}, {other}": (one, other) for one, other in (
+    ("delay", "gain"), ("lag", "creep"), ("loop", "delay"), ("creep", "gain"), ("rate", "lag"), ("curve", "relaxation"))}
+APPEARS |= {name: (sum((APPEARS[part][0] for part in parts), ()), lambda rig, random, parts=parts: APPEARS[parts[1]][1](
+    APPEARS[parts[0]][1](rig, random), random)) for name, parts in PAIRS.items()}
 
 
 def play(rig: Rig, folder: Path, kind: str, names: Sequence[str], starts: Sequence[str], rate_hz: float, scale: float,
@@ -130,7 +140,7 @@ def pooled(values: Sequence[float]) -> float:
 
 
 def cases(job: tuple[str, int], effects: Sequence[str], rate_hz: float, scale: float, options: Sequence[str],
-          chain: str = "auto") -> list[dict[str, Any]]:
+          chain: str = "auto", shown: Sequence[str] = SEEN, nones: int = 1) -> list[dict[str, Any]]:
     """One rig, commissioned once, and each effect that appears on it; `chain`: option --effects of `rdpi fit`."""
     family, seed = job
     rig, found = make_rig(family, seed), []
@@ -141,27 +151,27 @@ def cases(job: tuple[str, int], effects: Sequence[str], rate_hz: float, scale: f
         except measure.Refused as refusal:
             return [{"family": family, "seed": seed, "effect": "all", "failed": str(refusal)}]
         offsets = [run["offset_um"] for run in json.loads(model.read_text())["passport"]["runs"]]
-        for name in effects:
-            random = np.random.default_rng([seed, len(family), list(APPEARS).index(name)])
+        for name, again in ((name, k) for name in effects for k in range(nones if name == "none" else 1)):
+            random = np.random.default_rng([seed, len(family), list(APPEARS).index(name), *[again] * bool(again)])
             case = {"family": family, "seed": seed, "effect": name, "stroke_um": rig.stroke_um,
                     "commissioned_um": offsets}
             try:
                 found.append(case | ask(rig, APPEARS[name][1](rig, random), folder, model, random, rate_hz, scale,
-                                        options))
+                                        options, shown, seed + OTHER * again))
             except measure.Refused as refusal:
                 found.append(case | {"failed": str(refusal)})
     return found
 
 
 def ask(before: Rig, after: Rig, folder: Path, model: Path, random: np.random.Generator, rate_hz: float, scale: float,
-        options: Sequence[str]) -> dict[str, Any]:
+        options: Sequence[str], shown: Sequence[str] = SEEN, seed: int | None = None) -> dict[str, Any]:
     """What `rdpi gap` says of the rig as it is after the effect appeared, and what both models miss of it."""
-    starts = ["swept"] * len(SEEN)
+    seed, starts = before.seed if seed is None else seed, ["swept"] * len(shown)
     if random.random() < 1 / 3:
-        starts[random.integers(len(SEEN))] = "unknown"
-    then, was = play(replace(before, runs=0), folder, "earlier", SEEN, starts, rate_hz, scale)
-    seen, now = play(replace(after, runs=0), folder, "seen", SEEN, starts, rate_hz, scale)
-    fresh, _ = play(replace(after, runs=6), folder, "fresh", SEEN, starts, rate_hz, scale, before.seed + FRESH)
+        starts[random.integers(len(shown))] = "unknown"
+    then, was = play(replace(before, runs=0), folder, "earlier", shown, starts, rate_hz, scale, seed)
+    seen, now = play(replace(after, runs=0), folder, "seen", shown, starts, rate_hz, scale, seed)
+    fresh, _ = play(replace(after, runs=6), folder, "fresh", shown, starts, rate_hz, scale, seed + FRESH)
     new, _ = play(replace(after, runs=9), folder, "new", NEW, ["swept"] * len(NEW), rate_hz, scale)
     words = [part for word in options for part in (sum((["--earlier", path] for path in then), [])
                                                    if word == "--earlier" else [word])]
@@ -172,11 +182,12 @@ def ask(before: Rig, after: Rig, folder: Path, model: Path, random: np.random.Ge
     old, better = missed(model, new), missed(improved, new)
     same, same_better = missed(model, fresh), missed(improved, fresh)
     first = gap["effects"][:1]
-    return {"verdict": gap["verdict"], "names": [one["name"] for one in gap["effects"]],
+    return {"verdict": gap["verdict"], "detection": gap["detection"], "names": [one["name"] for one in gap["effects"]],
             "rivals": first[0]["confusable_with"] if first else [], "ratio": gap["passport"]["ratio"],
             "left": gap["passport"]["ratio"] * gap["gap"]["remaining_um"] / gap["gap"]["rms_um"],
             "rho": pooled([np.std(b - a) for a, b in zip(was, now)]) / floor, "promised": gap["promised"]["shrink"],
             "ci90": gap["promised"]["ci90"],
+            "fresh": [spread(b) / spread(a) for a, b in zip(same, same_better)],
             "same": 1 - pooled([*map(spread, same_better)]) / pooled([*map(spread, same)]),
             "realised": 1 - pooled([*map(spread, better)]) / pooled([*map(spread, old)]),
             "zero": gap["offset_um"], "seen_um": [run["offset_um"] for run in missed(model, seen)],
@@ -231,15 +242,70 @@ def row(label: str, found: Sequence[dict[str, Any]]) -> str:
             f"{mean(same, np.median, 3):>14}{mean(holds, np.mean, 2):>7}{mean(other, np.median, 3):>7}")
 
 
+def area(louder: Sequence[float], quiet: Sequence[float]) -> float:
+    """Under the curve of hits over false alarms: how often one of the first is larger than one of the others."""
+    return float(np.mean(np.greater.outer(louder, quiet) + 0.5 * np.equal.outer(louder, quiet)))
+
+
+def targets(found: Sequence[dict[str, Any]]) -> list[str]:
+    """The rows that the tool is to reach, each with its target and what it is counted on."""
+    done = [case for case in found if "failed" not in case]
+    nones = [case for case in done if case["effect"] == "none"]
+    single = [case for case in done if APPEARS[case["effect"]][0] and case["effect"] not in PAIRS | STRANGERS]
+    loud = [case for case in single if case["rho"] >= NAMEABLE]
+    named, strange = [case for case in loud if case["names"]], [case for case in done if case["effect"] in STRANGERS
+                                                               and case["rho"] >= NAMEABLE]
+    pairs = [case for case in done if case["effect"] in PAIRS and case["rho"] >= NAMEABLE]
+    improved = [case for case in done if case["names"]]
+
+    def both(case: dict[str, Any]) -> bool:
+        said = {*case["names"], *case["rivals"]}
+        return all(said & set(APPEARS[part][0]) for part in PAIRS[case["effect"]])
+
+    def share(label: str, aim: str, of: Sequence[dict[str, Any]], hit: Callable[[dict[str, Any]], bool]) -> str:
+        return f"{label:64}{f'{sum(map(hit, of)) / len(of):.3f}' if of else '-':>8}{len(of):7}   {aim}"
+
+    def detected(low: float, high: float, aim: str) -> str:
+        some = [case["detection"] for case in single if low <= case["rho"] < high]
+        value = f"{area(some, [case['detection'] for case in nones]):.3f}" if some and nones else "-"
+        return f"{f'detected, area under the curve, rho {low:g} to {high:g}':64}{value:>8}{len(some):7}   {aim}"
+
+    misses = [abs(case["promised"] - case["same"]) for case in improved]
+    tracks = [case | {"ratio": ratio} for case in done for ratio in worse(case)[1:]]
+    return [f"{'':64}{'':>8}  cases   target",
+            share("right first name, of those named", ">= .90 (.95 with --earlier)", named, right),
+            share("right name in the set, of those named", ">= .95", named, in_set),
+            share("wrong name outside the set, of all", "<= .05", loud,
+                  lambda case: bool(case["names"]) and not in_set(case)),
+            share("named, of all", "", loud, lambda case: bool(case["names"])),
+            share("false alarms where nothing appeared", "<= .03", nones, lambda case: case["verdict"] != "none"),
+            share("  of them with a name", "", nones, lambda case: bool(case["names"])),
+            share("not in the catalogue: unknown, or a twin", ">= .85", strange,
+                  lambda case: case["verdict"] == "unknown" or in_set(case)),
+            share("not in the catalogue: misnamed", "<= .08", strange,
+                  lambda case: bool(case["names"]) and not in_set(case)),
+            f"{'promise less realised, same kinds, median':64}{f'{np.median(misses):.3f}' if misses else '-':>8}"
+            f"{len(misses):7}   <= .03",
+            share("  its 90 % interval holds it", ".85 to .95", [case for case in improved if case["ci90"]],
+                  lambda case: case["ci90"][0] <= case["same"] <= case["ci90"][1]),
+            share("a fresh recording predicted worse by 5 %, offset removed", "0", done,
+                  lambda case: max(case["fresh"]) > MUCH_WORSE),
+            share("a track alone predicted worse by 5 %, zero included", "<= .03", tracks,
+                  lambda case: case["ratio"] > MUCH_WORSE),
+            detected(1, 3, ">= .97"), detected(3, np.inf, ">= .995"),
+            share("pairs: first name right", ">= .92", pairs, right),
+            share("pairs: both in names and rivals", ">= .75", pairs, both)]
+
+
 def table(found: Sequence[dict[str, Any]]) -> str:
-    """Per effect and per family; under them what was said of each effect."""
+    """Per effect and per family; under them the targets, and what was said of each effect."""
     lines = [HEADER]
     for key in ("effect", "family"):
         for value in dict.fromkeys(case[key] for case in found):
             lines.append(row(value, [case for case in found if case[key] == value]))
         lines.append("")
     effects = [case for case in found if "failed" not in case and APPEARS[case["effect"]][0]]
-    lines += [row("all with an effect", effects), row("all", found), ""]
+    lines += [row("all with an effect", effects), row("all", found), "", *targets(found), ""]
     for value in dict.fromkeys(case["effect"] for case in found):
         said = [" + ".join(["|".join([case["names"][0], *case["rivals"]]), *case["names"][1:]]) if case["names"] else
                 case["verdict"] for case in found if case["effect"] == value and "failed" not in case]
@@ -257,6 +323,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--effects", default=";".join(APPEARS), help="of APPEARS, semicolons between (default: all)")
     parser.add_argument("--chain", choices=["auto", "none"], default="auto",
                         help="effects that `rdpi fit` looks for; none: the model lacks the chain from the first day")
+    parser.add_argument("--nones", type=int, default=1, help="cases per rig in which nothing appears (default 1)")
+    parser.add_argument("--poor", action="store_true", help="`rdpi gap` sees a tracked profile and a sine only")
     parser.add_argument("--rate", type=float, default=5000.0, help="samples per second (default 5000)")
     parser.add_argument("--scale", type=float, default=0.5, help="length of the recordings (default 0.5)")
     parser.add_argument("--jobs", type=int, default=1)
@@ -269,7 +337,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"no {', '.join(sorted(wrong))}: {', '.join(FAMILIES)}; {'; '.join(APPEARS)}")
     jobs = [(family, seed) for family in families for seed in range(options.seed, options.seed + options.rigs)]
     work = partial(cases, effects=effects, rate_hz=options.rate, scale=options.scale, options=options.options,
-                   chain=options.chain)
+                   chain=options.chain, shown=POOR if options.poor else SEEN, nones=options.nones)
     found = sum(measure.run_all(work, jobs, options.jobs), [])
     print(table(found))
     if options.output:

@@ -44,13 +44,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 import measure  # noqa: E402  before NumPy: it says how many threads
 import numpy as np  # noqa: E402
 import waves  # noqa: E402
-from appears import APPEARS, WORSE, play, pooled, spread  # noqa: E402
+from appears import APPEARS, PAIRS, WORSE, play, pooled, spread  # noqa: E402
 from rigs import FAMILIES, Rig, make_rig, write_recording  # noqa: E402
 
 SEEN = "decay", "moves", "biased", "two_sines"
 NEW = "wander", *waves.TRACKS
 NONE, ZERO, SEVERAL = 0.12, 0.06, 0.22  # shares of cases: nothing appears, the zero moves, two or three effects at once
-ALONE = [name for name, (right, _) in APPEARS.items() if right]
+ALONE = [name for name, (right, _) in APPEARS.items() if right and name not in PAIRS]
 TOGETHER = [name for name in ALONE if "," not in name]
 CASES_A_RIG = 4
 APPROACH_S, SETTLED_S, TRACKED_S = 0.2, 0.4, 1.4

@@ -539,7 +539,7 @@ def asked(effect: str, names: list[str], rivals: list[str] = [], after: float = 
     verdict = "ambiguous" if rivals else "effect" if names else "none"
     return {"family": "a", "seed": 1, "effect": effect, "names": names, "rivals": rivals, "verdict": verdict,
             "rho": 2.0, "promised": 0.4, "same": 0.46, "ci90": [0.45 - 0.3 * bool(rivals), 0.6], "realised": 0.5,
-            "old": [[2.0, 0.0]] * 3,
+            "old": [[2.0, 0.0]] * 3, "detection": float(bool(names)), "fresh": [0.5, after],
             "new": [[2.0, 0.0], [2.0, 0.0], [after, 0.0]], **more}
 
 
@@ -553,6 +553,27 @@ def test_what_gap_says_is_counted():
     assert cells["none"][:10] == "1 1 0.00 0.00 0.00 0.00 1.00 | 0.00 1.01".split()
     assert cells["all with an effect"][:2] == ["4", "3"] and cells["all"][:2] == ["5", "4"]
     assert "delay: delay|lag 1, lag|delay 1, lag 1, none 1" in lines and lines[-1] == "failed: a 1, lag: no"
+
+
+def test_the_rows_of_targets_are_counted():
+    found = [asked("delay", ["delay"], ["lag"]), asked("lag", ["delay"], ["lag"]), asked("creep", ["lag"]),
+             asked("gain", []), asked("gain", [], rho=0.5), asked("none", [], rho=0.0), asked("none", ["delay"], rho=0.0),
+             asked("stick_slip", []) | {"verdict": "unknown"}, asked("dropouts", ["delay"], after=2.2),
+             asked("delay, gain", ["gain_change", "delay"]), asked("lag, creep", ["creep"], rho=4.0),
+             {"family": "a", "seed": 1, "effect": "lag", "failed": "no"}]
+    rows = {line[:64].strip(): line[64:].split()[:2] for line in appears.targets(found)}
+    assert rows["right first name, of those named"] == ["0.333", "3"]
+    assert rows["right name in the set, of those named"] == ["0.667", "3"]
+    assert rows["wrong name outside the set, of all"] == ["0.250", "4"]
+    assert rows["named, of all"] == ["0.750", "4"]
+    assert rows["false alarms where nothing appeared"] == rows["of them with a name"] == ["0.500", "2"]
+    assert rows["not in the catalogue: unknown, or a twin"] == ["0.500", "2"]
+    assert rows["not in the catalogue: misnamed"] == ["0.500", "2"]
+    assert rows["a fresh recording predicted worse by 5 %, offset removed"] == ["0.091", "11"]
+    assert rows["a track alone predicted worse by 5 %, zero included"] == ["0.045", "22"]
+    assert rows["detected, area under the curve, rho 1 to 3"] == ["0.625", "4"]
+    assert rows["pairs: first name right"] == ["1.000", "2"]
+    assert rows["pairs: both in names and rivals"] == ["0.500", "2"]
 
 
 def test_an_effect_that_appears_is_found_and_does_no_harm(tmp_path, capsys):
