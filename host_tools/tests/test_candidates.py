@@ -381,3 +381,17 @@ def test_no_move_goes_further_than_jacobians_hold() -> None:
     step = sign * thresholds.REACH * np.linalg.norm(one.change) / np.linalg.norm(one.jacobian)
     expected = per_block(dataset, 9 * one.change - step * one.jacobian[:, 0])
     assert equations.held_out(0) == pytest.approx(expected, rel=1e-6)
+
+
+def test_what_was_asked_before_changes_no_prediction() -> None:
+    """A dataset remembers what effects made of the last prediction: ahead of the operator, behind it, at both sides."""
+    random, runs = np.random.default_rng(3), recorded(plain_model(), drives())
+    dataset = Dataset(plain_model(), runs)
+    known = [("delay", "timing", {"delay_s": (0.001, 0.003)}), ("relaxation", "actuator", {"share": (0.02, 0.05)}),
+             ("creep", "actuator", {"percent_per_decade": (1.0, 3.0)}), ("gain_change", "actuator", {"factor": (1.1, 0.9)}),
+             ("resonance", "mechanics", {"f0_hz": (90.0, 150.0)})]
+    others = {"relaxation": {"time_constant_s": 0.02}, "resonance": {"damping": 0.1}}
+    for _ in range(12):
+        acting = [Acting(CATALOGUE[name](stage), {key: ends[random.integers(2)] for key, ends in values.items()}
+                         | others.get(name, {})) for name, stage, values in known if random.random() < 0.7]
+        assert np.array_equal(dataset.predict(acting), Dataset(plain_model(), runs).predict(acting))

@@ -24,7 +24,7 @@ from rdpi.errors import BadInput
 from rdpi.gap.dataset import model_runs
 from rdpi.model import Drive, Memory, Model, Rate, read_model, write_model
 from rdpi.simulate import chain, effects
-from rdpi.simulate.effects import CATALOGUE, Acting, Effect, Residuals
+from rdpi.simulate.effects import CATALOGUE, Acting, Effect, Residuals, base
 
 RATE_HZ = 1000.0
 GAIN = 0.125  # um/V of `straight`
@@ -389,6 +389,15 @@ def test_hum_is_estimated_in_every_recording_and_the_zero_stays() -> None:
             for size, phase in ((0.1, 0.3), (0.4, 2.0))]
     for run, found in zip(runs, chain.simulate(model, runs)):
         assert found.predicted_um == pytest.approx(run.displacement_um - 0.25, abs=1e-9)
+
+
+@pytest.mark.parametrize("sample_time_s", [1e-5, 1e-3, 0.5])
+@pytest.mark.parametrize("samples", [1, 2, 31, 32, 33, 64, 65, 1000])
+def test_many_lags_at_once_are_the_sum_of_each(samples: int, sample_time_s: float) -> None:
+    times_s = 0.03, 0.1, 10.0, 1000.0
+    signal = 3 + np.cumsum(np.random.default_rng(samples).standard_normal(samples))
+    each = [base.low_pass(signal, sample_time_s, time_s) for time_s in times_s]
+    assert base.low_passes(signal, sample_time_s, times_s) == pytest.approx(sum(each), rel=1e-10)
 
 
 def test_initial_memory_is_sought_whatever_the_recording_says() -> None:

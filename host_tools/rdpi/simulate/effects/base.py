@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 STAGES = "DAC", "timing", "amplifier", "actuator", "mechanics", "environment", "sensor"
 BEFORE_MONITOR = STAGES[:3]
 Values = Mapping[str, float]
+BLOCK = 32  # samples that are filtered at once
 
 
 class Parameter(NamedTuple):
@@ -223,8 +225,45 @@ def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float) -
     """
     from scipy.signal import lfilter
 
-    ratio = sample_time_s / time_constant_s
-    a = np.exp(-ratio)
-    g = -np.expm1(-ratio) / ratio
+    a, g = _pole(sample_time_s, time_constant_s)
     start = signal[0]
     return start + lfilter([1 - g, g - a], [1, -a], signal - start)
+
+
+def low_passes(signal: np.ndarray, sample_time_s: float, times_s: tuple[float, ...]) -> np.ndarray:
+    """Sum of low_pass over time constants; many filters take longer."""
+    from scipy.signal import lfilter
+
+    within, at_end, after, block_poles = _blocks(sample_time_s, times_s)
+    blocks = -(-len(signal) // BLOCK)
+    padded = np.zeros(blocks * BLOCK + 1)
+    padded[1:len(signal) + 1] = signal - signal[0]
+    # of each block the sample before it, and its own
+    inputs = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(padded, BLOCK + 1)[::BLOCK])
+    states = np.stack([lfilter([1.0], [1, -pole], brought) for pole, brought in zip(block_poles, (inputs @ at_end).T)],
+                      axis=1)
+    result = inputs @ within
+    result[1:] += states[:-1] @ after
+    return len(times_s) * signal[0] + result.ravel()[:len(signal)]
+
+
+@lru_cache(maxsize=16)
+def _blocks(sample_time_s: float, times_s: tuple[float, ...]) -> tuple[np.ndarray, ...]:
+    """What the sample before a block and its BLOCK samples add to the sum within it, (BLOCK + 1, BLOCK), and to the
+    state of each lag at its end, (BLOCK + 1, lags); what those add to the next block, (lags, BLOCK); their poles there.
+    """
+    a, g = np.array([_pole(sample_time_s, time_s) for time_s in times_s]).T
+    powers = a ** np.arange(BLOCK + 1)[:, None]
+    pulse = np.vstack([powers[0] * (1 - g), powers[1:] * (1 - g) + powers[:-1] * (g - a)])  # (BLOCK + 1, lags)
+    first = powers[:-1] * (g - a)  # the sample before the block has only this of its pulse left to come
+    within = np.zeros((BLOCK + 1, BLOCK))
+    within[0] = np.sum(first, axis=1)
+    for k in range(BLOCK):
+        within[k + 1, k:] = np.sum(pulse, axis=1)[:BLOCK - k]
+    return within, np.vstack([first[-1:], pulse[BLOCK - 1::-1]]), powers[1:].T, powers[-1]
+
+
+def _pole(sample_time_s: float, time_constant_s: float) -> tuple[float, float]:
+    """a and g of low_pass."""
+    ratio = sample_time_s / time_constant_s
+    return float(np.exp(-ratio)), float(-np.expm1(-ratio) / ratio)

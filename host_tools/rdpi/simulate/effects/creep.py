@@ -6,7 +6,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Residuals, Values, low_pass
+from .base import Effect, Parameter, Residuals, Values, low_passes
 from .planned import PlannedDrive, Shown, time_text
 from .treatment import Treatment
 
@@ -38,7 +38,7 @@ class Creep(Effect):
         share = values["percent_per_decade"] / 100
         if share == 0:
             return z_um
-        crept = sum(low_pass(z_um, run.sample_time_s, time_s) for time_s in TIMES_S) / PER_DECADE
+        crept = low_passes(z_um, run.sample_time_s, tuple(TIMES_S.tolist())) / PER_DECADE
         return z_um + share * (crept - len(TIMES_S) / PER_DECADE * z_um[0])
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
