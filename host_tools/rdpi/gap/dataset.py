@@ -38,7 +38,7 @@ class ModelRun:
     smoothing_s: float
     monitored: bool
     _last: dict = field(default_factory=dict, init=False, repr=False)  # responses of the operator
-    _passed: list = field(default_factory=list, init=False, repr=False)  # what each effect made of the last one
+    _displaced: effects.Displaced = field(default_factory=effects.Displaced, init=False, repr=False)
 
     @property
     def input_V(self) -> np.ndarray:
@@ -60,18 +60,7 @@ class ModelRun:
             driven, z = self._operate(shown, start_um)
             return effects.displaced(shown, z, driven, self.model)
         driven, z = self._remembered(shown)
-        return self._displaced(shown, driven, z)
-
-    def _displaced(self, shown: Sequence[Acting], driven: Recording, z: np.ndarray) -> np.ndarray:
-        """effects.displaced, from the first effect on that differs from the last time."""
-        before, self._passed[:] = list(self._passed), []
-        same, shown_um = True, z
-        for k, one in enumerate(shown):
-            key = repr(one.effect), *one.values.items()
-            same = same and k < len(before) and before[k][0] == key and before[k][1] is z
-            shown_um = before[k][2] if same else effects.displaced([one], shown_um, driven, self.model)
-            self._passed.append((key, z, shown_um))
-        return shown_um
+        return self._displaced(shown, z, driven, self.model)
 
     def _remembered(self, shown: Sequence[Acting]) -> tuple[Recording, np.ndarray]:
         """_operate, which takes longest, only where an effect ahead of the displacement differs from the last two."""

@@ -73,11 +73,11 @@ class Linearised:
         v = outputs @ found.rest
         if np.any(found.change):
             v += share * (outputs @ found.change)
-        target = run.displacement_um
+        target, displaced = run.displacement_um, effects.Displaced()
         for _ in range(2):  # the offset is that of what F leaves
             offset = np.mean(setting.straightened(target[at], found) - v[at])
             z = setting.bent(v + offset, found)
-            shown = effects.displaced(acting, z, driven, setting.model)
+            shown = displaced(acting, z, driven, setting.model)
             target = run.displacement_um - (shown - z)
         self.predicted_um.append(shown)
         counted = outputs[at]
@@ -87,7 +87,7 @@ class Linearised:
         def change(new: Sequence[Acting], ahead: bool) -> np.ndarray:
             """Of the residual, with these in place of those that act."""
             if not ahead:
-                return slope * (effects.displaced(new, z, driven, setting.model) - shown)[at]
+                return slope * (displaced(new, z, driven, setting.model) - shown)[at]
             moved = setting.plays(k, setting.driven(k, new).command_V, False) - counted
             return moved @ found.rest + (share[at] * (moved @ found.change) if np.any(found.change) else 0.0)
 

@@ -36,7 +36,7 @@ from .static_nonlinearity import StaticNonlinearity
 from .thermal_drift import ThermalDrift
 from .treatment import Addend, Sensor, Treatment, left_out
 
-__all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Addend", "Effect", "Parameter",
+__all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Addend", "Displaced", "Effect", "Parameter",
            "Residuals", "Sensor", "Treatment", "Values", "acting", "beside", "disturbed", "displaced", "driven",
            "entries", "left_out", "operator", "place", "replaced", "then"]
 
@@ -146,6 +146,26 @@ def displaced(effects: Sequence[Acting], z_um: np.ndarray, run: Recording, model
     for effect, values in effects:
         z_um = effect.displacement(z_um, run, values, model)
     return z_um
+
+
+class Displaced:
+    """`displaced` asked again and again of few different outputs of the operator: from the first effect on that differs
+    from the last time.
+    """
+
+    def __init__(self) -> None:
+        self._last: list[tuple[Any, np.ndarray, np.ndarray]] = []  # of each effect: what it is, z, what it made of it
+
+    def __call__(self, effects: Sequence[Acting], z_um: np.ndarray, run: Recording, model: Model) -> np.ndarray:
+        """Of run and model, which must be those of z_um, an array that nobody changes."""
+        last, self._last = self._last, []
+        same, shown_um = True, z_um
+        for k, one in enumerate(effects):
+            what = repr(one.effect), *one.values.items()
+            same = same and k < len(last) and last[k][0] == what and last[k][1] is z_um
+            shown_um = last[k][2] if same else displaced([one], shown_um, run, model)
+            self._last.append((what, z_um, shown_um))
+        return shown_um
 
 
 def disturbed(effects: Sequence[Acting], predicted_um: np.ndarray, run: Recording, model: Model) -> np.ndarray:
