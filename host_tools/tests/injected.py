@@ -41,11 +41,11 @@ def plain_model(law: float = 0.0, source: str = "displacement") -> Model:
                     rate=Rate(source, window_s=0.002, max_um_per_s=1000.0, identified_um_per_s=500.0))
 
 
-def drives(canned: Drives = LATER[:3], limits: excite.Limits = LIMITS, sweep: bool = True) -> list[Recording]:
+def drives(canned: Drives = LATER[:3], limits: excite.Limits = LIMITS) -> list[Recording]:
     """Drives without displacement, with another axis that moves."""
     found = []
     for kind, options, share in canned:
-        columns, _ = excite.make_drive(kind, limits, sweep, **options)
+        columns, _ = excite.make_drive(kind, limits, **options)
         command = limits.middle_V + share * (columns["command_V"] - limits.middle_V)
         other = 5 * np.sin(np.arange(len(command)) / 100)
         found.append(recording(command, None, limits.sample_rate_hz, f"{kind} {share}.csv", other_axis_V=other))

@@ -20,11 +20,13 @@ from rdpi.gap.selection import Selection
 from rdpi.identify import Options, fit
 from rdpi.model import Model
 
-SLOW: Drives = (("sawtooth", {"frequencies_hz": (0.5, 2.0), "cycles": 2}, 1.0), ("minor-loops", {"levels": 4}, 1.0),
-                ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.4, 0.6, 1.0, 1.4, 2.2), "seed": 1}, 1.0))
-FAST: Drives = (("sine", {"frequencies_hz": (60.0, 61.0), "cycles": 60}, 0.3),
-                ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.5, 1.0, 1.7), "seed": 4}, 0.9),
-                ("sine", {"frequencies_hz": (45.0,), "cycles": 50}, 0.4))
+SLOW: Drives = (("sawtooth", {"frequencies_hz": (0.5, 2.0), "cycles": 2, "sweep": False}, 1.0), ("minor-loops", {"levels": 4, "sweep": False}, 1.0),
+                ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.4, 0.6, 1.0, 1.4, 2.2), "seed": 1, "sweep": False},
+                 1.0))
+FAST: Drives = (("sine", {"frequencies_hz": (60.0, 61.0), "cycles": 60, "sweep": False}, 0.3),
+                ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.5, 1.0, 1.7), "seed": 4, "sweep": False},
+                 0.9),
+                ("sine", {"frequencies_hz": (45.0,), "cycles": 50, "sweep": False}, 0.4))
 RIG = entry("lag", "amplifier", time_constant_s=5e-4)  # from the first day, but slow drives do not show it
 
 
@@ -34,7 +36,7 @@ def slowly_commissioned(share: float = 1.0) -> Model:
 
 
 def slow(share: float = 1.0) -> list[Recording]:
-    return drives(tuple((kind, options, share * part) for kind, options, part in SLOW), sweep=False)
+    return drives(tuple((kind, options, share * part) for kind, options, part in SLOW))
 
 
 def commissioning(share: float = 1.0) -> list[Recording]:
@@ -43,7 +45,7 @@ def commissioning(share: float = 1.0) -> list[Recording]:
 
 @lru_cache(maxsize=None)
 def asked_at_speed() -> Diagnosis:
-    return diagnose(slowly_commissioned(), recorded(plain_model(), drives(FAST, sweep=False), RIG))
+    return diagnose(slowly_commissioned(), recorded(plain_model(), drives(FAST), RIG))
 
 
 def test_where_commissioning_did_not_move_the_gap_need_not_be_new() -> None:
