@@ -20,13 +20,11 @@ from rdpi.gap.selection import Selection
 from rdpi.identify import Options, fit
 from rdpi.model import Model
 
-SLOW: Drives = (("sawtooth", {"frequencies_hz": (0.5, 2.0), "cycles": 2, "sweep": False}, 1.0), ("minor-loops", {"levels": 4, "sweep": False}, 1.0),
-                ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.4, 0.6, 1.0, 1.4, 2.2), "seed": 1, "sweep": False},
-                 1.0))
-FAST: Drives = (("sine", {"frequencies_hz": (60.0, 61.0), "cycles": 60, "sweep": False}, 0.3),
-                ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.5, 1.0, 1.7), "seed": 4, "sweep": False},
-                 0.9),
-                ("sine", {"frequencies_hz": (45.0,), "cycles": 50, "sweep": False}, 0.4))
+SLOW: Drives = (("sawtooth", {"frequencies_hz": (0.5, 2.0), "cycles": 2}, 1.0), ("minor-loops", {"levels": 4}, 1.0),
+                ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.4, 0.6, 1.0, 1.4, 2.2), "seed": 1}, 1.0))
+FAST: Drives = (("sine", {"frequencies_hz": (60.0, 61.0), "cycles": 60}, 0.3),
+                ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.5, 1.0, 1.7), "seed": 4}, 0.9),
+                ("sine", {"frequencies_hz": (45.0,), "cycles": 50}, 0.4))
 RIG = entry("lag", "amplifier", time_constant_s=5e-4)  # from the first day, but slow drives do not show it
 
 
@@ -35,17 +33,18 @@ def slowly_commissioned(share: float = 1.0) -> Model:
     return fit(commissioning(share), Options(rate_independent=True, effects="none")).model
 
 
-def slow(share: float = 1.0) -> list[Recording]:
-    return drives(tuple((kind, options, share * part) for kind, options, part in SLOW))
+def unswept(canned: Drives, share: float = 1.0) -> list[Recording]:
+    """Without the sweep, which is fast."""
+    return drives(tuple((kind, {**options, "sweep": False}, share * part) for kind, options, part in canned))
 
 
 def commissioning(share: float = 1.0) -> list[Recording]:
-    return recorded(plain_model(), slow(share), RIG)
+    return recorded(plain_model(), unswept(SLOW, share), RIG)
 
 
 @lru_cache(maxsize=None)
 def asked_at_speed() -> Diagnosis:
-    return diagnose(slowly_commissioned(), recorded(plain_model(), drives(FAST), RIG))
+    return diagnose(slowly_commissioned(), recorded(plain_model(), unswept(FAST), RIG))
 
 
 def test_where_commissioning_did_not_move_the_gap_need_not_be_new() -> None:
@@ -57,7 +56,7 @@ def test_where_commissioning_did_not_move_the_gap_need_not_be_new() -> None:
 
 
 def test_nothing_is_unknown_where_commissioning_went() -> None:
-    again = recorded(plain_model(), slow(), entry("gain_change", factor=1.05), seed=5)
+    again = recorded(plain_model(), unswept(SLOW), entry("gain_change", factor=1.05), seed=5)
     assert not diagnose(slowly_commissioned(), again).document.not_known_from_commissioning
 
 
@@ -69,7 +68,7 @@ def test_a_model_of_before_does_not_say() -> None:
 
 
 def test_positions_beyond_those_of_commissioning() -> None:
-    wide = recorded(plain_model(), slow(), entry("static_nonlinearity", "sensor", quadratic=0.03), seed=5)
+    wide = recorded(plain_model(), unswept(SLOW), entry("static_nonlinearity", "sensor", quadratic=0.03), seed=5)
     found = diagnose(slowly_commissioned(0.6), wide).document.not_known_from_commissioning
     assert {one.axis for one in found} == {"position_um"} and all(one.moved_um is None for one in found)
     reached = slowly_commissioned(0.6).passport["axes"]["position_um"]["edges"]
@@ -104,6 +103,6 @@ def test_the_proposed_drive_shows_frequencies(rdpi: Callable, tmp_path: Path, mo
 
 def test_the_proposed_drive_shows_positions(rdpi: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    bent = recorded(plain_model(), slow(), entry("static_nonlinearity", "sensor", cubic=0.1))
+    bent = recorded(plain_model(), unswept(SLOW), entry("static_nonlinearity", "sensor", cubic=0.1))
     drive = proposed(diagnose(slowly_commissioned(0.6), bent), slowly_commissioned(0.6), rdpi)
     assert np.min(drive.command_V) == 0 and np.max(drive.command_V) == 100
