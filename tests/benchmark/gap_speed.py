@@ -23,7 +23,7 @@ import bench as vb  # noqa: E402
 
 RATE_HZ = 2000.0
 RUNS = 8
-TARGET_S = 10
+TARGET_S = 5
 # What the recordings have and the model has not: three effects at once, so that every round of the selection is gone
 # through, beside readings on a grid and another axis, so that nothing is left out for want of excitation.
 DELAY_S, GAIN, HUM_HZ, HUM_UM, GRID_UM = 0.002, 1.06, 77.0, 0.3, 0.02

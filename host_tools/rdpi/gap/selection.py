@@ -238,7 +238,8 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
         best, refitted, rejected = _choose(state, scores, baseline, gap, evidence, misplaced)
     reproduced = equations.reproduced()
     rivals = [] if best is None else \
-        _rivals(state, scores, baseline, best, refitted, reproduced[scores.index(best)], gap.floor)
+        [one for one in _rivals(state, scores, baseline, best, refitted, reproduced[scores.index(best)], gap.floor)
+         if one not in misplaced]
     if refitted and gap.ratio and gap.ratio > thresholds.NEW_RATIO:
         # What was there before explains the whole better, and something else what is new.
         rivals += [one for one, why in zip(scores, rejected) if why is None and one.name not in
