@@ -134,7 +134,8 @@ def model_runs(model: Model, runs: Sequence[Recording], monitored: bool, paired:
     miss is taken off where recordings are `paired`; else the start is estimated, lest it be named as a change.
     """
     drifts = bool((model.passport or {}).get("drifts")) and not paired
-    known = [run.memory != "unknown" and not (drifts and run.memory == "reset") for run in runs]
+    known = [run.memory != "unknown" and not (drifts and run.memory == "reset" and "displacement_um" in run.columns)
+             for run in runs]
     inputs = [replace(run, columns={**run.columns, "command_V": run.columns["monitor_V"]}) if monitored else run
               for run in runs]
     inputs = [run if sure else replace(run, metadata={**run.metadata, "memory": "unknown"})
