@@ -20,6 +20,7 @@ from .dataset import Dataset
 STEPS = 6  # of Gauss-Newton
 ENOUGH = 1e-3  # relative change of the sum of squares at which they end
 PROBE = 1e-3  # change of the prediction that a derivative is taken over, as a share of the stroke
+RESTARTS = 2  # of recordings of unknown memory, beside each effect
 POSITIONS = 41  # tried for an unknown start of the memory
 
 
@@ -87,10 +88,30 @@ def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: n
 
     tried = [(change(values), values) for values in starts]
     found = _refined(dataset, effect, change, left, *min(tried, key=lambda one: _square(left - one[0])))
-    if known is None:
-        return found
-    moved = _refined(dataset, effect, change, left, np.zeros(len(left)), dict(known.values))
-    return min((moved, found), key=lambda one: _square(left - one.change))
+    if known is not None:
+        moved = _refined(dataset, effect, change, left, np.zeros(len(left)), dict(known.values))
+        found = min((moved, found), key=lambda one: _square(left - one.change))
+    return _restarted(dataset, acting, plain, left, found)
+
+
+def _restarted(dataset: Dataset, acting: Sequence[Acting], plain: np.ndarray, left: np.ndarray, found: Candidate
+               ) -> Candidate:
+    """The same with the starts that are not known estimated beside it, where that leaves less: estimated without it,
+    they have taken up a part of it, or stand in its way.
+    """
+    for _ in range(RESTARTS):
+        again = dataset.restarted(effects.beside(acting, found.acting))
+        if again is dataset:
+            return found
+
+        def change(values: dict[str, float]) -> np.ndarray:
+            return again.predict(effects.beside(acting, Acting(found.effect, values))) - plain
+
+        better = _refined(again, found.effect, change, left, change(found.values), found.values)
+        if _square(left - better.change) >= (1 - ENOUGH) * _square(left - found.change):
+            return found
+        found = replace(better, memory_um=[one.start_um for one in again.model_runs])
+    return found
 
 
 def _refined(dataset: Dataset, effect: Effect, change: Callable[[dict[str, float]], np.ndarray], left: np.ndarray,
