@@ -153,23 +153,40 @@ def test_a_dac_of_few_bits() -> None:
     assert first.parameters["step"].value == pytest.approx(0.8, rel=0.01)
 
 
+def come_from(place_V: float, hertz: float, middle_V: float, half_V: float, seed: int, memory: str = "reset",
+              effects: Sequence[dict] = ()) -> Recording:
+    """The plant came straight from `place_V` to the middle of a sine that grows."""
+    model, t = plain_model(), np.arange(3000) / RATE_HZ
+    x = float(model.x_of(middle_V))
+    start = chain.states_after(float(model.x_of(place_V)), x, model.thresholds_um)
+    plant = replace(model, memory=Memory(x, start), effects=list(effects))
+    command = middle_V + half_V * np.sin(2 * np.pi * hertz * t) * np.linspace(0.4, 1, len(t))
+    silent = recording(command, None, RATE_HZ, f"{hertz} Hz.csv", memory)
+    z = chain.simulate(plant, [silent], "model")[0].predicted_um
+    return changed(silent, displacement_um=z + NOISE_UM * np.random.default_rng(seed).standard_normal(len(z)))
+
+
 def not_reset() -> list[Recording]:
-    """The plant came from 0 V or 100 V; the recordings say that a sweep ended at their first sample."""
-    model, runs, t = plain_model(), [], np.arange(1500) / RATE_HZ
-    for k, (hertz, came_from_V) in enumerate(((1.0, 0.0), (0.7, 100.0), (1.6, 0.0), (2.3, 100.0))):
-        x = float(model.x_of(50.0))
-        start = chain.states_after(float(model.x_of(came_from_V)), x, model.thresholds_um)
-        plant = replace(model, memory=Memory(x, start))
-        command = 50 + 25 * np.sin(2 * np.pi * hertz * t) * np.linspace(0.4, 1, len(t))
-        silent = recording(command, None, RATE_HZ, f"{hertz} Hz.csv")
-        z = chain.simulate(plant, [silent], "model")[0].predicted_um
-        runs.append(changed(silent, displacement_um=z + NOISE_UM * np.random.default_rng(k).standard_normal(len(z))))
-    return runs
+    """The recordings say that a sweep ended at their first sample."""
+    return [come_from(place_V, hertz, 50.0, 25.0, k)
+            for k, (hertz, place_V) in enumerate(((1.0, 0.0), (0.7, 100.0), (1.6, 0.0), (2.3, 100.0)))]
 
 
 def test_a_memory_that_was_not_reset() -> None:
     found = diagnose(commissioned(), not_reset())
     assert found.document.verdict in ("effect", "ambiguous") and "initial_memory" in named(found)
+
+
+@pytest.mark.parametrize("bend", [{"quadratic": 0.12}, {"cubic": 0.15}])
+def test_a_start_that_is_not_known_takes_up_no_part_of_an_effect(bend: dict[str, float]) -> None:
+    """Estimated without the effect it does, and then another effect is named, alone or beside it."""
+    curve = [entry("static_nonlinearity", "sensor", **bend)]
+    found = diagnose(commissioned(), [
+        come_from(50.0, 1.0, 50.0, 45.0, 0, "reset", curve), come_from(50.0, 2.3, 50.0, 30.0, 1, "reset", curve),
+        come_from(0.0, 1.3, 75.0, 24.0, 2, "unknown", curve)])
+    assert [one.name for one in found.document.effects] == ["static_nonlinearity"]
+    assert found.document.verdict == "effect"
+    assert found.document.promised.shrink > 0.95
 
 
 def test_where_inner_loops_drift_a_start_is_no_change() -> None:
