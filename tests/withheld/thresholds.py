@@ -55,7 +55,7 @@ FACTORS = 0.5, 1.0, 2.0
 CHANCE = "chance_gain"
 # no verdict depends on
 REMARKS = {"BIN_SHARE", "BIN_RATIO", "ZERO", "MUCH_ZERO", "ZERO_AGREES", "ZERO_SCATTER", "MUCH_LEFT", "OTHER_RATE",
-           "WIDEN"}
+           "WIDEN", "WIDEN_FEW", "HARDLY_MOVED", "BEYOND_ENDS", "ABOVE_NOISE", "MOSTLY"}
 FITTED = {"OWN_MOTION"}  # what a fitted candidate depends on,
 SOLVED = {"REACH", "REFIT_FREEDOM", "CORRELATED"}  # ... and what is left of it in recordings left out
 FIGURES = "detected", "alarms", "right", "wrong", "unknown"

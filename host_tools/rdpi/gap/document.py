@@ -19,7 +19,7 @@ from .dataset import Dataset
 from .normal_equations import NormalEquations
 from .sections import (AcceptedEffect, BeforeAfter, CandidateEntry, GapDocument, GapFigures, Leftover, Matrix,
                        NotExcited, NotKnown, Offset, PassportFigures, Promise, Refit, RunEntry, StageShares, Verdict, Where)
-from .selection import Excess, Round, Selection, shrink_interval, shrink_of
+from .selection import Excess, Round, Selection, promised_interval, shrink_of
 
 
 def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport | None, axes: Sequence[localise.Axis],
@@ -202,7 +202,7 @@ def promised(selection: Selection, final: NormalEquations | None) -> Promise:
         return Promise(shrink=None, ci90=None, why_no_interval="no effect was accepted")
     after, recordings = final.held_out(), len(selection.given.recordings)
     before = np.bincount(final.dataset.block, selection.given.residual**2, len(after))
-    return Promise(shrink=shrink_of(after, before), ci90=shrink_interval(after, before, recordings, 90),
+    return Promise(shrink=shrink_of(after, before), ci90=promised_interval(after, before, recordings),
                    why_no_interval=None if recordings > 1 else "one recording shows no spread between recordings")
 
 

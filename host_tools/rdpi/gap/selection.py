@@ -423,11 +423,26 @@ def shrink_of(after: np.ndarray, before: np.ndarray) -> float:
     return float(1 - np.sqrt(np.sum(after) / np.sum(before))) if np.sum(before) > 0 else 0.0
 
 
-def shrink_interval(after: np.ndarray, before: np.ndarray, recordings: int, percent: float = 95
-                    ) -> tuple[float, float] | None:
-    """Interval of the shrink: recordings drawn anew, then their blocks; widened. None for a single recording."""
+def shrink_interval(after: np.ndarray, before: np.ndarray, recordings: int) -> tuple[float, float] | None:
+    """95 % interval of the shrink: recordings drawn anew, then their blocks; widened. None for a single recording."""
+    return None if recordings < 2 else _drawn_interval(after, before, recordings, 95, thresholds.WIDEN)
+
+
+def promised_interval(after: np.ndarray, before: np.ndarray, recordings: int) -> tuple[float, float] | None:
+    """90 % interval of the shrink of new recordings of these kinds. None for a single recording.
+
+    Few recordings drawn anew scatter less than new ones, by the variance about their own mean and Student's t.
+    """
+    from scipy.special import ndtri, stdtrit
+
     if recordings < 2:
         return None
+    few = float(np.sqrt(recordings / (recordings - 1)) * stdtrit(recordings - 1, 0.95) / ndtri(0.95))
+    return _drawn_interval(after, before, recordings, 90, max(thresholds.WIDEN, thresholds.WIDEN_FEW * few))
+
+
+def _drawn_interval(after: np.ndarray, before: np.ndarray, recordings: int, percent: float, widen: float
+                    ) -> tuple[float, float]:
     sides = len(after) // (recordings * BLOCKS)
     pairs = np.stack([after, before]).reshape(2, recordings, sides, BLOCKS).sum(axis=2)
     random = np.random.default_rng(0)
@@ -436,5 +451,4 @@ def shrink_interval(after: np.ndarray, before: np.ndarray, recordings: int, perc
     sums = pairs[:, runs[:, :, None], blocks].sum(axis=(2, 3))
     drawn = 1 - np.sqrt(sums[0] / np.maximum(sums[1], 1e-300))
     middle, (low, high) = shrink_of(after, before), np.percentile(drawn, (50 - percent / 2, 50 + percent / 2))
-    widen = thresholds.WIDEN
     return float(middle - widen * (middle - low)), float(min(1.0, middle + widen * (high - middle)))

@@ -53,6 +53,7 @@ ALIKE_LOOPS = 0.7  # [R2] ... if they look so much alike; tune
 
 # --- how far?
 WIDEN = 1.3  # [width] by which bootstrapped intervals are widened; coverage
+WIDEN_FEW = 0.84  # [width] of what few recordings call for, by which promises are widened at least; rigs
 REFIT_FREEDOM = 0.2  # [slope] standard deviation of a slope's prior when the model is refitted; judged
 CORRELATED = 30  # [samples] of the residual that count as one: what the model misses is no white noise; judged
 REACH = 0.5  # [change] share of a candidate's change, as far as its Jacobian is taken to hold; judged
