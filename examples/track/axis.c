@@ -86,6 +86,9 @@ static void axis_count(rdpi_telemetry_counts_t *counts)
 #else
 #define couple NULL
 #endif
+#ifdef RDPI_PARAMS_BACKLASH_UM
+#include "backlash.h"
+#endif
 
 static void tell(rdpi_telemetry_sample_t *sample, number_t reference)
 {
@@ -108,6 +111,9 @@ static bool axis_advance(uint32_t ticks, int32_t adc_counts, const uint32_t *cod
     if (!NEXT_REFERENCE(ticks, chain.preview_samples, &reference, &ahead)) {
         return false;
     }
+#ifdef RDPI_PARAMS_BACKLASH_UM
+    number_t asked = ahead; /* its reversals count, not those that the loop makes */
+#endif
 #if TRACK_LOOP
     ahead = loop_reference(reference, ahead, ticks, adc_counts);
 #else
@@ -117,6 +123,9 @@ static bool axis_advance(uint32_t ticks, int32_t adc_counts, const uint32_t *cod
     ahead = coupling_taken_off(ahead, codes);
 #else
     (void)codes;
+#endif
+#ifdef RDPI_PARAMS_BACKLASH_UM
+    ahead = backlash_crossed(ahead, asked, ticks);
 #endif
     if (ticks > 1u) {
         RDPI(missed)(&chain, ticks - 1u);

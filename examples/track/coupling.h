@@ -4,17 +4,11 @@
 #ifndef TRACK_COUPLING_H
 #define TRACK_COUPLING_H
 
-#if TRACK_Q31
-typedef int64_t coupling_t; /* reference units times 2^16 */
-#define COUPLING_OF(um) ((coupling_t)((um) / (RDPI_PARAMS_Q31_UM(1) - RDPI_PARAMS_Q31_UM(0)) * 65536))
-#else
-typedef float coupling_t; /* um */
-#define COUPLING_OF(um) ((coupling_t)(um))
-#endif
+#include "added.h"
 
 static struct {
-    coupling_t at_zero;              /* with all other axes at code 0 */
-    coupling_t per_code[RDPI_AXES];
+    added_t at_zero;              /* with all other axes at code 0 */
+    added_t per_code[RDPI_AXES];
 } coupling;
 
 static double coupling_um(uint32_t axis, double drive_V)
@@ -50,26 +44,18 @@ static void couple(uint32_t axis, const rdpi_telemetry_run_t *of)
 {
     double at_zero_um = coupling_um(axis, of->min_V);
     double last_code = (double)((1uL << of->dac_bits) - 1uL);
-    coupling.at_zero += COUPLING_OF(at_zero_um);
-    coupling.per_code[axis] = COUPLING_OF((coupling_um(axis, of->max_V) - at_zero_um) / last_code);
+    coupling.at_zero += ADDED_OF(at_zero_um);
+    coupling.per_code[axis] = ADDED_OF((coupling_um(axis, of->max_V) - at_zero_um) / last_code);
 }
 
 /* A reference for this axis alone. None stays none. */
 static number_t coupling_taken_off(number_t reference, const uint32_t *codes)
 {
-    coupling_t moved = coupling.at_zero;
+    added_t moved = coupling.at_zero;
     for (uint32_t k = 0; k < RDPI_AXES; k++) {
-        moved += coupling.per_code[k] * (coupling_t)codes[k];
+        moved += coupling.per_code[k] * (added_t)codes[k];
     }
-#if TRACK_Q31
-    int64_t alone = reference - moved / 65536;
-    if (reference == RDPI_Q31_NO_REFERENCE) {
-        return reference;
-    }
-    return (number_t)(alone > INT32_MAX ? INT32_MAX : alone < -INT32_MAX ? -INT32_MAX : alone);
-#else
-    return reference - moved;
-#endif
+    return with_added(reference, -moved);
 }
 
 #endif

@@ -104,7 +104,7 @@ class Model:
         """
         inverse = inverse_of(self.parameters)
         write_header(inverse.model, _path(path), name, "", inverse.chain,
-                     [(one.column, one.um_per_unit) for one in inverse.addends])
+                     [(one.column, one.um_per_unit) for one in inverse.addends], inverse.jump)
 
 
 class Diagnosis:

@@ -186,7 +186,8 @@ def test_options_say_what_is_compensated(command: tuple[str, ...], folder: Path,
     assert table[0].split() == ["1", "0.314", "%", "5.17e-07", "%"]
     for options, words in ((("--leave-out", "lag"), "does not hold this effect"),
                            (("--effects", "none", "--leave-out", "delay"), "--effects none leaves all effects out"),
-                           (("--sensor-lag", "0.01"), "later than all")):
+                           (("--sensor-lag", "0.01"), "later than all"),
+                           (("--backlash-time", "0"), "must be a time in s, more than 0")):
         done = rdpi(*command, *options)
         assert done.exit_code == 2 and words in " ".join(done.output.split())
 

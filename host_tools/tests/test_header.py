@@ -421,6 +421,13 @@ def test_addends_are_macros(model: Model, compiled: Callable) -> None:
     assert (done.stdout, done.stderr) == ("-1 1.5", "")
 
 
+def test_backlash_is_two_macros(model: Model, compiled: Callable) -> None:
+    text = render(model, jump=(0.25, 0.002))
+    done = compiled('#include <stdio.h>\n#include "rdpi_params.h"\nint main(void) { printf("%g %g", '
+                    "RDPI_PARAMS_BACKLASH_UM / 2, 1 / RDPI_PARAMS_BACKLASH_S); return 0; }", {"rdpi_params.h": text})
+    assert (done.stdout, done.stderr) == ("0.125 500", "") and "BACKLASH" not in render(model)
+
+
 def test_an_array_that_lost_a_value_is_an_error(model: Model, compiled: Callable) -> None:
     text = render(model)
     shorter = re.sub(rf"    {{.* {literal(model.slopes[1])}, .*\n", "", text, count=1)

@@ -16,7 +16,7 @@ from rdpi.firmware import Chain, ahead
 from rdpi.model import Drive, Model, Rate
 from rdpi.simulate import ALL, Inverse, chain, effects, inverse_of, numpy_inverse
 from rdpi.simulate.effects import CATALOGUE, Sensor
-from rdpi.simulate.inverse import APART, in_series
+from rdpi.simulate.inverse import APART, Jump, in_series
 
 STEP_S = 1e-4
 SIZES: dict[str, dict[str, float]] = {
@@ -421,3 +421,29 @@ def test_effects_alone_do_not_change_what_stands_in_the_model() -> None:
     before = model.digest(), effects.entries(effects.acting(model))
     inverse_of(model)
     assert (model.digest(), effects.entries(effects.acting(model))) == before
+
+
+# --- backlash ---
+
+@pytest.mark.parametrize("others", [(), ("creep",), ("lag", "delay")])
+def test_backlash_is_crossed_at_each_reversal(others: tuple[str, ...]) -> None:
+    model = model_with(*others, {"name": "backlash", "parameters": {"width_um": 1.0}})
+    model.effects[-1]["parameters"]["width_um"] = 0.05 * model.stroke_um
+    crossed = miss(model, inverse_of(model, jump_s=5e-4))
+    assert crossed < 0.4 * miss(model, inverse_of(model, leave_out=["backlash"]))
+    assert "spread over 500 us" in inverse_of(model, jump_s=5e-4).lines[-1]
+
+
+def test_the_jump_over_backlash() -> None:
+    """It takes its time, goes on from where it is, and what is no reference neither turns it nor starts it."""
+    jump = Jump(0.8, 0.004)  # 0.2 um a sample of 1 ms
+    wanted = np.array([np.nan, 3, 3, 4, 5, 6, 5, 5, 2e6, np.nan, 5, 6, 7])
+    added = [0, 0, 0, 0.2, 0.4, 0.4, 0.2, 0, -0.2, -0.4, -0.4, -0.2, 0]
+    assert jump.added_um(wanted, 0.001) == pytest.approx(np.array(added))
+    assert not np.any(Jump().added_um(wanted, 0.001)) and not np.any(jump.added_um(np.full(3, np.nan), 0.001))
+
+
+@pytest.mark.parametrize("jump_s", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_jump_takes_time(jump_s: float) -> None:
+    with pytest.raises(BadInput, match="--backlash-time"):
+        inverse_of(model_with(), jump_s=jump_s)

@@ -343,6 +343,28 @@ def test_cross_coupling_is_taken_off_as_by_compensate(number: str, build: Callab
     assert np.abs(codes - alone).max() > 1000
 
 
+@pytest.mark.parametrize("number", ["f32", "q31"])
+def test_backlash_is_crossed_as_by_compensate(number: str, build: Callable[..., Path], reference: dict, tmp_path: Path
+                                              ) -> None:
+    """Of a reference that rests, moves too little for the first code, and is none for a while."""
+    plain = read_model(PARAMS / "model.json")
+    loose = replace(plain, effects=[{"name": "backlash", "stage": "mechanics", "parameters": {"width_um": {
+        "value": 0.3, "ci95": None, "unit": "um"}}}])
+    reference_um = reference["reference_um"].copy()
+    reference_um[200:260], reference_um[700:705] = reference_um[200], 2e6
+    by = inverse_of(loose, jump_s=0.004)
+    write_header(by.model, tmp_path / "rdpi_params.h", chain=by.chain, jump=by.jump)
+    (tmp_path / "x.csv").write_text("\n".join(["reference_um", *map(repr, reference_um.tolist()), ""]))
+    program = build(f"-DRDPI_PARAMS_DIR={tmp_path}", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}", f"-DRDPI_TRACK_Q31={number == 'q31'}")
+    subprocess.run([program, "x.csv", "-o", "dx.csv"], cwd=tmp_path, check=True)
+    ours = [int(row["dac_code"]) for row in rows((tmp_path / "dx.csv").read_text())]
+    run = Recording("x", {}, {"time_s": np.arange(len(reference_um)) / RATE_HZ, "reference_um": reference_um})
+    codes = compensate(loose, run, engine=number, by=by).steps.dac_code.astype(int)
+    assert np.abs(codes - ours).max() <= (0 if number == "q31" else 1)
+    alone = compensate(plain, run, engine=number).steps.dac_code.astype(int)
+    assert np.abs(codes - alone).max() > 100
+
+
 @pytest.mark.parametrize("words, message", [
     (["x.csv"], "the application has 2 axes: give so many REFERENCE.csv and -o DRIVE.csv"),
     (["x.csv", "x.csv", "-o", "d.csv"], "the application has 2 axes"),

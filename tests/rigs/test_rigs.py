@@ -539,7 +539,7 @@ def asked(effect: str, names: list[str], rivals: list[str] = [], after: float = 
     verdict = "ambiguous" if rivals else "effect" if names else "none"
     return {"family": "a", "seed": 1, "effect": effect, "names": names, "rivals": rivals, "verdict": verdict,
             "rho": 2.0, "promised": 0.4, "same": 0.46, "ci90": [0.45 - 0.3 * bool(rivals), 0.6], "realised": 0.5,
-            "old": [[2.0, 0.0]] * 3, "detection": float(bool(names)), "fresh": [0.5, after],
+            "old": [[2.0, 0.0]] * 3, "detection": float(bool(names)), "paired": False, "fresh": [0.5, after],
             "new": [[2.0, 0.0], [2.0, 0.0], [after, 0.0]], **more}
 
 

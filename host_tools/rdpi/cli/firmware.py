@@ -34,6 +34,9 @@ EFFECT_OPTIONS = (
                       "compensated. Default: 0."),
     click.option("--sensor-lag", "sensor_lag_s", type=float, default=0.0, metavar="S",
                  help="Time constant of the sensor's filter from its data sheet, s, likewise. Default: 0."),
+    click.option("--backlash-time", "jump_s", type=float, default=0.002, show_default=True, metavar="S",
+                 help="Time that the jump over backlash at each reversal is spread over, s. A jump that takes less time "
+                      "lets the mechanics ring; while it lasts, the stage stands still."),
 )
 
 
@@ -55,7 +58,7 @@ def _shaped(model: Model) -> None:
 
 
 def _inverse(model: Model, effects: str, leave_out: tuple[str, ...], preview: bool, sensor_delay_s: float,
-             sensor_lag_s: float) -> Inverse:
+             sensor_lag_s: float, jump_s: float) -> Inverse:
     """The inverse that these options ask for, told line by line."""
     from ..simulate import ALL, inverse_of
     from ..simulate.effects import Sensor
@@ -63,7 +66,7 @@ def _inverse(model: Model, effects: str, leave_out: tuple[str, ...], preview: bo
     if effects == "none" and leave_out:
         raise BadInput("--leave-out: --effects none leaves all effects out")
     found = inverse_of(model, leave_out=(ALL,) if effects == "none" else leave_out, preview=preview,
-                       sensor=Sensor(sensor_delay_s, sensor_lag_s))
+                       sensor=Sensor(sensor_delay_s, sensor_lag_s), jump_s=jump_s)
     for line in found.lines:
         click.echo(line)
     costs = found.costs()
@@ -96,7 +99,7 @@ def _effects_of(inverse: Inverse) -> list[dict[str, Any]]:
 @NOISE_SHAPING
 @effect_options
 def header(model: str, output: str, name: str, noise_shaping: bool, effects: str, leave_out: tuple[str, ...], preview: bool,
-           sensor_delay_s: float, sensor_lag_s: float, **sweep: float | None) -> dict[str, Any]:
+           sensor_delay_s: float, sensor_lag_s: float, jump_s: float, **sweep: float | None) -> dict[str, Any]:
     """Generate the C header with the parameters of a model, to be compiled into the firmware.
 
     The header holds the operator, rdpi_params, and what stands around it, rdpi_chain. For each effect of the model one
@@ -112,10 +115,10 @@ def header(model: str, output: str, name: str, noise_shaping: bool, effects: str
     parameters.drive = replace(parameters.drive, **{key: value for key, value in sweep.items() if value is not None})
     if noise_shaping:
         _shaped(parameters)
-    inverse = _inverse(parameters, effects, leave_out, preview, sensor_delay_s, sensor_lag_s)
+    inverse = _inverse(parameters, effects, leave_out, preview, sensor_delay_s, sensor_lag_s, jump_s)
     parameters, chain = inverse.model, inverse.chain
     written = write_header(parameters, output, name, model, chain,
-                           [(one.column, one.um_per_unit) for one in inverse.addends])
+                           [(one.column, one.um_per_unit) for one in inverse.addends], inverse.jump)
     click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones, "
                f"starts from {parameters.start_V():.6g} V, start-up sweep ends at {parameters.sweep_end():.6g} V")
     for note in build_notes(parameters, chain):

@@ -135,15 +135,16 @@ def template(name: str) -> jinja2.Template:
 
 
 def render(model: Model, name: str = NAME, source: str = "", chain: Chain = Chain(),
-           addends: Sequence[tuple[str, float]] = ()) -> str:
+           addends: Sequence[tuple[str, float]] = (), jump: tuple[float, float] = (0.0, 0.0)) -> str:
     """The header's text; the same for the same model, whenever and wherever it is made.
 
     `name` is what the parameters are called in C, and the prefix of arrays and (in capitals) macros, so that a firmware
     can hold several actuators. `source` is the model's file, for the banner and for messages. `addends` are columns of
     recordings and the displacement in um per unit of each, which the application subtracts from the reference.
+    `jump` is the width of backlash in um and the time in s that its jump at a reversal is spread over.
     Raises BadInput for a name that C cannot use and for a model that 32-bit floats cannot hold.
     """
-    return _render(model, name, source, chain, addends).text
+    return _render(model, name, source, chain, addends, jump).text
 
 
 class Header(NamedTuple):
@@ -154,7 +155,8 @@ class Header(NamedTuple):
     no_fixed_point: str  # why it has no parameters in fixed point; "" if it has
 
 
-def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequence[tuple[str, float]]) -> Header:
+def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequence[tuple[str, float]],
+            jump: tuple[float, float]) -> Header:
     _check_name(name)
     where = source or model.where
     model.validate(where)
@@ -174,14 +176,16 @@ def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequenc
         tables=[(field, *about, _rows(getattr(single, field), literal)) for field, about in TABLES.items()],
         scalars=[(field, text, literal(getattr(single, field))) for field, text in SCALARS.items()],
         chain=chain_name(name), **_chain_parts(chain), addends=_addends(addends),
+        jump=[f"({float(part)!r})" for part in jump] if jump[0] else None,
         **_q31_parts(numbers, chain_numbers, reason))
     return Header(text, model_digest, reason)
 
 
 def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "",
-                 chain: Chain = Chain(), addends: Sequence[tuple[str, float]] = ()) -> Header:
+                 chain: Chain = Chain(), addends: Sequence[tuple[str, float]] = (),
+                 jump: tuple[float, float] = (0.0, 0.0)) -> Header:
     """Render and write atomically. Raises BadInput as `render` does, OSError when the file cannot be written."""
-    header = _render(model, name, source, chain, addends)
+    header = _render(model, name, source, chain, addends, jump)
     atomic_write(path, header.text)
     return header
 

@@ -144,7 +144,7 @@ def _tracked(given: Model, improved: Model, known: Passport | None, run: Recordi
         by = inverse_of(model)
         library = firmware.engine(by.model, run.sample_time_s, "f64", by.chain if by.chain.acts else None)
         end_V = library.sweep()[0][-1:]  # where the sweep ends; what it leaves, the models say themselves
-        drive_V = library.step(firmware.ahead(wanted - by.added_um(run), library.preview_samples)).drive_V
+        drive_V = library.step(firmware.ahead(by.wanted_um(run, wanted), library.preview_samples)).drive_V
         columns = {name: np.concatenate([values[:1], values]) for name, values in run.columns.items()
                    if name != "displacement_um"}
         columns["time_s"] = np.arange(1 + len(wanted)) * run.sample_time_s

@@ -186,7 +186,7 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     others = {name: values for name, values in run.columns.items() if name != column}  # the reference is judged below
     check_sizes(others, lambda row: f"{run.path}, sample {row}")
     by = inverse_of(model) if by is None else by
-    reference = run.columns[column] - by.added_um(run)
+    reference = by.wanted_um(run, run.columns[column])
     usable = reference[np.abs(reference) <= MAX_REFERENCE_UM]
     if not len(usable):
         raise BadInput(f"{run.path}: {column} has no value within ±{MAX_REFERENCE_UM:g} um, the largest reference; "

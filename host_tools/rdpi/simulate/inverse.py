@@ -12,9 +12,10 @@ import numpy as np
 from ..data import Recording, arguments
 from ..errors import BadInput
 from ..firmware import Chain
-from ..model import Model, guarded
-from . import effects
+from ..model import Model, guarded, operators
+from . import effects, signals
 from .effects import Acting, Addend, Sensor, Treatment, left_out
+from .effects.planned import time_text
 from .memory import within_drive
 
 ALL = "all"  # in place of names
@@ -25,6 +26,7 @@ MOST_LEAD = 0.25
 SENSOR = effects.STAGES[-1]
 FREQUENCIES_HZ = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0
 LARGEST_ERROR = 1.0  # of the amplitude, up to which the table goes
+JUMP_S = 0.002  # that a jump over backlash is spread over, unless told otherwise
 GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
 
 
@@ -43,6 +45,21 @@ class Told(NamedTuple):
                 "why": self.why}
 
 
+class Jump(NamedTuple):
+    """What the application adds to the reference to cross backlash: half of `um` with the way the reference goes."""
+
+    um: float = 0.0
+    seconds: float = JUMP_S  # that it is spread over
+
+    def added_um(self, reference_um: np.ndarray, sample_time_s: float) -> np.ndarray:
+        """(samples,); 0 until the reference first moves. What is no reference is passed over."""
+        usable = np.abs(reference_um) <= operators.MAX_REFERENCE_UM
+        way = np.zeros(len(reference_um))
+        way[usable] = np.sign(np.diff(reference_um[usable], prepend=reference_um[usable][:1]))
+        latest = np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), 0))
+        return signals.limited(self.um / 2 * way[latest], self.um * sample_time_s / self.seconds)
+
+
 @dataclass(frozen=True)
 class Inverse:
     """What a firmware is made of, and what it does about each effect of the model."""
@@ -51,6 +68,7 @@ class Inverse:
     chain: Chain
     told: tuple[Told, ...]
     addends: tuple[Addend, ...]
+    jump: Jump
     lags: tuple[tuple[float, float], ...]  # alpha and beta of each lag and resonance that the lead makes up for
     alone: bool  # whether the operator is the one that was fitted as if nothing stood around it
 
@@ -73,6 +91,10 @@ class Inverse:
                 values = run.columns[column]
                 added += um_per_unit * (values - values[0] if from_first else values)
         return added
+
+    def wanted_um(self, run: Recording, reference_um: np.ndarray) -> np.ndarray:
+        """What the actuator itself is to follow, (samples,), so that the stage follows the reference."""
+        return reference_um - self.added_um(run) + self.jump.added_um(reference_um, run.sample_time_s)
 
     def costs(self) -> list[tuple[float, float, float]]:
         """Of a sine: frequency in Hz, error of the displacement as a share of the amplitude if no lead were there, and
@@ -97,14 +119,17 @@ class Inverse:
 
 
 def inverse_of(model: Model, *, leave_out: Collection[str] = (), preview: bool = True,
-               sensor: Sensor = Sensor()) -> Inverse:
+               sensor: Sensor = Sensor(), jump_s: float = JUMP_S) -> Inverse:
     """The inverse of a model and what stands around it.
 
     leave_out: names of effects that are not compensated; ALL stands for all of them. preview: whether the caller will
     know the reference ahead of time. sensor: how late the sensor is; that is taken from what was found where the
-    recordings do not show the stage. Raises BadInput for names that the model does not hold, for a sensor that is later
-    than all that was found, and for effects that have no inverse.
+    recordings do not show the stage. jump_s: time that the jump over backlash is spread over. Raises BadInput for names
+    that the model does not hold, for a sensor that is later than all that was found, for no time, and for effects that
+    have no inverse.
     """
+    if not 0 < arguments.number(jump_s, "--backlash-time") < math.inf:
+        raise BadInput(f"--backlash-time {jump_s:g}: must be a time in s, more than 0")
     acting = effects.acting(model)
     leave_out = _names(model, acting, leave_out)
     open_ = [one for one in acting if _stage_is_open(model, one)]
@@ -122,15 +147,17 @@ def inverse_of(model: Model, *, leave_out: Collection[str] = (), preview: bool =
             treatment = one.effect.treated(values, model, folded_into)
             if treatment.model is not None:
                 treatment, folded_into = _folded(treatment, folded_into)
-        told.append(Told(one, treatment.how, treatment.text + _assumed(one, open_, treatment)))
+        spread = f", spread over {time_text(jump_s)}" if treatment.jump_um else ""
+        told.append(Told(one, treatment.how, treatment.text + spread + _assumed(one, open_, treatment)))
         used.append(treatment)
     if acting and {one.effect.name for one in acting} <= leave_out:
         alone = model.operator_alone is not None
-        return Inverse(model.uncompensated() if alone else folded_into, Chain(), tuple(told), (), (), alone)
+        return Inverse(model.uncompensated() if alone else folded_into, Chain(), tuple(told), (), Jump(), (), alone)
     chain = _chain(folded_into, used, preview)
     addends = tuple(one.addend for one in used if one.addend is not None)
     lags = tuple(one.lead for one in used if any(one.lead))
-    return Inverse(folded_into, chain, tuple(told), addends, lags, False)
+    jump = Jump(sum(one.jump_um for one in used), jump_s)
+    return Inverse(folded_into, chain, tuple(told), addends, jump, lags, False)
 
 
 def _names(model: Model, acting: Sequence[Acting], leave_out: Collection[str]) -> set[str]:

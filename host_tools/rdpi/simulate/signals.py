@@ -67,3 +67,22 @@ def grid_step(z_um: np.ndarray) -> float:
     step = float(np.median(gaps[gaps < 1.5 * step]))
     whole = np.round(gaps / step)
     return step if np.mean(np.abs(gaps - whole * step) < GRID_TOLERANCE * step) > 0.95 else 0.0
+
+
+def limited(signal: np.ndarray, limit: float) -> np.ndarray:
+    """The signal following with at most `limit` per sample; only where it is too fast is it gone through in turn."""
+    result = signal.copy()
+    fast = np.flatnonzero(np.abs(np.diff(signal)) > limit) + 1
+    k = 0
+    while k < len(fast):
+        i = int(fast[k])
+        value = float(result[i - 1])
+        while i < len(signal):
+            target = float(signal[i])
+            if abs(target - value) <= limit:
+                break
+            value += limit if target > value else -limit
+            result[i] = value
+            i += 1
+        k = max(k + 1, int(np.searchsorted(fast, i + 1)))
+    return result

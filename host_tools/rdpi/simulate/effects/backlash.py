@@ -8,7 +8,7 @@ from ... import firmware
 from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
-from .treatment import Treatment, left_out
+from .treatment import Treatment
 
 SHARES = 0.003, 0.01, 0.04  # of the stroke, where a fit starts
 
@@ -28,7 +28,8 @@ class Backlash(Effect):
         return firmware.plays(z_um, np.array([0.0, values["width_um"] / 2]), np.full(2, z_um[0]))[0][:, 1]
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
-        return left_out("the inverse does not have a jump at each reversal yet")
+        return Treatment("compensated", "by a jump of its width at each reversal of the reference",
+                         jump_um=values["width_um"])
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         stroke = max(float(np.ptp(predicted)) for predicted in residuals.predicted_um)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
+from .. import signals
 from .base import Effect, Parameter, Residuals, Values
 from .treatment import Treatment, folded
 
@@ -28,7 +29,7 @@ class SlewLimit(Effect):
 
     def act(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         limit = values["V_per_s"] * run.sample_time_s
-        return limited(drive_V, limit) if np.isfinite(limit) else drive_V
+        return signals.limited(drive_V, limit) if np.isfinite(limit) else drive_V
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         drive, limit = folded_into.drive, values["V_per_s"]
@@ -42,22 +43,3 @@ class SlewLimit(Effect):
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         fastest = max(float(np.max(np.abs(np.diff(run.command_V)))) / run.sample_time_s for run in residuals.runs)
         return [{"V_per_s": share * fastest} for share in SHARES if fastest > 0]
-
-
-def limited(signal: np.ndarray, limit: float) -> np.ndarray:
-    """The signal following with at most `limit` per sample; only where it is too fast is it gone through in turn."""
-    result = signal.copy()
-    fast = np.flatnonzero(np.abs(np.diff(signal)) > limit) + 1
-    k = 0
-    while k < len(fast):
-        i = int(fast[k])
-        value = float(result[i - 1])
-        while i < len(signal):
-            target = float(signal[i])
-            if abs(target - value) <= limit:
-                break
-            value += limit if target > value else -limit
-            result[i] = value
-            i += 1
-        k = max(k + 1, int(np.searchsorted(fast, i + 1)))
-    return result

@@ -37,6 +37,7 @@ class Treatment:
     direct: float = 1.0
     poles: tuple[tuple[float, float], ...] = ()  # share, time constant in s
     addend: Addend | None = None
+    jump_um: float = 0.0  # between two reversals of the reference
 
 
 def left_out(why: str) -> Treatment:
