@@ -137,30 +137,31 @@ def missed(model: Path, runs: Sequence[Path], folder: Path) -> list[Record]:
 def reference(rig: Rig, model: Path, name: str, rate_hz: float) -> np.ndarray:
     """One of TRACKS in um: from where the start-up sweep of the commissioned model ends."""
     wanted_um = rig.offset_um + rig.stroke_um * (0.5 + measure.TRACKED * waves.track(name, rate_hz, TRACKED_S))
-    _, _, library = firmware_of(model, rate_hz)
+    _, library = firmware_of(model, rate_hz)
     sweep_V, _ = library.sweep()
     start_um = float(library.predict(sweep_V[-1:], np.zeros(1))[0])
     left = 1 - np.arange(round(APPROACH_S * rate_hz)) / (APPROACH_S * rate_hz)
     return np.concatenate([wanted_um[0] + (start_um - wanted_um[0]) * left**2 * (3 - 2 * left), wanted_um])
 
 
-def firmware_of(path: Path, rate_hz: float) -> tuple[Any, Any, Any]:
-    """The chain in front of a model's operator, the operator, and the library that inverts both."""
+def firmware_of(path: Path, rate_hz: float) -> tuple[Any, Any]:
+    """What is inverted of a model, and the library that does it."""
     from rdpi import firmware
     from rdpi.model import read_model
     from rdpi.simulate import inverse_of
 
     by = inverse_of(read_model(path))
-    return by.chain, by.model, firmware.engine(by.model, 1 / rate_hz, "f32", by.chain if by.chain.acts else None)
+    return by, firmware.engine(by.model, 1 / rate_hz, "f32", by.chain if by.chain.acts else None)
 
 
 def track(rig: Rig, path: Path, wanted_um: np.ndarray, rate_hz: float) -> list[float]:
     """rms in um of what the rig misses of a reference behind its firmware, the zero included, and the mean."""
     from rdpi import firmware
 
-    chain, inverted, library = firmware_of(path, rate_hz)
+    by, library = firmware_of(path, rate_hz)
     sweep_V, _ = library.sweep()
-    drive_V = library.step(firmware.ahead(wanted_um, library.preview_samples)).drive_V
+    asked_um = wanted_um + by.jump.added_um(wanted_um, 1 / rate_hz)
+    drive_V = library.step(firmware.ahead(asked_um, library.preview_samples)).drive_V
     reading = replace(rig, runs=20).run(np.concatenate([sweep_V, drive_V]), rate_hz, "unknown")[len(sweep_V):]
     error = (reading - wanted_um)[round(SETTLED_S * rate_hz):]
     return [float(np.sqrt(np.mean(error**2))), float(np.mean(error))]
