@@ -33,6 +33,7 @@ class Creep(Effect):
     on_rig = {"percent_per_decade": (0.0, 10.0)}
     linear = True
     tells_zero = True
+    chance_gain = 0.15, 0.0  # what a rig's own creep brings, of which short commissioning recordings show little
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         share = values["percent_per_decade"] / 100
