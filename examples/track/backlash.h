@@ -7,6 +7,7 @@
 #include "added.h"
 
 #define HALF_WIDTH ADDED_OF(RDPI_PARAMS_BACKLASH_UM / 2)
+#define JUMP_TICKS ((uint32_t)(RDPI_PARAMS_BACKLASH_S * TRACK_RATE_HZ)) /* whole ones */
 #define PER_TICK ADDED_OF(RDPI_PARAMS_BACKLASH_UM / (RDPI_PARAMS_BACKLASH_S * TRACK_RATE_HZ))
 
 static struct {
@@ -19,7 +20,7 @@ static struct {
 /* What the actuator is to follow, `wanted`, so that the stage follows the reference. */
 static number_t backlash_crossed(number_t wanted, number_t reference, uint32_t ticks)
 {
-    added_t most = PER_TICK * (added_t)ticks;
+    added_t most = ticks <= JUMP_TICKS ? PER_TICK * (added_t)ticks : 2 * HALF_WIDTH; /* the whole jump, no overflow */
     if (is_reference(reference)) {
         number_t latest = backlash.taken ? backlash.latest : reference;
         backlash.target = reference > latest ? HALF_WIDTH : reference < latest ? -HALF_WIDTH : backlash.target;

@@ -443,7 +443,7 @@ def test_the_jump_over_backlash() -> None:
     assert not np.any(Jump().added_um(wanted, 0.001)) and not np.any(jump.added_um(np.full(3, np.nan), 0.001))
 
 
-@pytest.mark.parametrize("jump_s", [0.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("jump_s", [0.0, -1.0, 11.0, float("nan"), float("inf")])
 def test_a_jump_takes_time(jump_s: float) -> None:
     with pytest.raises(BadInput, match="--backlash-time"):
         inverse_of(model_with(), jump_s=jump_s)
