@@ -187,7 +187,7 @@ def test_options_say_what_is_compensated(command: tuple[str, ...], folder: Path,
     for options, words in ((("--leave-out", "lag"), "does not hold this effect"),
                            (("--effects", "none", "--leave-out", "delay"), "--effects none leaves all effects out"),
                            (("--sensor-lag", "0.01"), "later than all"),
-                           (("--backlash-time", "0"), "must be a time in s, more than 0 and at most 10")):
+                           (("--backlash-time", "0"), "must be a time in s, 1e-06 to 10")):
         done = rdpi(*command, *options)
         assert done.exit_code == 2 and words in " ".join(done.output.split())
 

@@ -26,7 +26,7 @@ MOST_LEAD = 0.25
 SENSOR = effects.STAGES[-1]
 FREQUENCIES_HZ = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0
 LARGEST_ERROR = 1.0  # of the amplitude, up to which the table goes
-JUMP_S, LONGEST_JUMP_S = 0.002, 10.0  # that a jump over backlash is spread over, unless told otherwise, and at most
+JUMP_S, JUMPS_S = 0.002, (1e-6, 10.0)  # that a jump over backlash is spread over, unless told otherwise; what is taken
 GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
 
 
@@ -128,8 +128,9 @@ def inverse_of(model: Model, *, leave_out: Collection[str] = (), preview: bool =
     that the model does not hold, for a sensor that is later than all that was found, for no time, and for effects that
     have no inverse.
     """
-    if not 0 < arguments.number(jump_s, "--backlash-time") <= LONGEST_JUMP_S:
-        raise BadInput(f"--backlash-time {jump_s:g}: must be a time in s, more than 0 and at most {LONGEST_JUMP_S:g}")
+    shortest_s, longest_s = JUMPS_S
+    if not shortest_s <= arguments.number(jump_s, "--backlash-time") <= longest_s:
+        raise BadInput(f"--backlash-time {jump_s:g}: must be a time in s, {shortest_s:g} to {longest_s:g}")
     acting = effects.acting(model)
     leave_out = _names(model, acting, leave_out)
     open_ = [one for one in acting if _stage_is_open(model, one)]
