@@ -6,6 +6,7 @@ import csv
 import json
 import sys
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -124,6 +125,13 @@ def test_every_picture_becomes_a_plot(name: str, scheme: str, width: int, folder
     assert browser.execute_script("return document.documentElement.scrollWidth") <= width
 
 
+def numbers(browser: webdriver.Chrome, plot: WebElement) -> set[str]:
+    """All that it shows, tooltip and labels of the axes. It is drawn anew with every movement: one script reads it."""
+    return set(browser.execute_script("""return [...arguments[0].querySelectorAll("svg text, :scope > div + div")]
+        .filter(one => one.checkVisibility({opacityProperty: true, visibilityProperty: true}))
+        .map(one => one.textContent).filter(one => /[0-9]/.test(one))""", plot))
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_plots_zoom_and_tell_values(name: str, folder: Path, browser: webdriver.Chrome) -> None:
     for figure in opened(browser, folder / PAGES[name]):
@@ -137,8 +145,16 @@ def test_plots_zoom_and_tell_values(name: str, folder: Path, browser: webdriver.
         ActionChains(browser).move_to_element_with_offset(plot, 0, -round(0.2 * plot.size["height"])
                                                           ).double_click().perform()
         assert extents(browser, figure) == whole, figure.text
-        pointed = plot.find_elements(By.CSS_SELECTOR, "svg text")
-        assert any(one.text.replace("−", "-").lstrip("-")[:1].isdigit() for one in pointed)
+        size = plot.size
+        ActionChains(browser).move_to_element_with_offset(plot, 1 - size["width"] // 2, 0).perform()  # beside the axes
+        shown = numbers(browser, plot)
+        for across, down in product((-0.3, -0.1, 0.1, 0.3), repeat=2):  # a map has empty cells
+            ActionChains(browser).move_to_element_with_offset(plot, round(across * size["width"]),
+                                                              round(down * size["height"])).perform()
+            if numbers(browser, plot) - shown:
+                break
+        else:
+            pytest.fail(f"no value under the pointer: {figure.text}")
     assert browser.get_log("browser") == []
 
 

@@ -292,7 +292,8 @@ class Rig:
         """Readings in um, one per command.
 
         start: "swept": the rig rests in the middle, plays its decaying sweep onto the first command, and rests there;
-        "unknown": it comes from three random places; "carried": the run follows the one before at once.
+        "rested": it rests in the middle and goes to the first command; "unknown": it comes from three random places;
+        "carried": the run follows the one before at once.
         """
         command_V = np.asarray(command_V, float)
         if command_V.ndim != 1 or not len(command_V) or not np.all(np.isfinite(command_V)):
@@ -301,12 +302,12 @@ class Rig:
         if start == "carried":
             if getattr(self, "_rate_hz", None) != sample_rate_hz:
                 raise ValueError("carried: there is no run before at this sample rate")
-        elif start in ("swept", "unknown"):
+        elif start in ("swept", "rested", "unknown"):
             self._rate_hz, self._chain = sample_rate_hz, self._make_chain(sample_rate_hz)
-            make = self._sweep if start == "swept" else self._visits
+            make = {"swept": self._sweep, "rested": self._from_middle, "unknown": self._visits}[start]
             self._play(make(float(command_V[0]), sample_rate_hz, random))
         else:
-            raise ValueError(f"start {start!r}: swept, unknown or carried")
+            raise ValueError(f"start {start!r}: swept, rested, unknown or carried")
         self.runs += 1
         return self._read(self._play(command_V), random, sample_rate_hz)
 
@@ -316,6 +317,10 @@ class Rig:
         middle, half = (self.low_V + self.high_V) / 2, (self.high_V - self.low_V) / 2
         wave = np.sin(2 * pi * self.sweep_hz * np.arange(n) / rate_hz)
         return np.append(end_V + left * (middle - end_V + half * wave), np.full(round(self.rest_s * rate_hz), end_V))
+
+    def _from_middle(self, end_V: float, rate_hz: float, random: np.random.Generator) -> np.ndarray:
+        n = round(0.5 * rate_hz)
+        return np.concatenate([np.full(n, self.volts(0.5)), np.linspace(self.volts(0.5), end_V, n)])
 
     def _visits(self, end_V: float, rate_hz: float, random: np.random.Generator) -> np.ndarray:
         places = [*self.volts(random.random(3)), end_V, end_V]

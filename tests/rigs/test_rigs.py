@@ -223,13 +223,17 @@ def test_starts():
     wave = rig.volts(waves.drive("decay", 5000.0, 1))
     swept, unknown = rig.run(wave, 5000.0), rig.run(wave, 5000.0, "unknown")
     assert abs(swept[0] - unknown[0]) > 1e-3 * rig.stroke_um
+    creeping = straight(creep={"percent_per_decade": 5.0})
+    swept, rested, visited = (creeping.run(np.ones(5000), 5000.0, start)[-1] for start in ("swept", "rested", "unknown"))
+    assert rested == pytest.approx(swept, abs=0.01), "creep holds a share of where the rig was for long"
+    assert abs(rested - visited) > 0.02
     whole = make_rig("everett", 2).without("noise", "adc").run(wave, 5000.0)
     cut = make_rig("everett", 2).without("noise", "adc")
     halves = cut.run(wave[:3000], 5000.0), cut.run(wave[3000:], 5000.0, "carried")
     assert np.allclose(np.concatenate(halves), whole, atol=1e-9)
     with pytest.raises(ValueError, match="no run before at this sample rate"):
         cut.run(wave, 4000.0, "carried")
-    with pytest.raises(ValueError, match="swept, unknown or carried"):
+    with pytest.raises(ValueError, match="swept, rested, unknown or carried"):
         cut.run(wave, 4000.0, "reset")
 
 
@@ -608,7 +612,7 @@ def closed(case: int, effects: list[str], promised: float, prediction: float, tr
     return ({"case": case, "paired": case % 2 == 1, "verdict": "effect", "names": effects, "rivals": [],
              "promised": {**promise, "tracking": promise},
              "prediction": {"old": [[2.0, 0.0]] * 3, "new": [[2.0, 0.0], [2.0, 0.0], [prediction, 0.0]]},
-             "tracking": {"old": [[2.0, 0.0]] * 2, "new": after}},
+             "tracking": {"old": [[2.0, 0.0]] * 2, "new": after}, "any rest": {"old": after, "new": after}},
             {"case": case, "family": "duhem", "effects": effects})
 
 
@@ -619,6 +623,7 @@ def test_the_circle_is_counted():
     whole = next(line for line in lines if line.startswith("all")).replace("|", "").split()
     assert whole[:7] == ["all", "2", "1", "0.450", "0.00", "0", "1"], "no promise for what --earlier leaves out"
     assert whole[8:13] == ["2", "0.125", "0.50", "1", "1"] and float(whole[13]) == pytest.approx(5**0.5 / 2, abs=0.01)
+    assert whole[14:] == ["2", "0.375", "0.00", "0", "0", "1.00", "0.19"]
     assert "lag: lag 2" in lines and lines[-1] == "failed: 2, dahl: no"
 
 
