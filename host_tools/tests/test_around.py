@@ -8,12 +8,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from fitted import moving_runs, static_run
-from injected import COMMISSIONING, FURTHER, NOISE_UM, drives, entry, plain_model, recorded
+from injected import COMMISSIONING, FURTHER, NOISE_UM, RATE_HZ, drives, entry, plain_model, recorded
 from plants import changed, stack
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
 from rdpi.identify import Options, fit, summary
+from rdpi.identify import thresholds as tuned
 from rdpi.identify.around import lines
 from rdpi.identify.hypothesis import Setting
 from rdpi.identify.identify import Fit
@@ -166,6 +167,19 @@ def test_a_drive_that_repeats_is_not_met_at_the_same_places_always() -> None:
     rows = Setting([run], [None], [0], plain_model(), np.zeros(0), [np.zeros(len(run))], 1.0).rows[0]
     assert len(rows) < len(run) / 10 and np.all(np.diff(rows) > 0)
     assert len(np.unique(rows[rows < len(command)] % 250)) > 125
+
+
+def test_thinned_recordings_choose_and_whole_ones_are_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = fitted("delay", "lag", "resonance").choice
+    monkeypatch.setattr(tuned, "CHOICE_HZ", 0.4 * RATE_HZ)
+    found = fit(put("delay", "lag", "resonance")).choice
+    assert len(whole.plain.state.predicted_um[0]) == pytest.approx(2 * len(found.plain.state.predicted_um[0]), abs=1)
+    assert [len(one) for one in found.found.state.predicted_um] == [len(run) for run in put("delay")]
+    assert len(found.kept) == len(whole.kept)
+    for one, other in zip(found.kept, whole.kept):
+        assert one.acting.effect.name == other.acting.effect.name
+        assert one.acting.values == pytest.approx(other.acting.values, rel=0.02)
+        assert all(low < one.acting.values[name] < high for name, (low, high) in one.ci95.items())
 
 
 def test_a_short_recording_beside_a_long_one_hides_nothing() -> None:

@@ -15,7 +15,7 @@ from rdpi import firmware
 from rdpi.data import Recording
 from rdpi.errors import BadInput
 from rdpi.identify import fit
-from rdpi.identify.sweep_start import sweep_start
+from rdpi.identify.sweep_start import _columns, _superposed, sweep_start
 from rdpi.model import Model, operators, read_model, swept_states, write_model
 from rdpi.simulate import chain
 
@@ -182,6 +182,12 @@ def test_recordings_of_unknown_memory_show_what_follows_a_warm_up() -> None:
         assert found((unknown, runs[1])).share == share
     still = replace(unknown, columns={name: values[:6] for name, values in unknown.columns.items()})
     assert found((still,))[:2] == (1.0, "nothing")
+
+
+def test_what_the_columns_sum_up_to_needs_no_columns() -> None:
+    random = np.random.default_rng(2)
+    plays, rate, weights = random.normal(size=(50, 4)), random.uniform(0, 1, 50), random.normal(size=10)
+    np.testing.assert_allclose(_superposed(plays, rate, weights), _columns(plays, rate[:, None]) @ weights)
 
 
 @pytest.mark.parametrize("start", [0.0, -1.0])

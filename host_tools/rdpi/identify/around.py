@@ -12,7 +12,7 @@ from ..data import Recording, arguments
 from ..errors import BadInput
 from ..model import records
 from ..simulate.effects import CATALOGUE, Effect
-from .choice import Choice, Kept, choose, forced, starts, with_rate_filter, without_rate_law
+from .choice import Choice, Kept, choose, forced, starts, whole, with_rate_filter, without_rate_law
 from .document import BeforeAfter, IdentifiedEffect
 from .hypothesis import Hypothesis, Setting, Unknowns
 from .joint import Linearised, refined
@@ -65,13 +65,16 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
     names = wanted(options.effects)
     if names is None:
         candidates = [kind() for kind in FITTED.values() if strokes.show(kind)]
-        found = choose(setting, unknowns, candidates, rate_law, progress)
+        found = choose(setting.thinned(), unknowns, candidates, rate_law, progress)
         if options.rate_filter_s is None and not options.rate_independent:
             least_s = FILTER_SAMPLES * max(run.sample_time_s for run in runs)
             smoothing_s = smoothing_times_s(runs)
-            settings = [_filtered(setting, plain, options, filter_s, smoothing_s)
-                        for filter_s in strokes.longest_s * FILTERS if least_s <= filter_s <= FILTER_S]
-            found = with_rate_filter(found, settings, candidates) if settings else found
+            settings = {filter_s: _filtered(setting, plain, options, filter_s, smoothing_s)
+                        for filter_s in strokes.longest_s * FILTERS if least_s <= filter_s <= FILTER_S}
+            if settings:
+                found = with_rate_filter(found, [one.thinned() for one in settings.values()], candidates)
+            setting = settings.get(found.found.state.setting.rate_filter_s, setting)
+        found = whole(found, setting, rate_law)
     else:
         candidates = [FITTED[name]() for name in names]
         alone = refined(setting, Hypothesis(), unknowns)

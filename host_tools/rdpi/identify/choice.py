@@ -22,6 +22,7 @@ from .hypothesis import Hypothesis, Setting, Unknowns, bounds, shifted
 from .joint import Linearised, refined
 
 STARTS = 3  # of an effect's starts, of which derivatives are taken
+FIRST_STEPS = 3  # for each of them before
 FULL_STEPS = 20  # of Levenberg and Marquardt for all effects together
 
 Progress = Callable[[float], None]
@@ -120,6 +121,17 @@ def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     return Choice(plain, now, tuple(_kept(now, _compared(now, ()), rate_law)))
 
 
+def whole(choice: Choice, setting: Setting, rate_law: bool) -> Choice:
+    """The choice made with thinned recordings, fitted to the whole ones, `setting`."""
+    found = choice.found
+    if found.state.setting is setting:
+        return choice
+    now = judged(setting, found.hypothesis, found.state.found)
+    kept = (replace(one, acting=acting, ci95=ci95) for one, acting, ci95 in
+            zip(choice.kept, now.hypothesis.acting, _intervals(now, rate_law)))
+    return Choice(choice.plain, now, tuple(kept))
+
+
 def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:
     """The same effects where the model shall have no rate law, which only took part so that none passes for it."""
     if not choice.found.hypothesis.rated:
@@ -189,8 +201,9 @@ def _joined(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged
         left = squares_of(wide.held_out(join=k))
         if left < first.get(one.effect.name, (np.inf, None))[0]:
             first[one.effect.name] = left, state.hypothesis.having(one)
-    fitted = [judged(state.setting, hypothesis, state.found) for left, hypothesis in first.values()
-              if left < (1 - tuned.CHAIN_SHARE) * now.left]
+    # A rate law moves delays and lags too far for the first order to say what it brings.
+    fitted = [judged(state.setting, hypothesis, state.found) for name, (left, hypothesis) in first.items()
+              if left < (1 - tuned.CHAIN_SHARE) * now.left or not name]
     fitted = [one for one in fitted if one.beats(now)]
     if not fitted:
         return None
@@ -209,7 +222,7 @@ def _full(now: Judged, candidates: Sequence[Effect], whatever: bool = False) -> 
             continue
         wide = Linearised(state.setting, state.hypothesis, state.found, found)
         k = min(range(len(found)), key=lambda k: squares_of(wide.held_out(join=k)))
-        there = refined(state.setting, state.hypothesis.having(found[k]), state.found)
+        there = refined(state.setting, state.hypothesis.having(found[k]), state.found, FIRST_STEPS)
         if whatever or there.squares < state.squares:
             state = there
     state = refined(state.setting, state.hypothesis, state.found, FULL_STEPS)

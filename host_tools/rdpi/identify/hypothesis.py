@@ -13,6 +13,7 @@ from ..data import Recording
 from ..model import Model
 from ..simulate import effects
 from ..simulate.effects import Acting
+from . import thresholds as tuned
 
 ROWS = 12_000  # about so many samples count: more say no more
 GOLDEN = (5**0.5 - 1) / 2
@@ -85,6 +86,19 @@ class Setting:
     def shares(self) -> list[np.ndarray]:
         """Rate over the highest one, per run."""
         return [np.minimum(rate / self.top_um_per_s, FASTEST) for rate in self.rates_um_per_s]
+
+    def thinned(self) -> Setting:
+        """With every second sample, or every third and so on, of the runs that were sampled faster than a choice needs;
+        itself if none was.
+        """
+        steps = [max(1, int(run.sample_rate_hz / tuned.CHOICE_HZ)) for run in self.runs]
+        if max(steps) == 1:
+            return self
+        runs = [replace(run, metadata={**run.metadata, "sample_rate_hz": repr(run.sample_rate_hz / step)},
+                        columns={name: np.ascontiguousarray(column[::step]) for name, column in run.columns.items()})
+                for run, step in zip(self.runs, steps)]
+        return replace(self, runs=runs, first=[-(-first // step) for first, step in zip(self.first, steps)],
+                       rates_um_per_s=[rate[::step] for rate, step in zip(self.rates_um_per_s, steps)])
 
     def driven(self, k: int, acting: Sequence[Acting]) -> Recording:
         run = self.runs[k]

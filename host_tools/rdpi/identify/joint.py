@@ -153,7 +153,7 @@ class Linearised:
     def _prior(self, rated: bool) -> tuple[np.ndarray, np.ndarray]:
         """Its rows and targets for slopes at rest and their change, instead of slopes at both ends of the rate."""
         n, m = len(self.found.rest), len(self.found.pieces)
-        rows, wish = prior(n, n * (1 + rated), m)
+        rows, wish = prior(n, n * (1 + rated), m, tuned.CHAIN_LAW)
         return (np.hstack([rows[:, :n] + rows[:, n:2 * n], rows[:, n:]]) if rated else rows), wish
 
     @property

@@ -122,12 +122,14 @@ def assemble(rows: np.ndarray, columns: Columns, picks: Sequence[int]) -> tuple[
     return np.hstack([rows[:, :columns.plays], -parts[:, 1:]]), parts[:, 0]
 
 
-def prior(n: int, plays: int, m: int) -> tuple[np.ndarray, np.ndarray]:
+def prior(n: int, plays: int, m: int, law: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Rows and targets that keep the loading curve smooth, the rate law smooth and small, the saturation straight.
 
-    For n slopes in as many columns, `plays`, or with a rate law twice as many, and m dead zones.
+    For n slopes in as many columns, `plays`, or with a rate law twice as many, and m dead zones. `law` is a factor on
+    what holds the rate law.
     """
-    return _prior(n, plays, m, tuned.PRIOR_BEND, tuned.PRIOR_RATE_BEND, tuned.PRIOR_RATE, tuned.PRIOR_SATURATION)
+    return _prior(n, plays, m, tuned.PRIOR_BEND, law * tuned.PRIOR_RATE_BEND, law * tuned.PRIOR_RATE,
+                  tuned.PRIOR_SATURATION)
 
 
 @lru_cache(maxsize=16)

@@ -187,11 +187,21 @@ def _columns(plays: np.ndarray, rate: np.ndarray) -> np.ndarray:
     return np.hstack([x, behind, behind * rate, plays.sum(axis=1, keepdims=True) ** 2, x**2, x**3])
 
 
+def _superposed(plays: np.ndarray, rate: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """_columns @ weights, for which the columns need not be there."""
+    x, n = plays[:, 0], plays.shape[1] - 1
+    rest, growing = weights[1:n + 1], weights[n + 1:2 * n + 1]
+    square, x2, x3 = weights[2 * n + 1:]
+    behind, grown, together = (plays[:, 1:] @ np.stack([rest, growing, np.ones(n)], axis=1)).T
+    return (x * (weights[0] - np.sum(rest)) + behind + rate * (grown - x * np.sum(growing)) + square * (x + together) ** 2
+            + x2 * x**2 + x3 * x**3)
+
+
 def _delayed(part: _Part, r: np.ndarray, weights: np.ndarray, top: float) -> np.ndarray:
     """How much later copies of the displacement that the usual plays explain differ from it; at the samples used."""
     from scipy.signal import lfilter
 
-    z = _columns(firmware.plays(part.x, r, part.x[0] - part.start * r)[0], part.rate[:, None] / top) @ weights
+    z = _superposed(firmware.plays(part.x, r, part.x[0] - part.start * r)[0], part.rate / top, weights)
     z -= z[0]
     columns = [z[np.maximum(part.used - max(1, round(tap_s / part.sample_time_s)), 0)] for tap_s in TAPS_S]
     for lag_s in LAGS_S:

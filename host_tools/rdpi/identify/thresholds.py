@@ -28,6 +28,8 @@ RATE_HEADROOM = 1.25  # [identified rate] beyond which the guard never lies; jud
 BAND_OFFSET = 3.0  # [1] weight that keeps the offset of a band of rate near the model's; judged
 MIN_SAMPLES_PER_UNKNOWN = 5  # [samples] fewer cannot be fitted; judged
 
+CHOICE_HZ = 5000.0  # [1/s] sampled faster than this, recordings are thinned while effects are chosen; judged
+CHAIN_LAW = 0.1  # [1] of the rate law's prior, beside effects: what holds the law back makes delays longer; benches
 CHAIN_SHARE = 0.3  # [of the squares] held out, that an effect around the operator must take away; rigs
 CHAIN_EXCHANGE = 0.95  # [squares] held out, that an effect in the place of another leaves at most; judged
 CHAIN_LEAST = 3e-4  # [stroke] rms that it must take away; judged
