@@ -78,8 +78,10 @@ def test_actuator_whose_amplifier_lags_and_whose_converter_is_late(errors: dict)
         assert whole[RMS] <= 1.15 * plain[RMS] and whole[MAX] <= 2 * plain[MAX]
         assert operator[RMS] > 3 * whole[RMS]
         assert none[RMS] > 1.5 * operator[RMS]
-    effects = json.loads((ROOT / "build/demo/late-whole-chain.json").read_text())["effects"]
-    assert {effect["name"] for effect in effects} == {"delay", "lag"}
+    effects = {effect["name"]: {name: one["value"] for name, one in effect["parameters"].items()} for effect in
+               json.loads((ROOT / "build/demo/late-whole-chain.json").read_text())["effects"]}
+    assert {"delay", "lag"} <= set(effects) <= {"delay", "lag", "relaxation", "creep"}, "the actuator relaxes and creeps"
+    assert effects["delay"]["delay_s"] == pytest.approx(1e-3, rel=0.05)
 
 
 def as_printed(value: float) -> str:

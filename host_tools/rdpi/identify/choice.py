@@ -54,12 +54,20 @@ class Judged:
         """Whether it leaves less than the other, by more than the standard error and by enough to matter, however
         blocks are left out.
 
+        What first says that the displacement comes late must show more than what comes beside it, and not at the end
+        of what rigs have: without it the actuator is plain, and what the operator cannot show may look a little late.
+
         The error is that of the blocks' gains over what they leave. Fast blocks show a lag a thousand times as strongly
         as slow ones, and the scatter of the gains themselves would be as large as their sum.
         """
         gain, both = other.held_out - self.held_out, np.maximum(other.held_out + self.held_out, np.finfo(float).tiny)
-        certain = np.mean(gain / both, axis=1) > np.std(gain / both, axis=1, ddof=1) / np.sqrt(gain.shape[1])
-        share = max([tuned.CHAIN_SHARE, *(one.effect.least_gain for one in self.hypothesis.beside(other.hypothesis))])
+        beside = self.hypothesis.beside(other.hypothesis)
+        further = beside and (other.hypothesis.comes_late or not any(one.effect.comes_late for one in beside))
+        if not further and any(one in beside for one in self.state.at_ends):
+            return False
+        share, errors = tuned.FURTHER_GAIN if further else tuned.FIRST_GAIN
+        share = max([share, *(one.effect.least_gain for one in beside)])
+        certain = np.mean(gain / both, axis=1) > errors * np.std(gain / both, axis=1, ddof=1) / np.sqrt(gain.shape[1])
         matters = np.maximum(share * np.sum(other.held_out, axis=1),
                              tuned.CHAIN_LEAST**2 * self.state.setting.samples)
         return bool(np.all(certain & (np.sum(gain, axis=1) > matters)))
@@ -203,7 +211,7 @@ def _joined(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged
             first[one.effect.name] = left, state.hypothesis.having(one)
     # A rate law moves delays and lags too far for the first order to say what it brings.
     fitted = [judged(state.setting, hypothesis, state.found) for name, (left, hypothesis) in first.items()
-              if left < (1 - tuned.CHAIN_SHARE) * now.left or not name]
+              if left < (1 - tuned.FURTHER_GAIN[0]) * now.left or not name]
     fitted = [one for one in fitted if one.beats(now)]
     if not fitted:
         return None
@@ -230,7 +238,9 @@ def _full(now: Judged, candidates: Sequence[Effect], whatever: bool = False) -> 
 
 
 def _smaller(state: Linearised, rate_law: bool) -> Iterator[Hypothesis]:
-    """The rate law left out; each effect left out, or a rate law in its place; what harms least first."""
+    """The rate law left out; each effect left out, or a rate law in the place of the only one that comes late; what
+    harms least first.
+    """
     hypothesis = state.hypothesis
     if hypothesis.rated:
         yield replace(hypothesis, rated=False)
@@ -241,9 +251,10 @@ def _smaller(state: Linearised, rate_law: bool) -> Iterator[Hypothesis]:
         return state.trial([absent if other is one else other for other in hypothesis.acting])[1]
 
     for one in sorted(hypothesis.acting, key=without):
-        yield hypothesis.lacking(one)
-        if rate_law and not hypothesis.rated:
-            yield replace(hypothesis.lacking(one), rated=True)
+        less = hypothesis.lacking(one)
+        yield less
+        if rate_law and not less.rated and hypothesis.comes_late and not less.comes_late:
+            yield replace(less, rated=True)
 
 
 def _pruned(now: Judged, rate_law: bool, whole: Judged | None = None) -> Judged:
@@ -305,7 +316,8 @@ def _exchanged(now: Judged, candidates: Sequence[Effect]) -> tuple[Judged, list[
     """With rivals of no more parameters in the place of effects as long as that leaves less, and the comparison."""
     compared = _compared(now, candidates)
     better = [rival for one in compared for rival in one.rivals
-              if rival.hypothesis.size <= now.hypothesis.size and rival.left < tuned.CHAIN_EXCHANGE * now.left]
+              if rival.hypothesis.size <= now.hypothesis.size and rival.left < tuned.CHAIN_EXCHANGE * now.left
+              and rival.beats(one.without)]
     return _exchanged(min(better, key=lambda one: one.left), candidates) if better else (now, compared)
 
 

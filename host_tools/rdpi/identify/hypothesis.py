@@ -39,6 +39,10 @@ class Hypothesis:
         return [one for one in self.acting if one.effect.name not in names]
 
     @property
+    def comes_late(self) -> bool:
+        return any(one.effect.comes_late for one in self.acting)
+
+    @property
     def size(self) -> int:
         """Number of parameters of effects. A rate law counts nothing: what it explains is not to pass for a delay."""
         return sum(len(one.effect.fitted) for one in self.acting)

@@ -129,6 +129,11 @@ class Linearised:
             result.append(not low < one.values[name] < high)
         return result
 
+    @property
+    def at_ends(self) -> list[Acting]:
+        """Effects that have one there."""
+        return [self.hypothesis.acting[place] for (place, _), end in zip(self.free, self.ends) if end]
+
     def solve(self, kept: np.ndarray, used: np.ndarray, rated: bool, target: np.ndarray, residual: float) -> np.ndarray:
         """Coefficients of the residual with the columns `used` fitted to these blocks, (columns,)."""
         left, right = self._normal_equations(kept, used, rated, target, residual)

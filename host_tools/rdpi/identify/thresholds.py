@@ -30,7 +30,10 @@ MIN_SAMPLES_PER_UNKNOWN = 5  # [samples] fewer cannot be fitted; judged
 
 CHOICE_HZ = 5000.0  # [1/s] sampled faster than this, recordings are thinned while effects are chosen; judged
 CHAIN_LAW = 0.1  # [1] of the rate law's prior, beside effects: what holds the law back makes delays longer; benches
-CHAIN_SHARE = 0.3  # [of the squares] held out, that an effect around the operator must take away; rigs
+# What an effect around the operator must take away of the squares on what was left out, and how many standard errors
+# that must be.
+FIRST_GAIN = 0.2, 2.0  # [of the squares, errors] the first that comes late, or a rate law; rigs
+FURTHER_GAIN = 0.05, 1.0  # [of the squares, errors] beside one that comes late, and effects of other kinds; rigs
 CHAIN_EXCHANGE = 0.95  # [squares] held out, that an effect in the place of another leaves at most; judged
 CHAIN_LEAST = 3e-4  # [stroke] rms that it must take away; judged
 CHAIN_WIDEN = 1.5  # [width] by which intervals of its parameters are widened; rigs

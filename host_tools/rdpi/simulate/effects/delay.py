@@ -22,6 +22,7 @@ class Delay(Effect):
     article = "a"
     stages = "timing", "sensor"
     of_rig = True
+    comes_late = True
     parameters = (Parameter("delay_s", "s", 0.0, 1.0),)
 
     def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:

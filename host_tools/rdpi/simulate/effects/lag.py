@@ -22,6 +22,7 @@ class Lag(Effect):
     article = "a"
     stages = "amplifier", "sensor"
     of_rig = True
+    comes_late = True
     parameters = (Parameter("time_constant_s", "s", 0.0, 1.0),)
 
     def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:

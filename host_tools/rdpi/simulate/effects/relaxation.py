@@ -30,6 +30,7 @@ class Relaxation(Effect):
     needs = "steps, or frequencies on both sides of 1 / (2 pi T); T is the time constant"
     stages = ("actuator",)
     of_rig = True
+    comes_late = True
     needs_rates = True
     parameters = (Parameter("share", "1", -0.2, 0.5), Parameter("time_constant_s", "s", SHORTEST_S, LONGEST_S, 0.01))
     on_rig = {"share": (0.0, 0.12)}  # as much as stacks relax; a larger one is a lag

@@ -33,6 +33,7 @@ class Resonance(Effect):
     article = "a"
     stages = ("mechanics",)
     of_rig = True
+    least_gain = 0.3  # less is what a delay or lag leaves
     needs_rates = True
     on_rig = {"damping": (1e-3, 0.3)}
     parameters = Parameter("f0_hz", "Hz", 1e-3, np.inf, np.inf), Parameter("damping", "1", 1e-3, 0.95, 0.05)
