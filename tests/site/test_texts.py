@@ -28,7 +28,8 @@ def c_blocks() -> list[tuple[str, str]]:
 def in_code(path: Path) -> list[str]:
     """Lines of blocks, long lines joined, and what stands between backticks."""
     text = path.read_text(encoding="utf-8")
-    fences = re.findall(r"^ *```\n(.*?)^ *```", text, re.DOTALL | re.MULTILINE)
+    fences = [block for language, block in re.findall(r"^ *```(\w*)\n(.*?)^ *```", text, re.DOTALL | re.MULTILINE)
+              if not language]
     indented = re.findall(r"^    \S.*$", text, re.MULTILINE)
     prose = re.sub(r"^ *```.*?^ *```", "", text, flags=re.DOTALL | re.MULTILINE)
     lines = [line for block in fences for line in block.replace("\\\n", "").splitlines()]
