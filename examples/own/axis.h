@@ -1,7 +1,7 @@
 /* One actuator, between your timer and your DAC: start-up sweep, then your reference. Copy this file and axis.c.
  *
  * AXIS_Q31 is 1 for fixed point and 0 for single precision. By default it follows from the core: single precision if it
- * has a floating-point unit. */
+ * has a floating-point unit. On a PC it is 1. */
 #ifndef AXIS_H
 #define AXIS_H
 
@@ -19,7 +19,8 @@
 #endif
 #endif
 
-/* AXIS_UM: a displacement in um as a reference. Of a constant, in fixed point too, the compiler makes a number. */
+/* AXIS_UM: a displacement in um as a reference. Of a constant, in fixed point too, the compiler makes a number. There it
+ * takes off the offset of the sensor: a step from a to b is AXIS_UM(b) - AXIS_UM(a), and not AXIS_UM(b - a). */
 #if AXIS_Q31
 typedef int32_t axis_reference_t;
 #define AXIS_UM(um) RDPI_PARAMS_Q31_REFERENCE(um)

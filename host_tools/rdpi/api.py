@@ -56,11 +56,11 @@ class Model:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Model:
         """Read a model file. Raises BadInput for one that the firmware would refuse."""
-        return cls(read_model(_path(path)))
+        return cls(read_model(arguments.path(path)))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the model file, atomically. Raises BadInput for numbers that make no model, OSError."""
-        write_model(_path(path), self.parameters)
+        write_model(arguments.path(path), self.parameters)
 
     def predict(self, run: Recording) -> np.ndarray:
         """Displacement in um, (samples,), that the model predicts from the command of a recording.
@@ -103,7 +103,7 @@ class Model:
         Effects are compensated, folded in or left out as `rdpi header` does it. Raises BadInput, OSError.
         """
         inverse = inverse_of(self.parameters)
-        write_header(inverse.model, _path(path), name, "", inverse.chain,
+        write_header(inverse.model, arguments.path(path), name, "", inverse.chain,
                      [(one.column, one.um_per_unit) for one in inverse.addends], inverse.jump)
 
 
@@ -151,6 +151,10 @@ def fit(runs: Sequence[Recording], **options: Any) -> Model:
     for name in options:
         if name not in known:
             raise BadInput(f"{name}: is no option of fit; the options are {', '.join(known)}")
+        if arguments.is_number(options[name]):
+            arguments.number(options[name], name)
+    if options.get("thresholds_um") is not None:
+        arguments.series(options["thresholds_um"], "thresholds_um")
     return Model(identified(runs, Options(**options)).model)
 
 
@@ -162,9 +166,3 @@ def diagnose(model: Model, runs: Sequence[Recording], earlier: Sequence[Recordin
     parameters = arguments.of_kind(model, Model, "model").parameters
     found = diagnosis_of(parameters, runs, earlier=earlier)
     return Diagnosis(found.document, Model(found.improved))
-
-
-def _path(path: Any) -> str:
-    if not isinstance(path, (str, os.PathLike)):
-        raise BadInput(f"path: must be the name of a file, got {arguments.shown(path)}")
-    return os.fspath(path)

@@ -59,6 +59,11 @@ def test_starts_without_numpy() -> None:
     assert subprocess.run([sys.executable, "-c", check], env=ENVIRONMENT).returncode == 0
 
 
+def test_the_list_of_commands_cuts_no_line(rdpi: Callable) -> None:
+    listed = rdpi("--help").output.partition("Commands:")[2].strip().splitlines()
+    assert len(listed) == len(main.commands) and not [line for line in listed if line.endswith("...")]
+
+
 def test_every_command_has_help_and_json(rdpi: Callable) -> None:
     for name, command in main.commands.items():
         result = rdpi(name, "--help")

@@ -60,6 +60,12 @@ def test_of_a_periodic_reference_the_shortest_delay_is_told() -> None:
     assert found.delay_s == pytest.approx(0.0004, abs=0.1 / RATE_HZ)
 
 
+def test_a_bad_start_does_not_make_a_period_of_delay() -> None:
+    run = followed(lambda time_s: np.sin(2 * np.pi * 5 * time_s), 0.0004)
+    run.columns["displacement_um"][:200] += 0.1 * np.exp(-run.time_s[:200] / 0.03)  # a delay of a period leaves it out
+    assert tracking.track(run).delay_s == pytest.approx(0.0004, abs=2 / RATE_HZ)
+
+
 def test_a_step_has_a_delay_too() -> None:
     found = tracking.track(followed(lambda time_s: np.where(time_s < 0.5, 0.0, 1.0), 0.003))
     assert found.delay_s == pytest.approx(0.003, abs=1 / RATE_HZ)

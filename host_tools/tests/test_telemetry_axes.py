@@ -177,3 +177,13 @@ def test_an_axis_that_refuses_ends_the_recording(board: Board, here: Path) -> No
 def test_outputs_that_are_in_each_others_way(outputs: list[str], message: str) -> None:
     with pytest.raises(BadInput, match=re.escape(message)):
         check_recording_outputs("/dev/null", outputs)
+
+
+def test_an_import_writes_one_axis(here: Path) -> None:
+    """Of two outputs the second would hold the first axis."""
+    Path("stream.bin").write_bytes(interleaved(sent(2)))
+    done = CliRunner().invoke(main, ["import", "--telemetry", "stream.bin", "-o", "x.csv", "-o", "y.csv"])
+    assert done.exit_code == 2 and "give it once" in done.output and "--axis" in done.output
+    assert [path.name for path in here.iterdir()] == ["stream.bin"]
+    done = CliRunner().invoke(main, ["import", "--telemetry", "stream.bin", "--axis", "1", "-o", "y.csv"])
+    assert done.exit_code == 0 and Path("y.csv").exists()

@@ -125,6 +125,41 @@ def test_another_dac_is_refused(tmp_path: Path) -> None:
         codes_of("rp2040", params, tmp_path)
 
 
+def test_two_axes_are_two_objects(tmp_path: Path) -> None:
+    """The line of README.md that compiles axis.c once per axis: each has its own start, as its own header says."""
+    said = re.search(r"^ *cc (.*?)-o axis_x\.o$", (OWN / "README.md").read_text(), re.DOTALL | re.MULTILINE)[1]
+    main = tmp_path / "main.c"
+    main.write_text(r"""
+        #include <stdio.h>
+        #include "axis.h"
+        #define AXIS(name) rdpi_status_t name##_start(uint32_t); uint32_t name##_first_code(void); \
+            uint32_t name##_next(uint32_t); axis_reference_t name##_reference(uint32_t sample) { return 0 * sample; }
+        AXIS(x)
+        AXIS(y)
+        int main(void)
+        {
+            if (x_start(1000) != RDPI_OK || y_start(1000) != RDPI_OK) {
+                return 1;
+            }
+            printf("%u %u ", (unsigned)x_first_code(), (unsigned)y_first_code());
+            printf("%u %u", (unsigned)x_next(0), (unsigned)y_next(0));
+        }""")
+    objects, params, alone = [], {"x": 16, "y": 12}, []
+    for name, bits in params.items():
+        (folder := tmp_path / f"params_{name}").mkdir()
+        parameters(bits, folder)
+        words = said.replace("\\\n", " ").replace("params_x", str(folder)).replace("=x_", f"={name}_").split()
+        words = [word.replace("-Ilib", f"-I{ROOT}/lib").replace("axis.c", str(OWN / "axis.c")) for word in words]
+        objects.append(tmp_path / f"axis_{name}.o")
+        run("cc", *words, "-o", objects[-1])
+        alone.append(2**bits - 1)
+    run("cc", f"-I{ROOT / 'lib/include'}", f"-I{OWN}", f"-I{tmp_path / 'params_x'}", main, *objects,
+        *sorted((ROOT / "lib/src").glob("*.c")), "-o", tmp_path / "program")
+    x, y, next_x, next_y = map(int, run(tmp_path / "program").split())
+    assert x / alone[0] == pytest.approx(y / alone[1], abs=1 / alone[1])
+    assert next_x / alone[0] == pytest.approx(next_y / alone[1], abs=1 / alone[1]) and next_x > 4095
+
+
 def test_lost_samples_count_as_time(tmp_path: Path) -> None:
     """axis.c on this computer, in both kinds of numbers: every third sample of a ramp has no call of its own."""
     params = parameters(16, tmp_path)

@@ -15,20 +15,21 @@ ROOT = Path(__file__).resolve().parents[2]
 TEXTS = sorted(path for pattern in ("*.md", "*/README.md", "*/*/README.md") for path in ROOT.glob(pattern)
                if path.relative_to(ROOT).parts[0] in ("lib", "port", "host_tools", "examples", "tests", path.name))
 NAMES = [str(path.relative_to(ROOT)) for path in TEXTS]
-INCLUDES = [f"-I{ROOT / folder}" for folder in ("lib/include", "port/include", "port/drivers", "examples/track/params")]
+INCLUDES = [f"-I{ROOT / folder}" for folder in ("lib/include", "port/include", "port/drivers", "examples/track/params", "examples/own")]
 BEFORE = {"port/README.md": '#include "dac8562.h"\n#include "rdpi_port.h"\nvoid wait_ms(int ms);\n'}
 PLACEHOLDERS = re.compile(r"BOARD|NAME|PART|\bDIR\b|[*{]|\.\.\.")
 
 
 def c_blocks() -> list[tuple[str, str]]:
     return [(name, block) for name, path in zip(NAMES, TEXTS)
-            for block in re.findall(r"^```c\n(.*?)^```", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)]
+            for block in re.findall(r"^ *```c\n(.*?)^ *```", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)]
 
 
 def in_code(path: Path) -> list[str]:
     """Lines of blocks, long lines joined, and what stands between backticks."""
     text = path.read_text(encoding="utf-8")
-    fences = re.findall(r"^ *```\n(.*?)^ *```", text, re.DOTALL | re.MULTILINE)
+    fences = [block for language, block in re.findall(r"^ *```(\w*)\n(.*?)^ *```", text, re.DOTALL | re.MULTILINE)
+              if not language]
     indented = re.findall(r"^    \S.*$", text, re.MULTILINE)
     prose = re.sub(r"^ *```.*?^ *```", "", text, flags=re.DOTALL | re.MULTILINE)
     lines = [line for block in fences for line in block.replace("\\\n", "").splitlines()]

@@ -83,6 +83,8 @@ tests)
     python3-distributed  module   distributed
     python3-jsonschema  module   jsonschema
     python3-selenium    module   selenium
+    python3-nbclient    module   nbclient
+    python3-ipykernel   module   ipykernel
     xvfb                command  xvfb-run
     xauth               command  xauth
     python3-tk          module   tkinter'

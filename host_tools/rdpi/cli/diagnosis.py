@@ -31,7 +31,7 @@ if TYPE_CHECKING:
               help="Exit with status 1 if the rms error of any run exceeds this, % of stroke.")
 def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offset: bool, memory: str,
              max_rms_percent: float | None) -> dict[str, Any]:
-    """Predict the displacement from the command and compare it with the measured one.
+    """Predict the displacement and compare it with the measured one.
 
     Errors in percent refer to the measured stroke of each run.
     """
@@ -100,7 +100,9 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
 def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | None, earlier: tuple[str, ...],
         no_kept: bool, references: tuple[str, ...], without: tuple[str, ...], fail_on: tuple[str, ...],
         max_gap_percent: float | None) -> dict[str, Any]:
-    """Diagnose the gap between a model and recordings: where it is, what causes it, how far that effect closes it.
+    """Say why a model misses recordings.
+
+    The diagnosis tells where the gap is, which effect causes it, and how far that effect closes it.
 
     RUNs are recordings that the model was not fitted to. Give several with different waveforms, if possible. With a
     column monitor_V (the measured amplifier output), the diagnosis separates causes before and after the amplifier's
@@ -164,8 +166,10 @@ def score(runs: tuple[str, ...], remove_offset: bool, max_rms_percent: float | N
           report: str | None) -> dict[str, Any]:
     """Say how well references were tracked.
 
-    RUNs are recordings with the columns time_s, reference_um and displacement_um. Errors in percent refer to the
-    peak-to-peak of each run's reference. The delay is that with which the displacement follows the reference best.
+    RUNs are recordings with the columns time_s, reference_um and displacement_um. `rdpi record` writes them. Of a drive
+    that `rdpi compensate` has computed and another bench has played, add what the sensor read as displacement_um to the
+    columns of the drive. Errors in percent refer to the peak-to-peak of each run's reference. The delay is that with
+    which the displacement follows the reference best.
     """
     from ..data import read_recording
     from ..identify import report as reports

@@ -74,7 +74,7 @@ def _inverse(model: Model, effects: str, leave_out: tuple[str, ...], preview: bo
         click.echo("without preview, error of a sine in % of its amplitude, high sample rates:")
         click.echo("      Hz   without lead   with lead")
         for frequency, without, extrapolated in costs:
-            click.echo(f"{frequency:8g}{100 * without:13.3g} %{100 * extrapolated:10.3g} %")
+            click.echo(f"{frequency:8g}{round(100 * without, 9):13.3g} %{round(100 * extrapolated, 9):10.3g} %")
     return found
 
 
@@ -100,11 +100,11 @@ def _effects_of(inverse: Inverse) -> list[dict[str, Any]]:
 @effect_options
 def header(model: str, output: str, name: str, noise_shaping: bool, effects: str, leave_out: tuple[str, ...], preview: bool,
            sensor_delay_s: float, sensor_lag_s: float, jump_s: float, **sweep: float | None) -> dict[str, Any]:
-    """Generate the C header with the parameters of a model, to be compiled into the firmware.
+    """Generate the C header with the parameters of a model.
 
-    The header holds the operator, rdpi_params, and what stands around it, rdpi_chain. For each effect of the model one
-    line says what the firmware does about it: it compensates the effect, the effect is folded into the operator's
-    parameters, or it is left out, and why. The same model gives the same bytes.
+    The firmware compiles it. The header holds the operator, rdpi_params, and what stands around it, rdpi_chain. For
+    each effect of the model one line says what the firmware does about it: it compensates the effect, the effect is
+    folded into the operator's parameters, or it is left out, and why. The same model gives the same bytes.
     """
     from dataclasses import replace
 
@@ -138,7 +138,9 @@ def header(model: str, output: str, name: str, noise_shaping: bool, effects: str
               help="Convert a drive: command_V of FILE.csv becomes codes of this DAC. Volts are at the actuator.")
 def profile(source: str, output: str, reference_column: str | None,
             dac: tuple[int, float, float] | None) -> dict[str, Any]:
-    """Generate the C header with a table for the firmware: a reference, or with --dac a drive.
+    """Generate the C header with a table for the firmware.
+
+    The table is a reference, or with --dac a drive.
 
     \b
     reference  needs the columns time_s and reference_um (or --reference-column), in um; for port/profile
@@ -202,7 +204,7 @@ def profile(source: str, output: str, reference_column: str | None,
 def compensate(model: str, reference: str, output: str, engine: str, fixed_point: bool, sweep: bool,
                dac_bits: int | None, reference_column: str, remove_offset: bool, noise_shaping: bool,
                report: str | None, **of_effects: Any) -> dict[str, Any]:
-    """Compute the drive in V for a reference in um, as the firmware does.
+    """Compute the drive for a reference, as the firmware does.
 
     REFERENCE.csv needs the columns time_s and reference_um (or --reference-column). A board runs its start-up sweep
     before it follows a reference: only with --sweep are the codes the same as on the board.

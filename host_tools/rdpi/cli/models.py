@@ -95,7 +95,10 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
 @click.option("-o", "--output", default="rdpi.png", show_default=True, metavar="PICTURE",
               type=Output(), help="The picture: .png, .svg or .pdf.")
 def plot(model: str, runs: tuple[str, ...], output: str) -> dict[str, Any]:
-    """Plot loops, slopes against rate, the worst part of the prediction, and the residual."""
+    """Plot loops, slopes against rate, prediction and residual.
+
+    The prediction is shown where it is worst.
+    """
     from ..data import read_recording
     from ..identify import rate_slopes, report
     from ..model import read_model

@@ -80,9 +80,18 @@ def _too_many_lost(missing: int, max_lost: int | None) -> bool:
     return failed
 
 
+def _once(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> str | None:
+    """`rdpi record` takes one -o per axis: here the last one would get the axis of the first."""
+    if len(values) > 1:
+        raise click.BadParameter("give it once; of a stream with several axes, import each by itself, with --axis",
+                                 context, parameter)
+    return values[0] if values else None
+
+
 @command("import")
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...", type=click.Path())
-@click.option("-o", "--output", required=True, metavar="RUN.csv", type=Output(dir_okay=True),
+@click.option("-o", "--output", required=True, multiple=True, callback=_once, metavar="RUN.csv",
+              type=Output(dir_okay=True),
               help="The recording. For several sources: a directory, which gets one NAME.csv for each source.")
 @click.option("--time", metavar=_COLUMN, help="Time. Units: s (default), ms, us.")
 @click.option("--rate", "rate_hz", metavar="HZ", type=click.FloatRange(min=0, min_open=True),

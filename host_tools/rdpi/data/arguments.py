@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterable
 from numbers import Real
@@ -61,6 +62,13 @@ def listed(values: Any, kind: type, name: str) -> list:
     if isinstance(values, (str, dict)) or not isinstance(values, Iterable):
         raise BadInput(f"{name}: must be a list of {kind.__name__}s, got {shown(values)}")
     return [of_kind(value, kind, f"{name}[{k}]") for k, value in enumerate(values)]
+
+
+def path(value: Any, name: str = "path") -> str:
+    """The name of a file. Raises BadInput that names the argument for anything else."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise BadInput(f"{name}: must be the name of a file, got {shown(value)}")
+    return os.fspath(value)
 
 
 def shown(value: Any) -> str:

@@ -142,7 +142,7 @@ def read_recording(path: str | os.PathLike[str], required: Sequence[str] = RUN_C
     Raises BadInput for a file that cannot be read, missing or repeated columns, text, NaN or infinity in a number,
     rows of unequal length, an unknown `memory`, and everything `check_samples` checks.
     """
-    path = os.fspath(path)
+    path = arguments.path(path)
     data = read_bytes(path)
     text = _decode(path, whole_lines(data))
     metadata, key_lines, header_line, header, body = _split_header(path, text)

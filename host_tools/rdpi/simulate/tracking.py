@@ -52,16 +52,28 @@ def _delay(reference: np.ndarray, displacement: np.ndarray) -> tuple[float, floa
     most = max(1, int(LONGEST * count))
     shifts = np.arange(-most, most + 1)
     squares = _variances(reference - np.mean(reference), displacement - np.mean(displacement), shifts)
-    near = np.flatnonzero(squares <= ALIKE * squares.min() + NOTHING * np.var(reference))  # a period later, say
-    at = int(near[np.argmin(np.abs(shifts[near]))])
-    while 0 < at < len(shifts) - 1 and min(squares[at - 1], squares[at + 1]) < squares[at]:
-        at += 1 if squares[at + 1] < squares[at - 1] else -1
+    slack = NOTHING * np.var(reference)
+    near = np.flatnonzero(squares <= ALIKE * squares.min() + slack)  # a period later, say
+    at = _lowest_from(int(near[np.argmin(np.abs(shifts[near]))]), squares)
+    short = _lowest_from(most, squares)
+    if abs(shifts[short]) < abs(shifts[at]):  # on the same samples? A start that is bad may be left out
+        first, last = max(shifts[at], shifts[short], 0), count + min(shifts[at], shifts[short], 0)
+        left = [np.var(displacement[first:last] - reference[first - shift:last - shift])
+                for shift in (shifts[short], shifts[at])]
+        at = short if left[0] <= ALIKE * left[1] + slack else at
     if not 0 < at < len(shifts) - 1:
         return float(shifts[at]), float(squares[at])
     left, middle, right = squares[at - 1:at + 2]
     bend = left - 2 * middle + right
     step = 0.5 * (left - right) / bend if bend > 0 else 0.0
     return float(shifts[at] + step), max(float(middle - 0.25 * (left - right) * step), 0.0)
+
+
+def _lowest_from(at: int, squares: np.ndarray) -> int:
+    """Where a walk downhill ends."""
+    while 0 < at < len(squares) - 1 and min(squares[at - 1], squares[at + 1]) < squares[at]:
+        at += 1 if squares[at + 1] < squares[at - 1] else -1
+    return at
 
 
 def _variances(reference: np.ndarray, displacement: np.ndarray, shifts: np.ndarray) -> np.ndarray:
