@@ -28,6 +28,7 @@ SHRINKS = 0.8  # a grid that shrinks by less is the last
 NARROW, SURELY = (0.5, 1.5), 5 / 3
 MAINS_HZ = 50.0, 60.0
 HUMS, LEAST_HUM = 4, 0.05  # rounds of fitting hum, at most; samples of the drive by which hum may move it
+LEAST_NOISE = 3e-4  # of the recorded rms: 12 bits; less noise than that would make any grid seem too coarse
 LEVELS = 30  # grids, at most
 SAMPLES, MOST_SAMPLES = 20_000, 160_000  # of the recording; the latter while the doubt is between ENOUGH and HOPELESS
 LEAST_WORTH = 0.2  # of the mean movement: what a sample is worth where the drive stands still
@@ -118,7 +119,7 @@ class _Search:
         for _ in range(LEVELS):
             grid = self._grid(centre, half, nodes)
             node = 2 * half / (nodes - 1)
-            noise2 = max(grid.least / max(len(self.at) - 5, 1), 1e-14 * float(np.mean(self.heard**2)))
+            noise2 = max(grid.least / max(len(self.at) - 5, 1), (LEAST_NOISE * float(np.std(self.heard))) ** 2)
             allowed = SIGMAS * np.sqrt(noise2 * coloured)
             between = abs(grid.gain) * np.array([self._differs(edge, node / 2) for edge in self.edges])
             region = (grid.squares <= grid.least + (between[:, None, None] + allowed) ** 2).any(0)
