@@ -132,7 +132,7 @@ class _Search:
                     return self._place(centre + grid.best, np.inf, grid)
                 centre, half = centre + (low + high) / 2, np.where(beyond, np.minimum(2 * half, WIDEST), half)
                 continue
-            closer = wide + node
+            closer = wide + 2 * node  # with one, a region that a finer grid shows wider would reach its border again
             if between.max() > RESOLVED * allowed and (node > FINEST).any():
                 if (closer < SHRINKS * half).any():
                     centre, half = centre + (low + high) / 2, np.minimum(closer, half)
