@@ -8,43 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rdpi.data import Limits, Recording, make_drive, read_recording, sample_times, write_recording
-from rdpi.data.align import LEAST_ALIKE, MAX_CLOCK, Alignment, align, beside_drive
+from rdpi.data import Recording, read_recording, sample_times, write_recording
+from rdpi.data.align import LEAST_ALIKE, MAX_CLOCK, MOST_DOUBT, align, beside_drive
 from rdpi.errors import BadInput
-
-KINDS = (("sawtooth", {"cycles": 1}), ("multisine", {"duration_s": 4.0}), ("sine", {"cycles": 2}),
-         ("steps", {"hold_s": 0.4}), ("minor-loops", {"levels": 3}))
-
-
-def drive_of(kind: str = "sawtooth", rate_hz: float = 2000.0, sweep: bool = True, **options: object) -> Recording:
-    columns, metadata = make_drive(kind, Limits(0.0, 100.0, sample_rate_hz=rate_hz), sweep, **options)
-    return Recording("drive.csv", metadata, columns, "sha256:0")
-
-
-def scope(drive: Recording, rate_hz: float, start_s: float, *, clock: float = 1.0, gain: float = 1.0,
-          offset_V: float = 0.0, noise: float = 0.0, before_s: float = 0.5, after_s: float = 0.5, held: bool = True,
-          seed: int = 1) -> Recording:
-    """What a scope records of a drive that is `start_s` late: gain and offset of its voltage, noise as a share of its
-    rms, a clock that counts `clock` seconds per second. The displacement is 0.1 um/V of the voltage at the actuator.
-    """
-    lasts_s = clock * (len(drive) - 1) / drive.sample_rate_hz
-    time_s = np.arange(0, before_s + lasts_s + after_s, 1 / rate_hz)
-    at = (time_s - start_s) / clock * drive.sample_rate_hz
-    if held:  # a sample is taken at the middle of its hold
-        volts = drive.command_V[np.clip(np.floor(at + 0.5).astype(int), 0, len(drive) - 1)]
-    else:
-        volts = np.interp(at, np.arange(len(drive)), drive.command_V)
-    random = np.random.default_rng(seed)
-    heard = gain * volts + offset_V + abs(gain) * noise * np.std(drive.command_V) * random.standard_normal(len(volts))
-    return Recording("scope.csv", {}, {"time_s": time_s, "command_V": heard, "displacement_um": 0.1 * volts})
-
-
-def off_by(found: Alignment, drive: Recording, start_s: float, clock: float, first: int = 0) -> float:
-    """Largest error of the place, from sample `first` of the drive on, in samples of the drive."""
-    ends = [found.start_s - start_s + k / drive.sample_rate_hz * (found.clock - clock)
-            for k in (first, len(drive) - 1)]
-    return float(np.max(np.abs(ends))) * drive.sample_rate_hz
-
+from scopes import FAMILIES, KINDS, File, drive_of, off_by, scope
 
 # ---- the place ----
 
@@ -52,43 +19,35 @@ def off_by(found: Alignment, drive: Recording, start_s: float, clock: float, fir
 def test_within_half_a_sample(seed: int) -> None:
     """Trigger, clock, gain, noise, rate and kind of drive by chance."""
     random = np.random.default_rng(100 + seed)
-    kind, options = KINDS[seed % len(KINDS)]
+    kind, options = KINDS[seed % (len(KINDS) - 1)]
     drive = drive_of(kind, rate_hz=float(random.choice([1000, 2000, 5000])), **options)
     start_s, clock = float(random.uniform(0, 1)), 1 + float(random.uniform(-1, 1)) * random.choice([1e-5, 1e-4, 5e-3])
     gain, offset_V = float(random.choice([1, -1, 0.1, -0.05, 10])), float(random.normal())
     rate_hz = drive.sample_rate_hz * float(random.choice([2.5, 5, 8]))
-    run = scope(drive, rate_hz, start_s, clock=clock, gain=gain, offset_V=offset_V, noise=random.choice([0, 0.003, 0.01]),
-                before_s=start_s, held=bool(seed % 2), seed=seed)
+    run = scope(drive, rate_hz, start_s, clock=clock, gain=gain, offset_V=offset_V,
+                noise=random.choice([0, 0.003, 0.01]), before_s=start_s, held=bool(seed % 2), seed=seed)
     found = align(run, drive)
-    assert off_by(found, drive, start_s, clock) < 0.5
+    assert off_by(found.start_s, found.clock, File(drive, run, start_s, clock, 0, 0, 0)) < 0.5
     assert found.gain == pytest.approx(gain, rel=0.02)
     assert found.offset_V == pytest.approx(offset_V, abs=0.02 * abs(gain) * 100)
     assert found.clock == pytest.approx(clock, abs=2e-4)
 
 
 @pytest.mark.slow
-def test_a_hundred_files() -> None:
-    """Each aligned within half a sample or refused; none refused with little noise and a scope twice as fast."""
+@pytest.mark.parametrize(("family", "least"), [("usual", 95), ("rough", 65)])
+def test_a_hundred_files(family: str, least: int) -> None:
+    """None aligned wrongly; nearly all usual ones within half a sample, the others refused with cause and remedy."""
     aligned = 0
     for seed in range(2000, 2100):
-        random = np.random.default_rng(seed)
-        kind, options = (*KINDS, ("commission", {"duration_s": 20.0}))[random.integers(6)]
-        drive = drive_of(kind, float(random.choice([1000, 2000, 5000, 10000])), bool(random.random() < 0.8), **options)
-        start_s, noise = float(random.uniform(0, 1)), float(random.choice([0, 0.003, 0.01, 0.1, 0.3]))
-        off = float(np.clip(random.normal() * random.choice([0, 1e-4, 3e-3]), -0.009, 0.009))
-        faster = float(random.choice([0.3, 0.5, 1, 1.37, 2.5, 5]))
-        run = scope(drive, faster * drive.sample_rate_hz, start_s, clock=1 + off, noise=noise, before_s=start_s,
-                    gain=float(random.choice([1, -1, 0.1, -0.05, 10])), offset_V=float(random.normal()),
-                    held=bool(random.random() < 0.7), seed=seed)
-        first = round(float(drive.metadata.get("sweep_s", 0)) * drive.sample_rate_hz)
+        file = FAMILIES[family](seed)
         try:
-            found = align(run, drive, first)
+            found = align(file.run, file.drive, file.first)
         except BadInput as refused:
-            assert "is found, but only to" in str(refused) and (noise >= 0.1 or faster < 2), seed
+            assert "is found, but only to" in str(refused) and "; " in str(refused), seed
             continue
         aligned += 1
-        assert off_by(found, drive, start_s, 1 + off, first) < 0.5, seed
-    assert aligned > 50
+        assert off_by(found.start_s, found.clock, file) < 0.5, seed
+    assert aligned >= least
 
 
 def test_noise_shows_in_the_doubt() -> None:
@@ -136,6 +95,51 @@ def test_memory(changes: dict, memory: str) -> None:
     assert (len(recording) < len(drive)) == ("sweep_s" in metadata)
 
 
+@pytest.mark.parametrize("twice", [False, True])
+def test_the_first_of_several_plays(twice: bool) -> None:
+    drive = drive_of()
+    one = scope(drive, 5000.0, 0.25, noise=0.01)
+    columns = {name: np.tile(values, 1 + twice) for name, values in one.columns.items()}
+    columns["time_s"] = sample_times(len(columns["time_s"]), 5000.0)
+    recording, lines = beside_drive(Recording("scope.csv", {}, columns), drive)
+    assert float(recording.metadata["played_from_s"]) == pytest.approx(0.25, abs=0.5 / 2000)
+    assert ("played 2 times" in " ".join(lines)) == twice
+
+
+def test_hum_at_a_line_of_the_drive() -> None:
+    """A multisine holds a line at 50 Hz; hum there looks like a shift of it."""
+    drive = drive_of("multisine", 10000.0, duration_s=4.0)
+    start_s = 0.50013  # no sample just where the converter switches
+    run = scope(drive, 20000.0, start_s, noise=0.003, hum=0.005, bits=8)
+    found = align(run, drive)
+    assert off_by(found.start_s, found.clock, File(drive, run, start_s, 1.0, 0, 0, 0)) < 0.2
+
+
+def test_a_sweep_that_was_clipped() -> None:
+    """Only what follows the sweep must be there."""
+    drive = drive_of("multisine", duration_s=4.0)
+    run, sweep_s = scope(drive, 5000.0, 0.5, noise=0.003), float(drive.metadata["sweep_s"])
+    run.columns["command_V"][run.time_s < 0.5 + sweep_s] = 12.0
+    found = align(run, drive, round(sweep_s * 2000))
+    assert off_by(found.start_s, found.clock, File(drive, run, 0.5, 1.0, round(sweep_s * 2000), 0, 0)) < 0.5
+
+
+def test_a_clock_that_both_share() -> None:
+    """Each sample of the drive is seen once: its place is known to half a hold, and told so."""
+    drive = drive_of()
+    for late in (0.0, 0.3, -0.4):  # of a sample
+        found = align(scope(drive, 2000.0, 0.5 + late / 2000, noise=0.003), drive)
+        assert 0.4 < found.doubt_s * 2000 <= MOST_DOUBT
+        assert abs(found.start_s - 0.5 - late / 2000) * 2000 < 0.5
+
+
+@pytest.mark.parametrize(("rate_hz", "told"), [(300.0, True), (5000.0, False)])
+def test_a_scope_slower_than_the_drive_is_told(rate_hz: float, told: bool) -> None:
+    drive = drive_of(rate_hz=2000.0)
+    _, lines = beside_drive(scope(drive, rate_hz, 0.5), drive)
+    assert ("interpolated between" in " ".join(lines)) == told
+
+
 # ---- what is refused ----
 
 WRONG = {
@@ -160,7 +164,7 @@ def test_refused(what: str) -> None:
 
 def test_too_much_noise_for_a_slow_drive() -> None:
     drive = drive_of(rate_hz=2000.0, sweep=False, frequencies_hz=(0.2,), cycles=1)
-    with pytest.raises(BadInput, match="only to .* of its samples"):
+    with pytest.raises(BadInput, match=r"only to .* of its samples \(noise 5.* at 4000 samples per second or more"):
         align(scope(drive, 2000.0, 0.5, noise=0.05), drive)
 
 
@@ -188,6 +192,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """drive.csv, and scope.csv: a scope's record of it, inverted."""
     folder, drive = tmp_path_factory.mktemp("scope"), drive_of()
     write_recording(folder / "drive.csv", drive.columns, drive.metadata)
+    write_recording(folder / "flat.csv", {**drive.columns, "command_V": np.full(len(drive), 5.0)}, drive.metadata)
+    (folder / "empty.csv").touch()
     run = scope(drive, 5000.0, 0.25, gain=-0.05, noise=0.01)
     np.savetxt(folder / "scope.csv", np.stack([*run.columns.values()], axis=1), delimiter=",",
                header="t [s],Vin [V],pos [um]", comments="")
@@ -209,7 +215,17 @@ def test_from_scope_to_recording(folder: Path, rdpi: Callable) -> None:
     (("--as", "drive"), "--drive: makes a run"), (("--resample", "1000"), "--drive: makes a run"),
     (("--drive", "none.csv"), "none.csv: cannot be read"),
     (("--drive", "scope.csv"), "scope.csv:1: there is no column"),
+    (("--drive", "flat.csv"), "flat.csv: command_V does not move"),
+    (("--drive", "empty.csv"), "empty.csv: is empty"), (("--rows", ":2"), "a recording needs at least"),
     (("--rows", ":3000"), "the recording lasts"), (("--telemetry",), "--drive: is only valid without")])
 def test_refused_by_the_command(options: tuple[str, ...], words: str, folder: Path, refused: Callable) -> None:
     given = () if "--drive" in options else ("--drive", "drive.csv")
     assert words in refused("import", "scope.csv", *given, *options, "-o", refused.output)
+
+
+@pytest.mark.parametrize(("offset_V", "gain"), [(1e6, 1.0), (0.0, 1e-9), (-1e6, -1e3)])
+def test_any_gain_and_offset(offset_V: float, gain: float) -> None:
+    drive = drive_of()
+    found = align(scope(drive, 5000.0, 0.25, gain=gain, offset_V=offset_V), drive)
+    assert found.gain == pytest.approx(gain, rel=1e-3)
+    assert off_by(found.start_s, found.clock, File(drive, None, 0.25, 1.0, 0, 0, 0)) < 0.5

@@ -1,9 +1,9 @@
 """A recording of another clock beside the drive that was played: where the drive lies in it, to parts of a sample.
 
 The recorded voltage is taken for gain · drive + offset at times start + clock · (time of the drive). The place is
-searched by correlation on a coarse grid, for clocks that differ by up to MAX_CLOCK, and then refined by least squares
-(Gauss-Newton) on signals that are smoothed less and less. Where a converter holds each sample, the place is the middle
-of the hold.
+searched by correlation on a coarse grid, for clocks that differ by up to MAX_CLOCK, refined by least squares
+(Gauss-Newton) on signals that are smoothed less and less, and settled on the samples as recorded (place.py). Where a
+converter holds each sample, the place is the middle of the hold.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import BadInput
+from .place import WIDEST, Place, place
 from .recording import Recording, sample_times
-from .resample import at_times
+from .resample import NEAR, at_times
 
 AMID = 0.05  # of a sweep's range: from its middle, where a sweep has decayed from both sides
 MAX_CLOCK = 0.01  # by which two clocks may differ
@@ -23,8 +24,11 @@ CLOCKS = 201  # at most so many clocks are tried, an odd number
 LEAST_ALIKE = 0.95  # correlation of a recorded voltage with its drive; noise of 30 % of the drive's rms leaves .957
 PART_ALIKE = 0.8  # the same of each of PARTS parts of the drive that move
 PARTS = 8
+AS_ALIKE = 0.99  # of the best correlation: from here on it is another play of the same drive
 MOVES = 0.5  # of the drive's rms: a part that moves less says little about noise
-MOST_DOUBT = 0.5  # samples of the drive: three standard errors of the place at either end of the drive
+MOST_DOUBT = 0.55  # samples of the drive, at either end of what is needed of it: half a hold, and what noise adds
+SLOW = 1.5  # recorded samples for each of the drive: with fewer, a faster scope helps
+NOISY = 0.02  # of the drive's rms: less noise is not what keeps a drive from being found
 ROUNDS = 40  # of refinement, at most, with each smoothing
 HELD = 1 / 8, 3 / 4, 1 / 8  # what two means over a sample's length make of samples that a converter holds
 SETTLED = 0.02  # samples of the drive: a round that moves its ends by less is the last
@@ -38,7 +42,8 @@ class Alignment(NamedTuple):
     gain: float  # recorded V per V of the drive; negative: inverted
     offset_V: float  # recorded where the drive is 0 V
     alike: float  # correlation of both, 0 to 1
-    doubt_s: float  # three standard errors of the place, at the end of the drive where it is larger
+    plays: int  # of the drive in the recording; this is the first
+    doubt_s: float  # by how much the place may be wrong, at the end of the drive where it is larger
 
 
 def amid(end: float, lowest: float, highest: float) -> bool:
@@ -72,6 +77,10 @@ def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]
              f"  cut to {len(times)} samples at the drive's {rate_hz:g} per second"
              + (f", from the end of its sweep at {first / rate_hz:.6g} s" if first else "")
              + f"; memory: {metadata['memory']}"]
+    if found.plays > 1:
+        lines.append(f"  the drive was played {found.plays} times; this is the first; choose another with --rows")
+    if run.sample_rate_hz < rate_hz * NEAR:
+        lines.append(f"  recorded at {run.sample_rate_hz:.6g} per second: columns are interpolated between samples")
     return Recording(run.path, metadata, {"time_s": sample_times(len(times), rate_hz),
                                           "command_V": drive.command_V[first:], **read}), lines
 
@@ -88,7 +97,7 @@ def align(run: Recording, drive: Recording, first: int = 0) -> Alignment:
     if lasts_s < needed_s * (1 - MAX_CLOCK):
         raise BadInput(f"{where}: the recording lasts {lasts_s:.6g} s, but the drive {needed_s:.6g} s"
                        + (" from the end of its sweep" if first else "") + "; record all of it, or cut the drive")
-    start_s, clock, width_s = _coarse(run, wanted, step_s)
+    start_s, clock, width_s, plays = _coarse(run, wanted, step_s)
     finest_s = max(step_s, run.sample_time_s)
     while True:
         start_s, clock, fitted = _refined(run, wanted, step_s, start_s, clock, width_s)
@@ -106,19 +115,35 @@ def align(run: Recording, drive: Recording, first: int = 0) -> Alignment:
         raise BadInput(f"{where}: the drive is not found in the recorded voltage (correlation {fitted.alike:.3f}, in "
                        f"the worst part {fitted.least_alike:.3f}; needed are {LEAST_ALIKE:g} and {PART_ALIKE:g}); "
                        "check that this drive was played as a whole, and the columns")
-    if not fitted.doubt_s < MOST_DOUBT * step_s:
-        raise BadInput(f"{where}: the drive is found, but only to {fitted.doubt_s / step_s:.2g} of its samples; record "
-                       "the voltage with less noise or at a higher rate, or play a faster drive")
-    return Alignment(start_s - clock * first * step_s, clock, fitted.gain, fitted.offset_V, fitted.alike,
-                     fitted.doubt_s)
+    start_s -= clock * first * step_s
+    at = (run.time_s - run.time_s[0] - start_s) / (clock * step_s)
+    swept = (at >= 0) & (at <= first)
+    if np.sum(swept) > PARTS:
+        alike = np.corrcoef(run.command_V[swept], drive.command_V[at[swept].astype(np.intp)])[0, 1]
+        if not alike * np.sign(fitted.gain) >= PART_ALIKE:
+            at[at < first] = -np.inf  # clipped, or another sweep: only what follows must be there
+    found = place(run.command_V, at, drive.command_V, first, run.sample_time_s / step_s, clock * step_s)
+    if not found.doubt <= MOST_DOUBT:
+        raise BadInput(f"{where}: {_too_doubtful(found, run, drive)}")
+    stretch = (found.last - found.first) / (len(drive) - 1)
+    return Alignment(start_s + clock * step_s * found.first, clock * (1 + stretch), found.gain, found.offset_V,
+                     fitted.alike, plays, found.doubt * step_s)
+
+
+def _too_doubtful(found: Place, run: Recording, drive: Recording) -> str:
+    per_sample = run.sample_rate_hz / drive.sample_rate_hz
+    told = f"{found.doubt:.2g}" if np.isfinite(found.doubt) else f"more than {WIDEST:g}"
+    remedies = (["record the voltage with less noise: use all of the scope's range"] if found.noise > NOISY else []) + (
+        [f"record at {2 * drive.sample_rate_hz:g} samples per second or more"] if per_sample < SLOW else [])
+    return (f"the drive is found, but only to {told} of its samples (noise {100 * found.noise:.2g} % of the drive, "
+            f"{per_sample:.3g} recorded samples for each of it; needed is {MOST_DOUBT:g}); "
+            + (", and ".join(remedies) or "play a drive that moves faster"))
 
 
 class _Fitted(NamedTuple):
     gain: float
-    offset_V: float
     alike: float
     least_alike: float
-    doubt_s: float
 
 
 def _after_sweep(drive: Recording) -> tuple[int, bool]:
@@ -140,8 +165,10 @@ def _after_sweep(drive: Recording) -> tuple[int, bool]:
     return first, None not in (low, high, end) and amid(end, low, high)
 
 
-def _coarse(run: Recording, wanted: np.ndarray, step_s: float) -> tuple[float, float, float]:
-    """Start in s from the recording's first sample, clock, and the step of the grid on which both were searched."""
+def _coarse(run: Recording, wanted: np.ndarray, step_s: float) -> tuple[float, float, float, int]:
+    """Start in s from the recording's first sample, clock, the step of the grid on which both were searched, and how
+    often the drive was played.
+    """
     needed_s = (len(wanted) - 1) * step_s
     grid_s = max(step_s, run.sample_time_s, needed_s / COARSE)
     beyond_s = needed_s * MAX_CLOCK / 2  # a clock that is off must not push an end out
@@ -154,7 +181,7 @@ def _coarse(run: Recording, wanted: np.ndarray, step_s: float) -> tuple[float, f
     spectrum = np.fft.rfft(heard, size)
     sums, squares = (np.concatenate([[0.0], np.cumsum(part)]) for part in (heard, heard**2))
     clocks = min(CLOCKS, 2 * int(np.ceil(2 * MAX_CLOCK * needed_s / grid_s / 2)) + 1)
-    best = (0.0, 0.0, 1.0)
+    best, plays = (0.0, 0.0, 1.0), 1
     for clock in 1 + MAX_CLOCK * np.linspace(-1, 1, max(3, clocks)):
         shape = np.interp(np.arange(0, needed_s * clock, grid_s), own_s * clock, smooth)
         if len(shape) > len(heard):
@@ -165,9 +192,20 @@ def _coarse(run: Recording, wanted: np.ndarray, step_s: float) -> tuple[float, f
         power = (squares[len(shape):] - squares[:-len(shape)]) - len(shape) * mean**2
         power = np.maximum(power, 1e-6 * squares[-1])
         alike = np.abs(product) / np.sqrt(power * (shape @ shape))
-        place = int(np.argmax(alike))
-        best = max(best, (float(alike[place]), place * grid_s - beyond_s, float(clock)))
-    return best[1], best[2], grid_s
+        highest = float(np.max(alike))
+        if highest > best[0]:
+            places = _apart(alike, AS_ALIKE * highest, len(shape))
+            best, plays = (highest, places[0] * grid_s - beyond_s, float(clock)), len(places)
+    return best[1], best[2], grid_s, plays
+
+
+def _apart(alike: np.ndarray, least: float, length: int) -> list[int]:
+    """The places that are alike at least so, best within a drive's length; the earliest first."""
+    found: list[int] = []
+    for start in np.flatnonzero(alike >= least):
+        if not found or start - found[-1] > 0.9 * length:
+            found.append(int(start + np.argmax(alike[start:start + max(1, length // 2)])))
+    return found
 
 
 def _refined(run: Recording, wanted: np.ndarray, step_s: float, start_s: float, clock: float, width_s: float
@@ -195,19 +233,11 @@ def _refined(run: Recording, wanted: np.ndarray, step_s: float, start_s: float, 
     read = np.interp(start_s + clock * own_s, run.time_s - run.time_s[0], heard)
     gain, offset_V = np.polyfit(smooth, read, 1)
     left = read - gain * smooth - offset_V
-    # samples over which noise is the same: smoothing by two means of a sample makes neighbours alike too
-    lag = max(1.5, run.sample_time_s / step_s, width_s / step_s)
-    places = columns[:, 2:] * (gain or np.finfo(float).tiny)
-    inverse, ends = np.linalg.pinv(places.T @ places), np.array([[1.0, -middle_s], [1.0, middle_s]])
-    # of noise alike everywhere; and of errors as they are: an edge lies anywhere between two samples of the recording
-    errors = left**2 + (gain * slope * run.sample_time_s) ** 2 / 12
-    even, uneven = lag * np.mean(left**2) * inverse, lag * inverse @ (places.T * errors) @ places @ inverse
-    doubt_s = 3 * float(np.sqrt(max(end @ kind @ end for end in ends for kind in (even, uneven))))
     usual = float(np.std(smooth))
     parts = [float(np.sqrt(max(0.0, 1 - np.mean(e**2) / max(np.var(gain * u), np.finfo(float).tiny))))
              for e, u in zip(np.array_split(left, PARTS), np.array_split(smooth, PARTS)) if np.std(u) > MOVES * usual]
     alike = float(np.sqrt(max(0.0, 1 - np.mean(left**2) / max(float(np.var(read)), np.finfo(float).tiny))))
-    return start_s, clock, _Fitted(float(gain), float(offset_V), alike, min(parts, default=alike), doubt_s)
+    return start_s, clock, _Fitted(float(gain), alike, min(parts, default=alike))
 
 
 def _smoothed(values: np.ndarray, width: float) -> np.ndarray:
