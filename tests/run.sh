@@ -44,8 +44,8 @@ names() {
 }
 pytests() {
     local folder folders=()
-    # A file keeps one core busy: first those that take minutes, so that both cores end together.
-    for folder in tests/{withheld,replay,rigs}/ host_tools/tests/ tests/*/; do
+    # A file keeps one core busy: the longest first and many short ones last, so that all cores end together.
+    for folder in tests/{withheld,replay}/ tests/*/ host_tools/tests/; do
         compgen -G "$folder/test_*.py" >/dev/null && [[ " ${folders[*]} " != *" $folder "* ]] && folders+=("$folder")
     done
     .venv/bin/python -m pytest -c host_tools/pyproject.toml --rootdir . -n auto --dist loadfile "$@" "${folders[@]}"
