@@ -37,15 +37,16 @@ run() { # run NAME PATTERN COMMAND...: PATTERN picks the runner's closing lines 
 }
 ctest_preset() {
     cmake --preset "$1" && cmake --build --preset "$1" --parallel "$(nproc)" &&
-        ctest --preset "$1" --output-junit ctest.xml
+        ctest --preset "$1" --parallel "$(nproc)" --output-junit ctest.xml
 }
 names() {
     .venv/bin/python tests/ceedling/compare_names.py build/host/ctest.xml build/ceedling/artifacts/test/tests_report.json
 }
 pytests() {
-    local folders=()
-    for folder in host_tools/tests tests/*/; do
-        compgen -G "$folder/test_*.py" >/dev/null && folders+=("$folder")
+    local folder folders=()
+    # A file keeps one core busy: the longest first and many short ones last, so that all cores end together.
+    for folder in tests/{withheld,replay}/ tests/*/ host_tools/tests/; do
+        compgen -G "$folder/test_*.py" >/dev/null && [[ " ${folders[*]} " != *" $folder "* ]] && folders+=("$folder")
     done
     .venv/bin/python -m pytest -c host_tools/pyproject.toml --rootdir . -n auto --dist loadfile "$@" "${folders[@]}"
 }

@@ -4,8 +4,9 @@
     tests/mutation/mutate.py [WORD...]    all faults, or those whose first line contains every word
 
 A fault must be seen in both builds, with the quick way of the float step and without (RDPI_QUICK_STEP), but for one
-where its object code is the same as without the fault. Unit tests, then property tests, with sanitizers; a test that
-hangs has failed, one that does not compile has not. Needs what tests/support/setup.sh tests installs.
+where its object code is the same as without the fault. Unit tests, then property tests; then all of them with
+sanitizers, which take three times as long and see what few faults need. A test that hangs has failed, one that does
+not compile has not, nor one that fails without the fault. Needs what tests/support/setup.sh tests installs.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections import Counter, defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -27,7 +29,11 @@ WORK = ROOT / "build" / "mutation"
 UNITY, CMOCK = VENDOR / "unity", VENDOR / "cmock"
 BUILDS = "1", "0"  # values of RDPI_QUICK_STEP
 LANGUAGE = "-std=c99 -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -DCMOCK_MEM_DYNAMIC".split()
-SANITIZED = "-O0 -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all".split()
+WAYS = {  # to build a test, in the order in which they are tried: their options
+    "plain": ["-O0"],
+    "sanitized": "-O0 -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all".split(),
+}
+COMPARED = ["-O1"]  # options for telling whether object code is the same
 MUTATED = "lib", "port"  # folders
 INCLUDES = "lib/include", "lib/src", "port/include", "port/drivers", "port/cortex_m"
 SECONDS = 600  # of one test, however loaded the machine is
@@ -120,7 +126,7 @@ def make_support() -> None:
         subprocess.run(generator, check=True, capture_output=True)
         files.append(runner)
     for file in files:
-        gcc(ROOT, BUILDS[0], *SANITIZED, "-c", file, "-o", WORK / f"{file.stem}.o")
+        gcc(ROOT, BUILDS[0], *WAYS["plain"], "-c", file, "-o", WORK / f"{file.stem}.o")
 
 
 def support(test: Path) -> list[Path]:
@@ -142,12 +148,12 @@ class Tree:
     def affects(self, source: Path) -> bool:
         return self.changed is None or self.changed in parts(source)
 
-    def compiled(self, source: Path, build: str, *options: str) -> Path:
+    def compiled(self, source: Path, build: str, options: list[str]) -> Path:
         """The object of a source: that without a fault where there is no difference."""
         if not self.affects(source):
-            return UNHARMED.compiled(source, build, *options)
+            return UNHARMED.compiled(source, build, options)
         build = build if varies(source) else BUILDS[0]
-        target = self.folder / "objects" / build / "".join(options[:1]) / f"{source.stem}.o"
+        target = self.folder / "objects" / build / "".join(options) / f"{source.stem}.o"
         if not target.exists():
             target.parent.mkdir(parents=True, exist_ok=True)
             inside = source.relative_to(ROOT)
@@ -157,11 +163,11 @@ class Tree:
             temporary.replace(target)
         return target
 
-    def fails(self, test: Path, build: str) -> bool:
-        program = self.folder / f"{test.stem}-{build}"
-        objects = [self.compiled(source, build, *SANITIZED) for source in sources(test)]
-        gcc(ROOT, build, *SANITIZED, *objects, *support(test), "-lm", "-o", program)
-        processor_s = 10 if test in UNIT else 100  # the longest take 0.3 and 15
+    def fails(self, test: Path, build: str, way: str) -> bool:
+        program = self.folder / f"{test.stem}-{build}-{way}"
+        objects = [self.compiled(source, build, WAYS[way]) for source in sources(test)]
+        gcc(ROOT, build, *WAYS[way], *objects, *support(test), "-lm", "-o", program)
+        processor_s = 3 if test in UNIT else 100  # the longest take 0.3 and 15, sanitized
         command = ["sh", "-c", f'ulimit -t {processor_s}; exec "$0"', program]
         try:
             return subprocess.run(command, capture_output=True, timeout=SECONDS).returncode != 0
@@ -170,18 +176,22 @@ class Tree:
 
     def differs(self, test: Path, build: str) -> bool:
         """Whether the fault makes the test another program."""
-        objects = ([tree.compiled(source, build, "-O1") for source in sources(test)] for tree in (self, UNHARMED))
+        objects = ([tree.compiled(source, build, COMPARED) for source in sources(test)] for tree in (self, UNHARMED))
         return any(mine.read_bytes() != theirs.read_bytes() for mine, theirs in zip(*objects))
 
 
 UNHARMED = Tree(WORK)
+SAW: dict[Path, Counter[str]] = defaultdict(Counter)  # of the faults in a file, how many each test saw
+FAILED: set[tuple[Path, str, str]] = set()  # programs that saw a fault: they must not fail without it
 
 
 def seen_by(tree: Tree, tests: list[Path], build: str) -> Path | None:
     """The first test that fails; None where the fault changes nothing."""
-    for k, test in enumerate(tests):
-        if (k == 0 or tree.differs(test, build)) and tree.fails(test, build):
-            return test
+    for way in WAYS:
+        for k, test in enumerate(tests):
+            if (k == 0 or tree.differs(test, build)) and tree.fails(test, build, way):
+                FAILED.add((test, build, way))
+                return test
     if any(tree.differs(test, build) for test in tests):
         raise Unseen(f"no test sees it where RDPI_QUICK_STEP is {build}")
     return None
@@ -200,7 +210,9 @@ def killers(fault: Fault) -> list[str]:
     nearest = "test_" + path.stem.removeprefix("rdpi_")
     tests = [test for test in ALL if any(tree.affects(source) for source in sources(test))]
     sibling = "_".join(nearest.split("_")[:2])
-    tests.sort(key=lambda test: (test.stem != nearest, not test.stem.startswith(sibling)))
+    saw = SAW[fault.path]
+    tests.sort(key=lambda test: (test.stem != nearest, test not in UNIT, -saw[test.stem],
+                                 not test.stem.startswith(sibling)))
     seen: list[str] = []
     for build in BUILDS:
         test = seen_by(tree, tests, build)
@@ -211,6 +223,7 @@ def killers(fault: Fault) -> list[str]:
     if not seen:
         raise Unseen("changes nothing in any build")
     shutil.rmtree(tree.folder)
+    saw.update(seen)
     return seen
 
 
@@ -226,17 +239,16 @@ def main() -> int:
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)
     make_support()
-    programs = [(test, build) for build in BUILDS for test in ALL]
-    programs = [(test, build) for test, build in programs if build == BUILDS[0] or any(map(varies, sources(test)))]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        unharmed = pool.map(lambda program: UNHARMED.fails(*program), programs)
-        broken = [f"{test.stem} ({build})" for (test, build), failed in zip(programs, unharmed) if failed]
-        if broken:
-            sys.exit(f"mutation: without any fault, these fail (RDPI_QUICK_STEP): {', '.join(broken)}")
         passed = 0
         for fault, (seen, text) in zip(faults, pool.map(outcome, faults)):
             print("ok  " if seen else "FAIL", f"{fault.file}: {fault.what}: {text}", flush=True)
             passed += seen
+        programs = sorted(FAILED)
+        unharmed = pool.map(lambda program: UNHARMED.fails(*program), programs)
+        broken = [f"{test.stem} ({build}, {way})" for (test, build, way), failed in zip(programs, unharmed) if failed]
+        if broken:
+            sys.exit(f"mutation: without any fault, these fail (RDPI_QUICK_STEP): {', '.join(broken)}")
     print(f"mutation: {passed} passed, {len(faults) - passed} failed")
     return 0 if passed == len(faults) > 0 else 1
 
