@@ -172,6 +172,8 @@ def test_a_drive_that_repeats_is_not_met_at_the_same_places_always() -> None:
 def test_thinned_recordings_choose_and_whole_ones_are_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = fitted("delay", "lag", "resonance").choice
     monkeypatch.setattr(tuned, "CHOICE_HZ", 0.4 * RATE_HZ)
+    assert len(fit(put("delay")).choice.plain.state.predicted_um[0]) == len(put("delay")[0]), "fast strokes need them"
+    monkeypatch.setattr(tuned, "CHOICE_STROKE", 2.0)
     found = fit(put("delay", "lag", "resonance")).choice
     assert len(whole.plain.state.predicted_um[0]) == pytest.approx(2 * len(found.plain.state.predicted_um[0]), abs=1)
     assert [len(one) for one in found.found.state.predicted_um] == [len(run) for run in put("delay")]

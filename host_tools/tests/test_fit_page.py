@@ -17,6 +17,7 @@ from rdpi.data import Recording
 from rdpi.identify import localise
 from rdpi.identify.identify import Fit, Options, fit
 from rdpi.identify.report import drawing
+from rdpi.identify.report.numbers import sentence_of
 from rdpi.identify.report.page import WITH, WITHOUT, _missed, _sides, _spectrum, _tables, page_of
 from rdpi.simulate import chain
 
@@ -26,6 +27,11 @@ DELAY = {"name": "delay", "stage": "timing",
 CURVE = {"name": "input_curve", "parameters": {"quadratic": 0.0, "cubic": 0.0, "low_V": 12.5, "high_V": 77.5}}
 OPTIONS = Options(rate_independent=True, effects="none")  # what the fit finds is not asked here
 NASTY = '<b>$x$ & "q".csv'
+
+
+def test_remarks_are_sentences_and_names_of_files_stay() -> None:
+    assert [sentence_of(text) for text in ("a slope is low", "run.csv: is long.", "data/run: is long", " ")] == [
+        "A slope is low.", "run.csv: is long.", "data/run: is long.", ""]
 
 
 @lru_cache(maxsize=None)

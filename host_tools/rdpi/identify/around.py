@@ -65,14 +65,15 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
     names = wanted(options.effects)
     if names is None:
         candidates = [kind() for kind in FITTED.values() if strokes.show(kind)]
-        found = choose(setting.thinned(), unknowns, candidates, rate_law, progress)
+        found = choose(setting.thinned(strokes.shortest_s), unknowns, candidates, rate_law, progress)
         if options.rate_filter_s is None and not options.rate_independent:
             least_s = FILTER_SAMPLES * max(run.sample_time_s for run in runs)
             smoothing_s = smoothing_times_s(runs)
             settings = {filter_s: _filtered(setting, plain, options, filter_s, smoothing_s)
                         for filter_s in strokes.longest_s * FILTERS if least_s <= filter_s <= FILTER_S}
             if settings:
-                found = with_rate_filter(found, [one.thinned() for one in settings.values()], candidates)
+                thinned = [one.thinned(strokes.shortest_s) for one in settings.values()]
+                found = with_rate_filter(found, thinned, candidates)
             setting = settings.get(found.found.state.setting.rate_filter_s, setting)
         found = whole(found, setting, rate_law)
     else:

@@ -91,11 +91,12 @@ class Setting:
         """Rate over the highest one, per run."""
         return [np.minimum(rate / self.top_um_per_s, FASTEST) for rate in self.rates_um_per_s]
 
-    def thinned(self) -> Setting:
+    def thinned(self, shortest_s: float) -> Setting:
         """With every second sample, or every third and so on, of the runs that were sampled faster than a choice needs;
-        itself if none was.
+        itself if none was. Fast strokes take `shortest_s`.
         """
-        steps = [max(1, int(run.sample_rate_hz / tuned.CHOICE_HZ)) for run in self.runs]
+        enough_hz = max(tuned.CHOICE_HZ, tuned.CHOICE_STROKE / shortest_s)
+        steps = [max(1, int(run.sample_rate_hz / enough_hz)) for run in self.runs]
         if max(steps) == 1:
             return self
         runs = [replace(run, metadata={**run.metadata, "sample_rate_hz": repr(run.sample_rate_hz / step)},

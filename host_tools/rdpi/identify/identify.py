@@ -385,7 +385,8 @@ def _remark(plant: Plant, scores: Sequence[RunScore], warnings: list[str]) -> No
         path, stays = run.recording.path, stays_at_an_end(run.recording)
         if run.memory == "estimated":
             warnings.append(f"{path}: the memory at the start is unknown; it was estimated" + (
-                "" if run.held_out else "; the fit uses this run only after the drive has erased that memory"))
+                "" if run.held_out else "; the fit uses this run only after the drive has erased that memory; record "
+                "right after a decaying sweep, and write # memory: reset above the columns"))
         if stays:
             warnings.append(f"{path}: {stays} samples stay at the highest or lowest reading "
                             "while the command moves; check whether the sensor is clipped")

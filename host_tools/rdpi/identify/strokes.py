@@ -18,6 +18,7 @@ class Strokes(NamedTuple):
     rates_differ: bool
     sizes_differ: bool
     longest_s: float  # time of the slow ones
+    shortest_s: float  # and of the fast ones
 
     @classmethod
     def of(cls, runs: Sequence[Recording]) -> Strokes:
@@ -29,7 +30,7 @@ class Strokes(NamedTuple):
             rates.append(sizes[-1] / times[-1])
         way = np.concatenate(sizes)
         return cls(_spread(np.concatenate(rates), way) > tuned.SEVERAL_RATES, _spread(way, way) > tuned.SEVERAL_SIZES,
-                   _quantile(np.concatenate(times), way, 0.95))
+                   *(_quantile(np.concatenate(times), way, end) for end in (0.95, 0.05)))
 
     def show(self, kind: type[Effect]) -> bool:
         return (self.rates_differ or not kind.needs_rates) and (self.sizes_differ or not kind.needs_loops)

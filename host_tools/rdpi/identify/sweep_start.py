@@ -193,8 +193,8 @@ def _superposed(plays: np.ndarray, rate: np.ndarray, weights: np.ndarray) -> np.
     rest, growing = weights[1:n + 1], weights[n + 1:2 * n + 1]
     square, x2, x3 = weights[2 * n + 1:]
     behind, grown, together = (plays[:, 1:] @ np.stack([rest, growing, np.ones(n)], axis=1)).T
-    return (x * (weights[0] - np.sum(rest)) + behind + rate * (grown - x * np.sum(growing)) + square * (x + together) ** 2
-            + x2 * x**2 + x3 * x**3)
+    return (x * (weights[0] - np.sum(rest)) + behind + rate * (grown - x * np.sum(growing))
+            + square * (x + together) ** 2 + x2 * x**2 + x3 * x**3)
 
 
 def _delayed(part: _Part, r: np.ndarray, weights: np.ndarray, top: float) -> np.ndarray:

@@ -109,7 +109,7 @@ def draw_slopes(axes: Axes, model: Model, bands: RateSlopes | None) -> None:
 
     top = model.rate.identified_um_per_s or model.rate.max_um_per_s
     rate = np.array([0.0, top])
-    colours = colormaps["viridis"](np.linspace(0, 0.9, len(model.slopes)))
+    colours = colormaps["viridis"](np.linspace(0.3, 0.85, len(model.slopes)))  # seen on dark pages and on bright ones
     ends = model.slopes_at(top)
     for i, colour in enumerate(colours):
         axes.plot(rate, model.slopes_at(rate)[:, i], color=colour)

@@ -174,9 +174,12 @@ def bracketed(text: str) -> str:
 
 
 def sentence_of(text: str) -> str:
-    """With a capital and a full stop; "" stays."""
+    """With a full stop, and with a capital if it does not begin with the name of a file; "" stays."""
     text = text.strip().rstrip(".")
-    return f"{text[0].upper()}{text[1:]}." if text else ""
+    if not text:
+        return ""
+    first = text.split()[0]
+    return f"{text}." if "." in first or "/" in first else f"{text[0].upper()}{text[1:]}."
 
 
 def bin_names(axis: AxisEntry) -> list[str]:
