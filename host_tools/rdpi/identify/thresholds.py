@@ -28,9 +28,8 @@ RATE_HEADROOM = 1.25  # [identified rate] beyond which the guard never lies; jud
 BAND_OFFSET = 3.0  # [1] weight that keeps the offset of a band of rate near the model's; judged
 MIN_SAMPLES_PER_UNKNOWN = 5  # [samples] fewer cannot be fitted; judged
 
-# Recordings that are sampled faster than both are thinned while effects are chosen.
-CHOICE_HZ = 5000.0  # [1/s] judged
-CHOICE_STROKE = 60.0  # [samples] of a fast stroke; judged
+CHOICE_HZ = 5000.0  # [1/s] recordings sampled faster are thinned to this while effects are chosen; judged
+CHOICE_STROKE = 60.0  # [samples] that a fast stroke keeps then; judged
 CHAIN_LAW = 0.1  # [1] of the rate law's prior, beside effects: what holds the law back makes delays longer; benches
 # What an effect around the operator must take away of the squares on what was left out, and how many standard errors
 # that must be.
