@@ -2,8 +2,11 @@
 """`rdpi batch` in one process and in one per core: time, speed-up, largest memory of a worker. Nothing is asserted.
 
     .venv/bin/python tests/benchmark/batch.py [--actuators N] [--samples N] [--jobs N]
+    .venv/bin/python tests/benchmark/batch.py --channels 1000 --samples 1000000
 
-Each virtual actuator is commissioned in half of its samples. In the other half, one in four has got a delay.
+Each virtual actuator is commissioned in half of its samples. In the other half, one in four has got a delay. With
+`--channels`, one actuator is measured, and the table says what so many of them would ask of 1, 10 and 100 machines like
+this one, whose files lie on one server.
 """
 
 from __future__ import annotations
@@ -30,6 +33,8 @@ RATE_HZ = 2000.0
 DELAY_S = 0.002
 KINDS = "preisach", "bouc-wen"
 SPEED_UP, WORKER_MB = 0.9, 500  # targets: share of the cores; resident memory of a worker
+MACHINES = 1, 10, 100
+LINK_MB_PER_S = 110.0  # what a file server gives over 1 Gbit/s
 
 
 def record(path: Path, plant: vb.Bench, command_V: np.ndarray) -> None:
@@ -94,13 +99,37 @@ def run(plan: Path, jobs: int) -> tuple[float, float]:
     return time.perf_counter() - start, largest_MB
 
 
+def extrapolate(folder: Path, channels: int, samples: int) -> None:
+    """Print what `channels` actuators would take, from one."""
+    plan, cores = write_plan(folder, 1, samples), os.cpu_count()
+    read_MB = sum(path.stat().st_size for path in folder.glob("A*.csv")) / 1e6
+    seconds, worker_MB = run(plan, 1)
+    written_MB = sum(path.stat().st_size for path in folder.glob("*.sqlite*")) / 1e6
+    written_MB += sum(path.stat().st_size for path in folder.glob("models/*.json")) / 1e6
+    print(f"one actuator of {samples} samples: {seconds:.0f} s, {worker_MB:.0f} MB of memory, {read_MB:.0f} MB read, "
+          f"{written_MB:.2f} MB written\n{channels} of them: {channels * read_MB / 1000:.0f} GB read, "
+          f"{channels * written_MB / 1000:.2f} GB written\n"
+          f"  machines  {'time':>8}  memory of each  network in all, of 1 Gbit/s")
+    for machines in MACHINES:
+        hours = channels * seconds / (SPEED_UP * cores * machines) / 3600
+        MB_per_s = channels * (read_MB + written_MB) / (3600 * hours)
+        print(f"  {machines:8}  {hours:6.2f} h  {cores * worker_MB:10.0f} MB  {MB_per_s:9.2f} MB/s  "
+              f"{100 * MB_per_s / LINK_MB_PER_S:9.1f} %")
+    most = LINK_MB_PER_S * seconds / ((read_MB + written_MB) * SPEED_UP * cores)
+    print(f"1 Gbit/s to the file server is used up by {most:.0f} machines of {cores} cores")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="Time and memory of `rdpi batch` on virtual actuators.")
+    parser.add_argument("--channels", type=int, help="measure one actuator, and print what so many would take, not a batch")
     parser.add_argument("--actuators", type=int, default=200)
     parser.add_argument("--samples", type=int, default=40_000, help="of each actuator (40000)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes (one per core)")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
+        if options.channels:
+            extrapolate(Path(folder), options.channels, options.samples)
+            return
         plan = write_plan(Path(folder), options.actuators, options.samples)
         print(f"rdpi batch, {options.actuators} actuators of {options.samples} samples, fit and gap")
         alone_s, alone_MB = run(plan, 1)
