@@ -12,7 +12,7 @@ from ..data import Recording, arguments
 from ..errors import BadInput
 from ..model import records
 from ..simulate.effects import CATALOGUE, Effect
-from .choice import Choice, Kept, choose, forced, starts, whole, with_rate_filter, without_rate_law
+from .choice import Choice, Kept, choose, forced, refitted, starts, with_rate_filter, without_rate_law
 from .document import BeforeAfter, IdentifiedEffect
 from .hypothesis import Hypothesis, Setting, Unknowns
 from .joint import Linearised, refined
@@ -75,7 +75,7 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
                 thinned = [one.thinned(strokes.shortest_s) for one in settings.values()]
                 found = with_rate_filter(found, thinned, candidates)
             setting = settings.get(found.found.state.setting.rate_filter_s, setting)
-        found = whole(found, setting, rate_law)
+        found = refitted(found, setting, rate_law)
     else:
         candidates = [FITTED[name]() for name in names]
         alone = refined(setting, Hypothesis(), unknowns)

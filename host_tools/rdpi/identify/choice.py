@@ -2,8 +2,8 @@
 
 Every hypothesis is fitted whole (joint.py) and judged on recordings that were left out in turn, or on parts of the only
 one. An effect stays if what was left out is predicted better by more than the standard error of that (the
-one-standard-error rule, Breiman et al. 1984), and by enough to matter. Of hypotheses that nothing tells apart the one
-with the fewest parameters is taken.
+one-standard-error rule, Breiman et al. 1984; two errors where the actuator would be plain without it), and by enough to
+matter. Of hypotheses that nothing tells apart the one with the fewest parameters is taken.
 
 The search goes forward from the plain operator, then backward. It goes backward once more from all effects together,
 because two of them may hide a third: a resonance is found where it is only if delay and lag are there.
@@ -22,8 +22,8 @@ from .hypothesis import Hypothesis, Setting, Unknowns, bounds, shifted
 from .joint import Linearised, refined
 
 STARTS = 3  # of an effect's starts, of which derivatives are taken
-FIRST_STEPS = 3  # for each of them before
-FULL_STEPS = 20  # of Levenberg and Marquardt for all effects together
+FIRST_STEPS = 3  # of Levenberg and Marquardt for one effect, where all effects together follow
+FULL_STEPS = 20  # for all effects together
 
 Progress = Callable[[float], None]
 
@@ -129,7 +129,7 @@ def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     return Choice(plain, now, tuple(_kept(now, _compared(now, ()), rate_law)))
 
 
-def whole(choice: Choice, setting: Setting, rate_law: bool) -> Choice:
+def refitted(choice: Choice, setting: Setting, rate_law: bool) -> Choice:
     """The choice made with thinned recordings, fitted to the whole ones, `setting`."""
     found = choice.found
     if found.state.setting is setting:

@@ -110,20 +110,26 @@ class Setting:
         drive_V = effects.driven(acting, run.command_V, run, self.model)
         return replace(run, columns={**run.columns, "command_V": drive_V})
 
-    def plays(self, k: int, drive_V: np.ndarray, whole: bool) -> np.ndarray:
-        """y_i - y_(i+1) of a run, (samples, n + 1): of all samples, or of those that count.
+    def plays(self, k: int, drive_V: np.ndarray) -> np.ndarray:
+        """y_i - y_(i+1) of a run at the samples that count, (samples, n + 1).
 
-        For those, only turning points matter of all that lies between.
+        Only turning points matter of all that lies between.
         """
-        x, at = self.model.x_of(drive_V), self.rows[k]
-        used = np.arange(len(x))
-        if not whole:
-            turns = np.flatnonzero(np.diff(np.sign(np.diff(x)))) + 1
-            used = np.union1d(at, turns)
-        r, start = self.model.thresholds_um, self.states_um[k]
-        outputs, _ = firmware.plays(x[used], r, np.full(len(r), x[0]) if start is None else start)
-        outputs[:, :-1] -= outputs[:, 1:]
-        return outputs if whole else outputs[np.searchsorted(used, at)]
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(drive_V)))) + 1
+        used = np.union1d(self.rows[k], turns)
+        return _differences(self._outputs(k, drive_V, used)[np.searchsorted(used, self.rows[k])])
+
+    def superposed(self, k: int, drive_V: np.ndarray, found: Unknowns) -> tuple[np.ndarray, np.ndarray]:
+        """`plays`, and what all of them sum up to at every sample, (samples,)."""
+        outputs = self._outputs(k, drive_V, slice(None))
+        v = outputs @ np.diff(found.rest, prepend=0.0)
+        if np.any(found.change):
+            v += self.shares[k] * (outputs @ np.diff(found.change, prepend=0.0))
+        return _differences(outputs[self.rows[k]]), v
+
+    def _outputs(self, k: int, drive_V: np.ndarray, used: np.ndarray | slice) -> np.ndarray:
+        x, r, start = self.model.x_of(drive_V), self.model.thresholds_um, self.states_um[k]
+        return firmware.plays(x[used], r, np.full(len(r), x[0]) if start is None else start)[0]
 
     def segments(self, z_um: np.ndarray) -> np.ndarray:
         """seg_0 ... seg_m, (samples, m + 1)."""
@@ -144,6 +150,12 @@ class Setting:
         levels = self.straightened(corners, found)
         below, above = np.minimum(v_um - levels[0], 0), np.maximum(v_um - levels[-1], 0) / found.pieces[-1]
         return np.interp(v_um, levels, corners) + below + above
+
+
+def _differences(outputs: np.ndarray) -> np.ndarray:
+    """Of each play and the next one; in place."""
+    outputs[:, :-1] -= outputs[:, 1:]
+    return outputs
 
 
 def bounds(one: Acting, name: str) -> tuple[float, float]:

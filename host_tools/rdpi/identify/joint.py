@@ -69,10 +69,7 @@ class Linearised:
         setting, run, found = self.setting, self.setting.runs[k], self.found
         acting, at, share = list(self.hypothesis.acting), setting.rows[k], setting.shares[k]
         driven = setting.driven(k, acting)
-        outputs = setting.plays(k, driven.command_V, True)
-        v = outputs @ found.rest
-        if np.any(found.change):
-            v += share * (outputs @ found.change)
+        counted, v = setting.superposed(k, driven.command_V, found)
         target, displaced = run.displacement_um, effects.Displaced()
         for _ in range(2):  # the offset is that of what F leaves
             offset = np.mean(setting.straightened(target[at], found) - v[at])
@@ -80,7 +77,6 @@ class Linearised:
             shown = displaced(acting, z, driven, setting.model)
             target = run.displacement_um - (shown - z)
         self.predicted_um.append(shown)
-        counted = outputs[at]
         self._kept.append((counted, target[at], z, driven, shown))
         slope = np.r_[1.0, found.pieces][np.searchsorted(setting.corners_um, target[at])]
 
@@ -88,7 +84,7 @@ class Linearised:
             """Of the residual, with these in place of those that act."""
             if not ahead:
                 return slope * (displaced(new, z, driven, setting.model) - shown)[at]
-            moved = setting.plays(k, setting.driven(k, new).command_V, False) - counted
+            moved = setting.plays(k, setting.driven(k, new).command_V) - counted
             return moved @ found.rest + (share[at] * (moved @ found.change) if np.any(found.change) else 0.0)
 
         segments = setting.segments(target[at])
@@ -201,7 +197,7 @@ class Linearised:
         for k, (counted, target, z, driven, shown) in enumerate(self._kept):
             at = setting.rows[k]
             if ahead:
-                counted = setting.plays(k, setting.driven(k, acting).command_V, False)
+                counted = setting.plays(k, setting.driven(k, acting).command_V)
             if behind:
                 target = target - (effects.displaced(acting, z, driven, setting.model) - shown)[at]
             segments = setting.segments(target)
