@@ -33,7 +33,7 @@ CHOICE_STROKE = 60.0  # [samples] that a fast stroke keeps then; judged
 CHAIN_LAW = 0.1  # [1] of the rate law's prior, beside effects: what holds the law back makes delays longer; benches
 # What an effect around the operator must take away of the squares on what was left out, and how many standard errors
 # that must be.
-FIRST_GAIN = 0.2, 2.0  # [of the squares, errors] the first that comes late, or a rate law; rigs
+FIRST_GAIN = 0.3, 2.0  # [of the squares, errors] the first that comes late, or a rate law; rigs
 FURTHER_GAIN = 0.05, 1.0  # [of the squares, errors] beside one that comes late, and effects of other kinds; rigs
 CHAIN_EXCHANGE = 0.95  # [squares] held out, that an effect in the place of another leaves at most; judged
 CHAIN_LEAST = 3e-4  # [stroke] rms that it must take away; judged
