@@ -41,7 +41,7 @@ def of(runs: list[Recording], excused_um: float = 0.0) -> Spectrum:
 
 def test_nothing_new_is_as_the_passport_expects() -> None:
     found = of(list(later()))
-    assert found.evidence < 0.2 and found.everywhere < 1.2
+    assert found.evidence < 0.2 and found.everywhere < 1.2 and found.breadth < 1.2
     assert spectrum.against(None, [], [], []) == Spectrum(0.0, 1.0)
 
 
@@ -55,7 +55,7 @@ def test_a_narrow_band_shows_before_the_whole_does() -> None:
 
 def test_white_noise_is_new_everywhere_unless_a_grid_excuses_it() -> None:
     noisy = beside(1.0, 4)
-    assert of(noisy).everywhere > 3 and of(noisy).evidence > 1
+    assert of(noisy).everywhere > 3 and of(noisy).evidence > 1 and of(noisy).breadth == thresholds.MOST_EVERYWHERE
     assert of(noisy, excused_um=1.0).everywhere == pytest.approx(1.0, abs=0.1)
 
 

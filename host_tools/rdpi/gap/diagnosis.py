@@ -138,8 +138,9 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
               for one in given.dataset.model_runs]
     gap = excess(given, known, coords)
     selection = select(given, gap, without, progress)
-    new = spectrum.against(known, given.recordings, selection.before_um, coords)
-    left = spectrum.against(known, given.recordings, selection.reached.residual_um, coords, selection.reached.excused_um)
+    runs, reached = given.recordings, selection.reached
+    new = spectrum.against(known, runs, selection.before_um, coords)
+    left = spectrum.against(known, runs, reached.residual_um, coords, reached.excused_um) if reached.chosen else new
     verdict = _verdict(selection, gap, new, left)
     notes = _remarks(selection, gap, verdict)
     chosen = selection.accepted.chosen
@@ -253,8 +254,7 @@ def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -
         squares = _left(selection)
         explained = (gap.total - squares) / max(gap.total - gap.floor, 1e-300)
         # What a wrong effect cannot follow is new at all frequencies, also where there is little energy.
-        new_everywhere = float(np.clip(left.everywhere, 1.0, thresholds.MOST_EVERYWHERE))
-        if (1 - explained) * gap.left(squares) * new_everywhere > thresholds.UNEXPLAINED:
+        if (1 - explained) * gap.left(squares) * left.breadth > thresholds.UNEXPLAINED:
             return "unknown"
     return "ambiguous" if any(one.rivals for one in selection.rounds) else "effect"
 
@@ -271,7 +271,7 @@ def _sure(selection: Selection, gap: Excess, new: Spectrum) -> bool:
     clear = thresholds.UNKNOWN * detection_threshold(selection.given.recordings)
     spread = max(gap.spread, thresholds.USUAL_SPREAD)
     return bool(selection.detection > clear or np.log(gap.ratio) > thresholds.SPREADS * spread
-                or new.evidence > thresholds.SPECTRUM)
+                or new.evidence * new.breadth > thresholds.SPECTRUM)
 
 
 def _remarks(selection: Selection, gap: Excess, verdict: str) -> list[str]:

@@ -22,6 +22,11 @@ class Spectrum(NamedTuple):
     evidence: float = 0.0  # mean of ln(rms / expected), as the energy lies: the more concentrated, the larger
     everywhere: float = 1.0  # rms / expected of an octave, geometric mean of all octaves
 
+    @property
+    def breadth(self) -> float:
+        """How much more it counts for being everywhere, 1 to MOST_EVERYWHERE; little energy alone is no gap."""
+        return float(np.clip(self.everywhere, 1.0, thresholds.MOST_EVERYWHERE))
+
 
 def against(known: Passport | None, runs: Sequence[Recording], left_um: Sequence[np.ndarray],
             coords: Sequence[localise.Coordinates], excused_um: float = 0.0) -> Spectrum:
