@@ -55,7 +55,7 @@ def test_a_narrow_band_shows_before_the_whole_does() -> None:
 
 def test_white_noise_is_new_everywhere_unless_a_grid_excuses_it() -> None:
     noisy = beside(1.0, 4)
-    assert of(noisy).everywhere > 3 and of(noisy).evidence > 1 and of(noisy).breadth == thresholds.MOST_EVERYWHERE
+    assert of(noisy).everywhere > 3 and of(noisy).evidence > 1 and of(noisy).breadth == thresholds.MOST_BREADTH
     assert of(noisy, excused_um=1.0).everywhere == pytest.approx(1.0, abs=0.1)
 
 
@@ -66,10 +66,10 @@ def test_where_commissioning_hardly_moved_nothing_counts(monkeypatch: pytest.Mon
     assert of(loud).evidence < thresholds.SPECTRUM / 2
 
 
-@pytest.mark.parametrize("step_um, verdict", [(0.1, "effect"), (0.25, "unknown")])
+@pytest.mark.parametrize("step_um, verdict", [(0.035, "effect"), (0.05, "unknown")])
 def test_what_a_wrong_effect_leaves_at_all_frequencies_makes_it_none(step_um: float, verdict: str) -> None:
     """A stage that sticks and slips is late at every reversal, as backlash is, but it jumps."""
-    loose = recorded(plain_model(), drives(), entry("backlash", width_um=0.6))
+    loose = recorded(plain_model(), drives(), entry("backlash", width_um=0.05))
     stuck = [changed(run, displacement_um=sticking(run.displacement_um, step_um)) for run in loose]
     found = diagnose(commissioned(), stuck).document
     assert found.verdict == verdict

@@ -253,8 +253,10 @@ def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -
     if gap.ratio and not first.refitted:
         squares = _left(selection)
         explained = (gap.total - squares) / max(gap.total - gap.floor, 1e-300)
+        if (1 - explained) * gap.left(squares) > thresholds.UNEXPLAINED:
+            return "unknown"
         # What a wrong effect cannot follow is new at all frequencies, also where there is little energy.
-        if (1 - explained) * gap.left(squares) * left.breadth > thresholds.UNEXPLAINED:
+        if left.everywhere > thresholds.LEFT_EVERYWHERE and 1 - explained > thresholds.LEFT_SHARE:
             return "unknown"
     return "ambiguous" if any(one.rivals for one in selection.rounds) else "effect"
 

@@ -24,8 +24,8 @@ class Spectrum(NamedTuple):
 
     @property
     def breadth(self) -> float:
-        """How much more it counts for being everywhere, 1 to MOST_EVERYWHERE; little energy alone is no gap."""
-        return float(np.clip(self.everywhere, 1.0, thresholds.MOST_EVERYWHERE))
+        """How much more it counts for being everywhere, 1 to MOST_BREADTH; little energy alone is no gap."""
+        return float(np.clip(self.everywhere, 1.0, thresholds.MOST_BREADTH))
 
 
 def against(known: Passport | None, runs: Sequence[Recording], left_um: Sequence[np.ndarray],
