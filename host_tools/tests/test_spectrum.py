@@ -50,7 +50,8 @@ def test_a_narrow_band_shows_before_the_whole_does() -> None:
     loud = beside(1.2 * plain, 3, hertz=90.0)
     assert rms(loud) < 1.7 * plain and of(loud).evidence > thresholds.SPECTRUM
     assert of(loud).everywhere < 1.5
-    assert diagnose(commissioned(), loud).document.verdict != "none"
+    found = diagnose(commissioned(), loud).document
+    assert found.verdict == "unknown" and found.where.dominant == "frequency_hz"
 
 
 def test_white_noise_is_new_everywhere_unless_a_grid_excuses_it() -> None:
