@@ -20,10 +20,10 @@ FEW = 4  # [recordings] fewer are few; tune
 USUAL_SPREAD = 0.2  # [ln] scatter of a passport; a poorer one's ratio counts less; tune
 SHRINK_WEIGHT = 1.0  # [1] of the best shrink in the evidence, beside the logarithm of the ratio to the passport; tune
 UNKNOWN = 1.25  # [detection] times the evidence for a gap, from which one without a name is reported; tune
-SPECTRUM = 0.55  # [ln] mean of ln(rms / passport) as the energy lies, times its breadth, for the same; rigs
-MOST_BREADTH = 2.0  # [passport] in an octave, mean of all, as far as it counts as breadth; rigs
-FEW_LINES = 4.0  # [lines] of a spectrum, by which an octave counts half; rigs
 SPREADS = 2.5  # [spread] of the passport by which ln(ratio) must exceed 0 for the same; tune
+SPECTRUM = 0.55  # [ln] mean of ln(rms / passport) as the energy lies, times its breadth, for the same; rigs
+MOST_BREADTH = 2.0  # [passport] in an octave, mean of all, as far as it counts as breadth; judged
+FEW_LINES = 4.0  # [lines] of a spectrum, by which an octave counts half; judged
 
 # --- which effect?
 MOST_EFFECTS = 3  # [effects] accepted at most; tune
