@@ -211,6 +211,11 @@ class AugmentedModel:
         """Sum of squares that the accepted effects leave whatever is known of them."""
         return sum(map(self.grid_squares, self.chosen))
 
+    @property
+    def excused_um(self) -> float:
+        """rms of the same."""
+        return float(np.sqrt(self.excused() / sum(self.dataset.lengths)))
+
     def was_there(self, one: Candidate) -> bool:
         """Whether the earlier recordings show a disturbance too, as strong as these or nearly."""
         if not self.earlier or not one.per_run or one.memory_um is not None:

@@ -17,12 +17,13 @@ from ..identify import checks, localise, passport
 from ..model import Model, Passport, records
 from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE
-from . import document, promise, thresholds, unseen
+from . import document, promise, spectrum, thresholds, unseen
 from .augmented import AugmentedModel
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
 from .sections import GapDocument, Offset, TrackingPromise, Verdict
 from .selection import Excess, Selection, detection_threshold, excess, select, zeros_agree
+from .spectrum import Spectrum
 
 REFERENCE_COLUMNS = "time_s", "reference_um"
 
@@ -137,7 +138,10 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
               for one in given.dataset.model_runs]
     gap = excess(given, known, coords)
     selection = select(given, gap, without, progress)
-    verdict = _verdict(selection, gap)
+    runs, reached = given.recordings, selection.reached
+    new = spectrum.against(known, runs, selection.before_um, coords)
+    left = spectrum.against(known, runs, reached.residual_um, coords, reached.excused_um) if reached.chosen else new
+    verdict = _verdict(selection, gap, new, left)
     notes = _remarks(selection, gap, verdict)
     chosen = selection.accepted.chosen
     notes += [f"monitor_V does not show {one}, which the model holds ahead of it: the effect acts behind the monitor; "
@@ -146,7 +150,7 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
     if chosen and given.dataset.monitored and rms(selection.after_um) > rms(selection.before_um):
         notes.append("the effects that monitor_V shows would make the residual larger, so the monitor is late, "
                      "filtered or wrong; leave its column out")
-        verdict = "unknown" if _sure(selection, gap) else "none"
+        verdict = "unknown" if _sure(selection, gap, new) else "none"
     if verdict in ("unknown", "none"):
         selection = selection.rejecting_all()
     return Decision(verdict, selection, gap, coords, notes)
@@ -241,14 +245,18 @@ def _elsewhere(axes: Sequence[localise.Axis], words: Terms) -> str | None:
             f"{axis.labels[k]}, {ratio:.2g} times what {words.usual_there}; this is too little to name a cause")
 
 
-def _verdict(selection: Selection, gap: Excess) -> Verdict:
+def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -> Verdict:
+    """`new` is the spectrum of the gap, `left` that of what the best of every round leave."""
     first = selection.rounds[0]
     if first.best is None:
-        return "unknown" if _sure(selection, gap) else "none"
+        return "unknown" if _sure(selection, gap, new) else "none"
     if gap.ratio and not first.refitted:
-        left = _left(selection)
-        explained = (gap.total - left) / max(gap.total - gap.floor, 1e-300)
-        if (1 - explained) * gap.left(left) > thresholds.UNEXPLAINED:
+        squares = _left(selection)
+        explained = (gap.total - squares) / max(gap.total - gap.floor, 1e-300)
+        if (1 - explained) * gap.left(squares) > thresholds.UNEXPLAINED:
+            return "unknown"
+        # What a wrong effect cannot follow is new at all frequencies, also where there is little energy.
+        if left.everywhere > thresholds.LEFT_EVERYWHERE and 1 - explained > thresholds.LEFT_SHARE:
             return "unknown"
     return "ambiguous" if any(one.rivals for one in selection.rounds) else "effect"
 
@@ -258,13 +266,14 @@ def _left(selection: Selection) -> float:
     return max(0.0, float(np.sum(selection.reached.residual**2)) - selection.reached.excused())
 
 
-def _sure(selection: Selection, gap: Excess) -> bool:
+def _sure(selection: Selection, gap: Excess, new: Spectrum) -> bool:
     """Whether the gap is one, whatever its cause."""
     if gap.ratio is None:
         return False
     clear = thresholds.UNKNOWN * detection_threshold(selection.given.recordings)
     spread = max(gap.spread, thresholds.USUAL_SPREAD)
-    return bool(selection.detection > clear or np.log(gap.ratio) > thresholds.SPREADS * spread)
+    return bool(selection.detection > clear or np.log(gap.ratio) > thresholds.SPREADS * spread
+                or new.evidence * new.breadth > thresholds.SPECTRUM)
 
 
 def _remarks(selection: Selection, gap: Excess, verdict: str) -> list[str]:

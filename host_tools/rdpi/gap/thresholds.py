@@ -21,6 +21,9 @@ USUAL_SPREAD = 0.2  # [ln] scatter of a passport; a poorer one's ratio counts le
 SHRINK_WEIGHT = 1.0  # [1] of the best shrink in the evidence, beside the logarithm of the ratio to the passport; tune
 UNKNOWN = 1.25  # [detection] times the evidence for a gap, from which one without a name is reported; tune
 SPREADS = 2.5  # [spread] of the passport by which ln(ratio) must exceed 0 for the same; tune
+SPECTRUM = 0.55  # [ln] mean of ln(rms / passport) as the energy lies, times its breadth, for the same; rigs
+MOST_BREADTH = 2.0  # [passport] in an octave, mean of all, as far as it counts as breadth; judged
+FEW_LINES = 4.0  # [lines] of a spectrum, by which an octave counts half; judged
 
 # --- which effect?
 MOST_EFFECTS = 3  # [effects] accepted at most; tune
@@ -36,6 +39,8 @@ FURTHER_RATIO = 1.4  # [passport] that must be left for a second and third effec
 FURTHER_SHARE = 0.3  # [of the excess] that a second and third effect must explain; tune
 FURTHER_SHRINK = 0.06  # [1] that a second and third effect must bring; tune
 UNEXPLAINED = 0.75  # [passport] left, times the share of the excess not explained, from which the gap is unknown; rigs
+LEFT_EVERYWHERE = 1.7  # [passport] left in an octave, mean of all, from which the gap is unknown; rigs
+LEFT_SHARE = 0.1  # [of the excess] ... if as much is not explained; rigs
 NOISE_GRID = 1.5  # [step] times the passport's grid of readings, from which a coarser one is new; tune
 STILL_THERE = 0.5  # [of the energy] of a disturbance in the earlier recordings, from which it is not new; tune
 OWN_MOTION = 2.0  # [amplitude] of a line, from which a recording moves at its frequency itself; judged

@@ -29,22 +29,42 @@ def not_known(known: Passport | None, runs: Sequence[Recording], residuals_um: S
 def _frequencies(known: Passport, runs: Sequence[Recording], coords: Sequence[localise.Coordinates],
                  spectrum: localise.Axis) -> list[NotKnown]:
     """Octaves side by side are one band."""
+    new = hardly_moved(known, runs, coords, spectrum)
+    if not np.any(new):
+        return []
+    then, now = _moved(known, runs, coords, spectrum)
+    ends = np.flatnonzero(np.diff(np.r_[False, new, False])).reshape(-1, 2)
+    return [NotKnown(axis="frequency_hz", low=float(spectrum.edges[low]), high=float(spectrum.edges[high]), unit="Hz",
+                     share=float(np.sum(spectrum.share[low:high])), moved_um=float(np.max(now[low:high])),
+                     commissioned_um=float(np.max(then[low:high]))) for low, high in ends]
+
+
+def hardly_moved(known: Passport, runs: Sequence[Recording], coords: Sequence[localise.Coordinates],
+                 spectrum: localise.Axis) -> np.ndarray:
+    """Octaves in which commissioning hardly moved beside these recordings; (octaves,) of bool."""
     moved = known.octaves.moved
     if moved is None:  # a model of before
-        return []
-    octaves = np.round(np.log2(spectrum.edges[:-1])).astype(int)
+        return np.zeros(len(spectrum.rms_um), bool)
+    then, now = _moved(known, runs, coords, spectrum)
+    # What is slower than any recording of commissioning is a rest to it.
+    return (_octaves(spectrum) >= moved.first) & (now > thresholds.HARDLY_MOVED * then) & (now > spectrum.rms_um)
+
+
+def _octaves(spectrum: localise.Axis) -> np.ndarray:
+    return np.round(np.log2(spectrum.edges[:-1])).astype(int)
+
+
+def _moved(known: Passport, runs: Sequence[Recording], coords: Sequence[localise.Coordinates],
+           spectrum: localise.Axis) -> tuple[np.ndarray, np.ndarray]:
+    """How far commissioning and these recordings moved in each octave, um."""
+    moved, octaves = known.octaves.moved, _octaves(spectrum)
     then, now = np.zeros(len(octaves)), np.zeros(len(octaves))
     for first, peaks, target in [(moved.first, np.array(moved.peak_um), then),
                                  *((*passport.moved_um(at["position_um"], run.sample_rate_hz), now)
                                    for run, at in zip(runs, coords))]:
         there = np.isin(octaves, first + np.arange(len(peaks)))
         target[there] = np.maximum(target[there], peaks[octaves[there] - first])
-    # What is slower than any recording of commissioning is a rest to it.
-    new = (octaves >= moved.first) & (now > thresholds.HARDLY_MOVED * then) & (now > spectrum.rms_um)
-    ends = np.flatnonzero(np.diff(np.r_[False, new, False])).reshape(-1, 2)
-    return [NotKnown(axis="frequency_hz", low=float(spectrum.edges[low]), high=float(spectrum.edges[high]), unit="Hz",
-                     share=float(np.sum(spectrum.share[low:high])), moved_um=float(np.max(now[low:high])),
-                     commissioned_um=float(np.max(then[low:high]))) for low, high in ends]
+    return then, now
 
 
 def _positions(known: Passport, squares: np.ndarray, coords: Sequence[localise.Coordinates], noise_um: float
