@@ -67,7 +67,7 @@ def test_where_commissioning_hardly_moved_nothing_counts(monkeypatch: pytest.Mon
     assert of(loud).evidence < thresholds.SPECTRUM / 2
 
 
-@pytest.mark.parametrize("step_um, verdict", [(0.035, "effect"), (0.05, "unknown")])
+@pytest.mark.parametrize("step_um, verdict", [(0.035, "effect"), (0.07, "unknown")])
 def test_what_a_wrong_effect_leaves_at_all_frequencies_makes_it_none(step_um: float, verdict: str) -> None:
     """A stage that sticks and slips is late at every reversal, as backlash is, but it jumps."""
     loose = recorded(plain_model(), drives(), entry("backlash", width_um=0.05))
