@@ -67,7 +67,8 @@ class Linearised:
 
     def _rows(self, k: int) -> np.ndarray:
         setting, run, found = self.setting, self.setting.runs[k], self.found
-        acting, at, share = list(self.hypothesis.acting), setting.rows[k], setting.shares[k]
+        acting, at = list(self.hypothesis.acting), setting.rows[k]
+        share = setting.shares[k][at]
         driven = setting.driven(k, acting)
         counted, v = setting.superposed(k, driven.command_V, found)
         target, displaced = run.displacement_um, effects.Displaced()
@@ -85,10 +86,10 @@ class Linearised:
             if not ahead:
                 return slope * (displaced(new, z, driven, setting.model) - shown)[at]
             moved = setting.plays(k, setting.driven(k, new).command_V) - counted
-            return moved @ found.rest + (share[at] * (moved @ found.change) if np.any(found.change) else 0.0)
+            return moved @ found.rest + (share * (moved @ found.change) if np.any(found.change) else 0.0)
 
         segments = setting.segments(target[at])
-        columns = [counted, counted * share[at, None], -segments[:, 1:]]
+        columns = [counted, counted * share[:, None], -segments[:, 1:]]
         columns += [self._derivative(acting, place, name, change)[:, None] for place, name in self.free]
         for join in self.joins:
             new = [*acting, join]
@@ -127,7 +128,7 @@ class Linearised:
 
     @property
     def at_ends(self) -> list[Acting]:
-        """Effects that have one there."""
+        """Effects with a parameter at a bound."""
         return [self.hypothesis.acting[place] for (place, _), end in zip(self.free, self.ends) if end]
 
     def solve(self, kept: np.ndarray, used: np.ndarray, rated: bool, target: np.ndarray, residual: float) -> np.ndarray:
