@@ -377,9 +377,9 @@ def test_no_move_goes_further_than_jacobians_hold() -> None:
     dataset = Dataset(plain_model(), recorded(plain_model(), drives(), entry("delay", "timing", delay_s=0.001)))
     one = found(dataset, "delay")
     equations = NormalEquations(dataset, 10 * one.change, [one])
-    sign = np.sign(one.change @ one.jacobian[:, 0])
-    step = sign * thresholds.REACH * np.linalg.norm(one.change) / np.linalg.norm(one.jacobian)
-    expected = per_block(dataset, 9 * one.change - step * one.jacobian[:, 0])
+    column = one.jacobian[:, 0].astype(float)
+    step = np.sign(one.change @ column) * thresholds.REACH * np.linalg.norm(one.change) / np.linalg.norm(column)
+    expected = per_block(dataset, 9 * one.change - step * column)
     assert equations.held_out(0) == pytest.approx(expected, rel=1e-6)
 
 

@@ -21,7 +21,7 @@ STEPS = 6  # of Gauss-Newton
 ENOUGH = 1e-3  # relative change of the sum of squares at which they end
 PROBE = 1e-3  # change of the prediction that a derivative is taken over, as a share of the stroke
 RESTARTS = 2  # of recordings of unknown memory, beside each effect
-POSITIONS = 41  # tried for an unknown start of the memory
+POSITIONS, CLOSER = 13, 4  # tried for an unknown start of the memory, and how often halfway to the neighbours of the best
 
 
 def perturbed(model: Model, move: np.ndarray) -> Model:
@@ -52,7 +52,7 @@ class Candidate:
     values: dict[str, float]
     fitted: tuple[str, ...]  # names of the parameters that `jacobian` has columns of; those of a disturbance have none
     change: np.ndarray  # D, long vector
-    jacobian: np.ndarray  # J, (len(D), len(fitted)), or what a disturbance fits to each recording
+    jacobian: np.ndarray  # J, (len(D), len(fitted)), or what a disturbance fits to each recording; single precision
     memory_um: list[np.ndarray] | None = None  # plays before the first sample, per recording
     synchronous: float = 0.0  # share of a line that goes with the recordings' own movement
 
@@ -63,6 +63,10 @@ class Candidate:
     @property
     def acting(self) -> Acting:
         return Acting(self.effect, self.values)
+
+    def slim(self) -> Candidate:
+        """Without the long vectors, of which there are too many to keep those of every round."""
+        return replace(self, change=np.zeros(0), jacobian=np.zeros((0, self.jacobian.shape[1])))
 
 
 def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: np.ndarray) -> Candidate | None:
@@ -136,7 +140,7 @@ def _refined(dataset: Dataset, effect: Effect, change: Callable[[dict[str, float
         tangent = _jacobian(change, at, effect, values, fitted, dataset)
         if gained < ENOUGH * best:
             break
-    return Candidate(effect, values, fitted, at, tangent)
+    return Candidate(effect, values, fitted, at, tangent.astype(np.float32))
 
 
 def jacobian(dataset: Dataset, one: Candidate, others: Sequence[Acting]) -> np.ndarray:
@@ -187,12 +191,15 @@ def _memory(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: 
         r = model_run.model.thresholds_um
         x0 = float(model_run.start_um[0])
         best = (_square(measured - predicted), model_run.start_um, predicted, x0)
-        if model_run.start_known:
-            for position in x0 + np.linspace(-r[-1], r[-1], POSITIONS):
+        positions, step = x0 + np.linspace(-r[-1], r[-1], POSITIONS), 2 * r[-1] / (POSITIONS - 1)
+        for _ in range(1 + CLOSER if model_run.start_known else 0):
+            for position in positions:
                 start = chain.states_after(position, x0, r)
                 z = model_run.predict(acting, start)
                 z = z - np.mean(z)
                 best = min(best, (_square(measured - z), start, z, position), key=lambda one: one[0])
+            step /= 2
+            positions = best[3] + np.array([-step, step])
         states.append(best[1])
         shown.append(best[2] - predicted)
         values.setdefault(effect.fitted[0], float(best[3]))
@@ -228,7 +235,7 @@ def _disturbance(dataset: Dataset, effect: Effect, starts: list[dict[str, float]
     values = effect.summary(values, found, dataset.lengths)
     synchronous = 0.0 if effect.frequency is None else _synchronous(dataset, values[effect.frequency], found)
     return Candidate(effect, values, (), dataset.join([part @ size for part, size in zip(parts, found)]),
-                     dataset.join(parts), synchronous=synchronous)
+                     dataset.join(parts).astype(np.float32), synchronous=synchronous)
 
 
 def _synchronous(dataset: Dataset, frequency_hz: float, found: list[np.ndarray]) -> float:

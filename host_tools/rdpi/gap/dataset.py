@@ -111,7 +111,7 @@ class ModelRun:
     @cached_property
     def model_jacobian(self) -> np.ndarray:
         """Slopes of the prediction in the model's own parameters: W_i, with a rate law c_i times the highest rate, and
-        the dead zones' weights; (samples, parameters).
+        the dead zones' weights; (samples, parameters), in single precision.
         """
         model = self.model
         outputs, _ = firmware.plays(model.x_of(self.input_V), model.thresholds_um, self.start_um)
@@ -124,7 +124,7 @@ class ModelRun:
         if np.any(model.slope_rate_s_per_um):
             parts.append(columns * (rate / (model.rate.identified_um_per_s or model.rate.max_um_per_s))[:, None])
         parts.append(np.maximum(v[:, None] - model.deadzones_um[1:], 0))
-        return np.hstack(parts)
+        return np.hstack(parts, dtype=np.float32)
 
 
 def model_runs(model: Model, runs: Sequence[Recording], monitored: bool, paired: bool = False) -> list[ModelRun]:

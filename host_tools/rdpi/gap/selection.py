@@ -37,7 +37,7 @@ Progress = Callable[[float], None]
 class Score:
     """A candidate and what it explains; shrinks are of the rms of recordings that were left out."""
 
-    candidate: Candidate
+    candidate: Candidate  # slim in a finished round, unless it is the best
     left: float  # sum of squares left, model frozen; mean of leaving recordings out and parts of them
     shrink: float
     shrink_ci: tuple[float, float] | None
@@ -245,7 +245,9 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
         rivals += [one for one, why in zip(scores, rejected) if why is None and one.name not in
                    (best.name, *(rival.name for rival in rivals))]
     move = equations.refitted_model(scores.index(best)) if refitted else None
-    return Round(scores, rejected, refused, baseline, evidence, best, refitted, tuple(rivals), reproduced, move)
+    kept = {one: one if one is best else replace(one, candidate=one.candidate.slim()) for one in scores}
+    return Round(tuple(kept.values()), rejected, refused, baseline, evidence, best, refitted,
+                 tuple(kept[one] for one in rivals), reproduced, move)
 
 
 def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress

@@ -31,6 +31,7 @@ BLOCKS = 8  # of each recording
 STEPS = 16  # of Levenberg and Marquardt
 MOST_DAMPING = 10.0  # beyond which a step moves nothing
 ENOUGH = 1e-3  # relative change of the squares at which they end
+SINGULAR = 1e-12  # of a column's squares, added to them: columns that are alike have a solution all the same
 PROBE = 1e-3  # change of the prediction that a derivative is taken over, share of the stroke
 
 
@@ -135,7 +136,7 @@ class Linearised:
         """Coefficients of the residual with the columns `used` fitted to these blocks, (columns,)."""
         left, right = self._normal_equations(kept, used, rated, target, residual)
         size = np.sqrt(np.maximum(np.diag(left), 1e-300))
-        found = np.linalg.lstsq(left / np.outer(size, size), right / size, rcond=1e-12)[0] / size
+        found = np.linalg.solve(left / np.outer(size, size) + SINGULAR * np.eye(len(size)), right / size) / size
         weights = -target
         weights[used] += found
         return weights

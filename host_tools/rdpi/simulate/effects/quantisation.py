@@ -16,6 +16,7 @@ BINS, FINER = 1 << 14, 8  # of the command's range, and of their spectrum
 LEAST_STEPS = 3  # over the command's range
 PEAKS = 2
 ORIGINS = np.arange(16) / 16  # tried, of a step: a staircase has no slope for the fit to follow
+PROMISING = 4  # of all that are tried, from which a fit starts
 DITHERS = 0.0, 0.1, 0.2, 0.3, 0.45  # of a step
 
 
@@ -53,7 +54,7 @@ class Quantisation(Effect):
             return signal
         if self.stage == "sensor":
             return _staircase(signal, step, values["dither"])
-        return values["origin"] + step * np.round((signal - values["origin"]) / step)
+        return _rounded(signal, values)
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         if self.stage == "DAC" and folded_into.drive.noise_shaping:
@@ -87,7 +88,20 @@ def _steps(residuals: Residuals) -> list[dict[str, float]]:
         origin = low + span / BINS / 2 + step * phase / (2 * np.pi)
         starts += [{"step": step, "origin": origin + share * step, "dither": 0.0} for share in ORIGINS]
         spectrum[max(0, best - 2 * FINER):best + 2 * FINER + 1] = 0
-    return starts
+    return sorted(starts, key=lambda one: -_explained(one, residuals))[:PROMISING]
+
+
+def _explained(values: Values, residuals: Residuals) -> float:
+    """Squares that the rounding takes away, if the displacement follows it by any gain."""
+    across = energy = 0.0
+    for run, residual in zip(residuals.runs, residuals.drive_residual_um):
+        rounding_V = _rounded(run.command_V, values) - run.command_V
+        across, energy = across + float(rounding_V @ residual), energy + float(rounding_V @ rounding_V)
+    return max(across * np.sign(residuals.model.gain_um_per_V), 0.0) ** 2 / energy if energy > 0 else 0.0
+
+
+def _rounded(drive_V: np.ndarray, values: Values) -> np.ndarray:
+    return values["origin"] + values["step"] * np.round((drive_V - values["origin"]) / values["step"])
 
 
 def _staircase(x: np.ndarray, step: float, dither: float) -> np.ndarray:

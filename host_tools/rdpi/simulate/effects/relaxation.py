@@ -9,10 +9,12 @@ from ...model import Model
 from .base import Effect, Parameter, Residuals, Values, low_pass
 from .gain_change import GainChange
 from .planned import PlannedDrive, Shown, time_text
+from .spectra import Spectra
 from .treatment import Treatment
 
 SHORTEST_S, LONGEST_S = 1e-4, 1.0
-PER_DECADE = 3  # time constants from which a fit starts
+PER_DECADE = 3  # time constants that are tried
+PROMISING = 3  # of them, from which a fit starts
 SHARES_SHOWN = 0.02, 0.08  # for which `rdpi excite` says the time constants that a drive shows
 RESOLVED = 0.5, 0.25  # time constants that recordings resolve: from half a sample to a quarter of the longest
 
@@ -45,24 +47,19 @@ class Relaxation(Effect):
                          poles=((share, time_s),) if share else ())
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
-        """Time constants a third of a decade apart, each with the share that explains most of the residual."""
+        """Of time constants a third of a decade apart those that explain most of the residual, with their shares."""
         low = max(SHORTEST_S, RESOLVED[0] * min(run.sample_time_s for run in residuals.runs))
         high = min(LONGEST_S, RESOLVED[1] * max(len(run) * run.sample_time_s for run in residuals.runs))
         if not low < high:
             return []
-        count = 1 + int(np.ceil(PER_DECADE * np.log10(high / low)))
-        return [{"share": self._share(residuals, float(time_s)), "time_constant_s": float(time_s)}
-                for time_s in np.geomspace(low, high, count)]
-
-    def _share(self, residuals: Residuals, time_constant_s: float) -> float:
-        """Least squares, within the bounds."""
-        across = energy = 0.0
-        for run, predicted, left in zip(residuals.runs, residuals.predicted_um, residuals.residual_um):
-            late = _late(predicted, run, time_constant_s)
-            late -= np.mean(late)
-            across, energy = across + float(late @ left), energy + float(late @ late)
-        share = self.parameters[0]
-        return float(np.clip(across / energy, share.low, share.high)) if energy > 0 else 0.0
+        times_s = np.geomspace(low, high, 1 + int(np.ceil(PER_DECADE * np.log10(high / low))))
+        spectra = Spectra.of(residuals)
+        late = 1 / (1 + 2j * np.pi * spectra.hertz * times_s[:, None]) - 1
+        product, energy = spectra.explained(late)
+        energy = np.maximum(energy, np.finfo(float).tiny)
+        best = np.sort(np.argsort(-product**2 / energy)[:PROMISING])
+        share = np.clip(product / energy, *self.parameters[0].ends)
+        return [{"share": float(share[k]), "time_constant_s": float(times_s[k])} for k in best]
 
     def shown(self, drive: PlannedDrive) -> Shown | None:
         times_s = drive.times_s()

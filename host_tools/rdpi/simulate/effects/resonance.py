@@ -10,6 +10,7 @@ from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown, time_text
+from .spectra import Spectra
 from .treatment import Treatment
 
 DAMPINGS = 0.02, 0.1, 0.4
@@ -19,6 +20,7 @@ PEAKS = 3
 AROUND, COARSE = 4, 0.008  # steps tried on either side of a peak, of its damping or of the spectrum's grid
 LEAST_PERIOD = 3.0  # samples of a period that can be simulated
 OCTAVES = 8
+PROMISING = 3  # starts that are kept by what they explain as they are, and as many by what a multiple of them explains
 SHOWN_DAMPING, RING_PERIODS = 0.05, 5  # what is asked of a drive: so many periods in its longest hold, or in a stroke
 
 
@@ -56,7 +58,7 @@ class Resonance(Effect):
         # A slightly damped one is too narrow for a grid, but rings at its own frequency.
         grid += [(peak * (1 + step * max(damping, COARSE)), damping) for peak in _peaks(residuals, lowest, highest)
                  for damping in SHARP for step in range(-AROUND, AROUND + 1)]
-        return [{"f0_hz": float(f0), "damping": damping} for f0, damping in grid]
+        return [{"f0_hz": float(f0), "damping": damping} for f0, damping in _promising(residuals, grid)]
 
     def rings_within(self, stroke_s: float, values: Values) -> bool:
         return values["f0_hz"] * stroke_s > RING_PERIODS
@@ -97,6 +99,17 @@ def _peaks(residuals: Residuals, lowest_hz: float, highest_hz: float) -> list[fl
         found.append(float(grid[best]))
         ratio[max(0, best - 10):best + 11] = 0
     return found
+
+
+def _promising(residuals: Residuals, grid: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Those of (f0_hz, damping) that explain most of the residual."""
+    spectra = Spectra.of(residuals)
+    f0_hz, damping = np.array(grid).T[:, :, None]
+    turn = spectra.hertz / f0_hz
+    product, energy = spectra.explained(1 / (1 - turn**2 + 2j * damping * turn) - 1)
+    as_they_are, multiples = 2 * product - energy, product**2 / np.maximum(energy, np.finfo(float).tiny)
+    best = [k for squares in (as_they_are, multiples) for k in np.argsort(-squares)[:PROMISING]]
+    return [grid[k] for k in dict.fromkeys(best)]
 
 
 def _ring(z: np.ndarray, w: float, damping: float) -> np.ndarray:
