@@ -92,6 +92,29 @@ def test_names_in_a_panel() -> None:
     assert one["data"][0]["value"] == [1, 2] and one["data"][0]["label"]["formatter"] == "W3"
 
 
+def test_counts_are_whole_numbers() -> None:
+    def draw(axes: Axes) -> None:
+        axes.plot([0, 1], [0, 1])
+        drawing.counting(axes.yaxis)
+
+    made = plotted(draw)
+    assert made["yAxis"][0]["whole"] and "whole" not in made["xAxis"][0]
+
+
+@pytest.mark.parametrize("low, high", [(0.11, 9.0), (0.3, 0.9), (2.1, 4.9), (1.02, 1.07), (0.5, 2000.0)])
+def test_a_logarithmic_axis_has_two_labels_or_more(low: float, high: float) -> None:
+    with drawing.style():
+        figure, axes = drawing.panel()
+        axes.plot([low, high], [1, 2])
+        axes.set(xscale="log", xlim=(low, high))
+        drawing.logarithmic(axes)
+        figure.draw_without_rendering()
+        shown = {one.get_text() for one in axes.get_xticklabels()
+                 if one.get_text() and low <= one.get_position()[0] <= high}
+        beside = [one.get_text() for one in axes.get_xticklabels(minor=True) if one.get_text()]
+    assert len(shown) > 1 and beside == []
+
+
 def test_axes() -> None:
     def draw(axes: Axes) -> None:
         axes.set(xscale="log", xlim=(1, 100), ylim=(2.6, -0.6), xlabel="frequency [Hz]")

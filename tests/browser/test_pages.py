@@ -5,7 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import sys
+import warnings
 from collections.abc import Iterator
+from dataclasses import replace
+from datetime import datetime, timedelta, timezone
 from itertools import product
 from pathlib import Path
 from urllib.parse import unquote
@@ -24,6 +27,7 @@ sys.path.insert(0, str(ROOT / "tests/bench"))
 import bench  # noqa: E402
 from rdpi.cli import main  # noqa: E402
 from rdpi.data import sample_times, write_recording  # noqa: E402
+from rdpi.gap.batch import Row, write_page  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
@@ -119,6 +123,9 @@ def test_every_picture_becomes_a_plot(name: str, scheme: str, width: int, folder
     for figure in figures:
         assert figure.find_elements(By.CSS_SELECTOR, ".plot svg path"), figure.text
         assert not figure.find_element(By.TAG_NAME, "img").is_displayed()
+        svg, pdf = (one.rect for one in figure.find_elements(By.CSS_SELECTOR, ".saves a"))
+        assert svg["y"] == pdf["y"] and svg["x"] + svg["width"] < pdf["x"], figure.text
+        assert pdf["y"] + pdf["height"] <= figure.rect["y"] + figure.rect["height"], figure.text
     assert browser.get_log("browser") == []
     loaded = browser.execute_script("return performance.getEntriesByType('resource').map(one => one.name)")
     assert [one for one in loaded if not one.startswith("data:")] == []
@@ -130,6 +137,30 @@ def numbers(browser: webdriver.Chrome, plot: WebElement) -> set[str]:
     return set(browser.execute_script("""return [...arguments[0].querySelectorAll("svg text, :scope > div + div")]
         .filter(one => one.checkVisibility({opacityProperty: true, visibilityProperty: true}))
         .map(one => one.textContent).filter(one => /[0-9]/.test(one))""", plot))
+
+
+def labels(browser: webdriver.Chrome, figure: WebElement, kind: str) -> list[list[str]]:
+    """Of the axes of a plot that are logarithmic ("log"), count ("value" with `whole`) or show time: what can be read."""
+    return browser.execute_script("""
+        const plot = echarts.getInstanceByDom(arguments[0].querySelector(".plot"));
+        const shown = new Set([...arguments[0].querySelectorAll("svg text")].map(one => one.textContent));
+        return ["xAxis", "yAxis"].flatMap(name => plot.getModel().queryComponents({mainType: name})).filter(
+            one => arguments[1] === "whole" ? one.option.whole : one.option.type === arguments[1]).map(
+            one => one.axis.getViewLabels().map(label => label.formattedLabel).filter(label => shown.has(label)));""",
+                                  figure, kind)
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+@pytest.mark.parametrize("name", ["fit", "gap", "score", "batch"])
+def test_a_logarithmic_axis_shows_two_values_or_more(name: str, width: int, folder: Path, browser: webdriver.Chrome
+                                                     ) -> None:
+    found = [one for one in opened(browser, folder / PAGES[name], width) if labels(browser, one, "log")]
+    assert found
+    for figure in found:
+        assert all(len(one) > 1 for one in labels(browser, figure, "log")), figure.text
+        if width > 600:  # a mouse
+            dragged(browser, figure)
+            assert all(len(one) > 1 for one in labels(browser, figure, "log")), figure.text
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -165,11 +196,11 @@ def test_a_plot_is_saved_as_svg_with_text_and_as_pdf(folder: Path, browser: webd
         HTMLAnchorElement.prototype.click = function () { saved = [this.download, this.href]; };
         arguments[0].querySelector("figcaption a").dispatchEvent(new MouseEvent("click", {cancelable: true}));
         return saved;""", figure)
-    assert address[0] == "figure.svg"
+    assert address[0] == "identification-of-actuator-1.svg"
     picture = unquote(address[1])
     assert picture.startswith("data:image/svg+xml") and "displacement [µm]</text>" in picture
     whole = figure.find_element(By.CSS_SELECTOR, "a[download]")
-    assert whole.text == "PDF" and whole.get_attribute("href").startswith("data:application/pdf;base64,JVBERi")
+    assert whole.get_attribute("download") == "identification-of-actuator-1.pdf" and whole.text == "PDF" and whole.get_attribute("href").startswith("data:application/pdf;base64,JVBERi")
 
 
 def test_the_table_of_actuators_sorts_and_filters(folder: Path, browser: webdriver.Chrome) -> None:
@@ -191,3 +222,56 @@ def test_the_table_of_actuators_sorts_and_filters(folder: Path, browser: webdriv
     assert json.loads(browser.execute_script("return JSON.stringify(document.getElementById('count').value)")
                       ).startswith("1 of 3")
     assert browser.get_log("browser") == []
+
+
+def batch_of(folder: Path, over: timedelta, count: int = 7) -> Path:
+    """A page over actuators that were worked on within a time: one failed, one was found to have an effect."""
+    start = datetime(2026, 11, 24, 22, 17, 5, tzinfo=timezone.utc)
+    rows = [Row(actuator=f"A{k}", status="done", error=None, verdict="none", effect=None, shrink=None, gap_percent=0.4 + 0.05 * k,
+                fit_rms_percent=0.3, held_out_rms_percent=None, model_path="m.json", model_sha256="", inputs_sha256="",
+                tool="rdpi", started_at=(start + k / (count - 1) * over).isoformat(timespec="seconds"), seconds=1.0)
+            for k in range(count)]
+    rows[1] = replace(rows[1], status="failed", error="there is no model m.json; fit one", verdict=None, gap_percent=None,
+                      fit_rms_percent=None)
+    rows[2] = replace(rows[2], verdict="effect", effect="lag", shrink=0.8)
+    write_page(folder, rows, "results.sqlite")
+    return folder / "index.html"
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+@pytest.mark.parametrize("over", [timedelta(seconds=20), timedelta(minutes=3), timedelta(minutes=50), timedelta(hours=3.5),
+                                  timedelta(hours=9), timedelta(days=2), timedelta(days=25), timedelta(days=300)], ids=str)
+def test_a_batch_page_counts_in_whole_numbers_over_utc(over: timedelta, width: int, tmp_path: Path, browser: webdriver.Chrome
+                                                       ) -> None:
+    browser.execute_cdp_cmd("Emulation.setTimezoneOverride", {"timezoneId": "Asia/Kolkata"})  # half an hour off
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        page = batch_of(tmp_path, over)
+    errors, times = opened(browser, page, width)
+    for figure in (errors, times):
+        (counts,) = labels(browser, figure, "whole")
+        assert len(counts) > 1 and all(one.isdecimal() for one in counts)
+    (shown,) = labels(browser, times, "time")
+    assert shown
+    if timedelta(hours=2) < over < timedelta(days=1):
+        assert all(one.endswith(":00") or "-" in one or one.isdecimal() for one in shown), shown
+    places = browser.execute_script("""
+        const boxes = [...arguments[0].querySelectorAll("svg text")].filter(one => arguments[1].includes(one.textContent)).map(
+            one => one.getBoundingClientRect());
+        const lowest = Math.max(...boxes.map(one => one.bottom));
+        return boxes.filter(one => lowest - one.bottom < 3).map(one => [one.left, one.right]).sort((a, b) => a[0] - b[0]);""",
+                                    times, shown)
+    assert len(places) == len(set(shown)) > 1, (shown, places)
+    assert all(right + 4 < left for (_, right), (left, _) in zip(places, places[1:])), (shown, places)
+
+
+def test_rows_of_a_batch_are_one_line_each_and_on_a_phone_without_empty_ones(tmp_path: Path, browser: webdriver.Chrome
+                                                                            ) -> None:
+    page = batch_of(tmp_path, timedelta(hours=3))
+    opened(browser, page)
+    heights = {row.size["height"] for row in browser.find_elements(By.CSS_SELECTOR, "#actuators tbody tr")[3:]}
+    assert len(heights) == 1 and heights.pop() < 40
+    opened(browser, page, 400)
+    lines = [cell.text for cell in browser.find_elements(By.CSS_SELECTOR, "#actuators tbody td") if cell.is_displayed()]
+    assert len(lines) == 7 + 7 + 7 + 6 + 6 + 3 and all(lines) and "–" not in lines
+    assert "lag" in lines and "there is no model m.json; fit one" in lines

@@ -102,8 +102,9 @@ def _errors(rows: Sequence[Row]) -> Figure:
     edges = np.geomspace(low / 1.05, high * 1.05, BINS + 1)
     for (label, values), colour in zip(curves.items(), (drawing.NOW, drawing.AFTER, drawing.INK)):
         axes.stairs(np.histogram(np.maximum(values, low), edges)[0], edges, color=colour, lw=1.6, label=label)
-    axes.set(xscale="log", xlabel="rms error [% of stroke]", ylabel="actuators")
-    axes.yaxis.get_major_locator().set_params(integer=True)
+    axes.set(xscale="log", xlabel="rms error [% of stroke]", ylabel="actuators", xlim=(edges[0], edges[-1]))
+    drawing.logarithmic(axes)
+    drawing.counting(axes.yaxis)
     drawing.legend(axes)
     return figure
 
@@ -122,10 +123,10 @@ def _over_time(rows: Sequence[Row]) -> Figure:
         if count.any():
             axes.bar(edges[:-1], count, np.diff(edges), below, align="edge", color=colour, label=name)
             below += count
-    locator = dates.AutoDateLocator(maxticks=6)
+    locator = dates.AutoDateLocator(minticks=3, maxticks=8)  # with fewer it finds none for some spans, and warns
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))
     axes.set(ylabel="actuators")
-    axes.yaxis.get_major_locator().set_params(integer=True)
+    drawing.counting(axes.yaxis)
     drawing.legend(axes)
     return figure

@@ -31,6 +31,7 @@ class Terms(NamedTuple):
     opening: str  # followed by its size
     usual: str  # what the passport expects, after "as much as" or "3 times what"
     usual_there: str  # ... in one place
+    as_usual: str  # a sentence where the gap is no larger, and an effect was found all the same
     usually: str  # the same in a legend and a tile
     ratio: str  # to it, in the head of a column
     nothing_beyond: str
@@ -40,14 +41,16 @@ class Terms(NamedTuple):
 GAP = Terms(
     heading="Sim-to-real gap", gap="gap", left="residual", opening="The gap is",
     usual="the model missed at commissioning",
-    usual_there="the model missed there at commissioning", usually="at commissioning", ratio="ratio to commissioning",
+    usual_there="the model missed there at commissioning", as_usual="The model missed as much at commissioning.",
+    usually="at commissioning", ratio="ratio to commissioning",
     nothing_beyond="the model's own error and the sensor's noise",
     unjudged="The model has no passport, so it is not known how much of this it missed at commissioning.")
 CHANGE = Terms(
     heading="Change since the earlier recordings", gap="change", left="change",
     opening="The change since these drives were first recorded is",
-    usual="two recordings of the same drive may differ by anyway",
-    usual_there="two recordings of the same drive may differ by anyway there", usually="may differ anyway",
+    usual="two recordings of the same drive may differ by",
+    usual_there="two recordings of the same drive may differ by there",
+    as_usual="Two recordings of the same drive may differ by as much.", usually="may differ anyway",
     ratio="ratio to usual", nothing_beyond="that",
     unjudged="The model has no passport, so it is not known how much two recordings of the same drive may differ.")
 
@@ -73,7 +76,7 @@ AXES = {
     "direction": AxisWords("direction", "direction", "while {}"),
     "since_reversal_s": AxisWords("time since reversal", "time since reversal [s]",
                                   "{} s after the command turned round"),
-    "amplitude_um": AxisWords("amplitude", "size of the loop [µm]", "in loops of {} µm"),
+    "amplitude_um": AxisWords("size of the loop", "size of the loop [µm]", "in loops of {} µm"),
     "recording": AxisWords("recording", "recording", "in {}"),
 }
 
@@ -187,8 +190,10 @@ def sentence(document: GapDocument) -> str:
     runs = len(document.runs)
     text = (f"{words.opening} {um(gap.rms_um)} rms ({number(gap.percent_of_stroke, 2)} % of the stroke) "
             f"{'in one recording' if runs == 1 else f'over {runs} recordings'}")
-    less = document.paired and document.effects and passport and passport.ratio < 1
-    if passport and not less:  # than may be, and found all the same
+    small = passport and document.effects and passport.ratio <= 1 + SAME
+    if small:
+        text += f". {words.as_usual} So the size says nothing, but the shape does"
+    elif passport:
         text += f", {times(passport.ratio)} {words.usual}"
     zero = document.offset_um
     apart = (f"The zero lies {um(zero.mean)} off{' since then' if document.paired else ''}; this is not counted."
@@ -297,7 +302,8 @@ def place(document: GapDocument) -> str:
     worst = int(np.argmax(axis.share))
     text = f"{percent(axis.share[worst])} of the energy lies {AXES[name].place.format(bin_names(axis)[worst])}"
     ratio = axis.ratio and axis.ratio[worst]
-    return f"{text}, {times(ratio)} {terms(document).usual_there}." if ratio else f"{text}."
+    told = ratio and not (document.effects and ratio <= 1 + SAME)  # an effect is found by its shape too
+    return f"{text}, {times(ratio)} {terms(document).usual_there}." if told else f"{text}."
 
 
 def where(document: GapDocument) -> list[str]:
@@ -305,7 +311,7 @@ def where(document: GapDocument) -> list[str]:
     found, gap = document.where, terms(document).gap
     lines = []
     if spot := place(document):
-        lines.append(f"The {gap} is most concentrated along {AXES[found.dominant].title}: {spot}")
+        lines.append(f"The {gap} depends most on the {AXES[found.dominant].title}: {spot}")
     lines.append(f"Stage of the chain: {found.stage}.")
     if stages := found.stages:
         lines.append(f"The recorded monitor_V splits the {gap}'s energy: {percent(stages.before_monitor)} arises "

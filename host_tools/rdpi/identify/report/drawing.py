@@ -18,6 +18,7 @@ from .numbers import edge_names, magnitude
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 INK = "#747a82"  # reads on white and on black
@@ -42,7 +43,7 @@ class Shown(NamedTuple):
     plot: str  # see interactive.py
     caption: str
     wide: bool = True
-    dominant: bool = False  # whether it shows the axis along which the gap concentrates most
+    dominant: bool = False  # whether it shows the axis along which the gap depends on most
 
 
 def shown(figure: Figure, caption: str, wide: bool = True, dominant: bool = False) -> Shown:
@@ -64,6 +65,7 @@ def spectrum_figure(curves: Sequence[tuple[str, Sequence[float], np.ndarray, dic
     edges = curves[0][2]
     axes.set(xscale="log", yscale="log", xlabel=LABELS["frequency_hz"], ylabel="residual per band [µm rms]",
              xlim=(edges[edges > 0][0], edges[-1]))
+    logarithmic(axes)
     legend(axes)
     return figure
 
@@ -170,6 +172,30 @@ def band(axes: Axes, time_s: np.ndarray, values: np.ndarray, colour: str, label:
     first = np.arange(0, len(values), per_column)
     axes.fill_between(time_s[first], np.minimum.reduceat(values, first), np.maximum.reduceat(values, first),
                       color=colour, lw=0.4, alpha=0.85, label=label)
+
+
+def counting(axis: Axis) -> None:
+    """Labels at whole numbers only."""
+    axis.get_major_locator().set_params(integer=True)
+    axis.set_major_formatter(interactive.WHOLE)
+
+
+def logarithmic(axes: Axes) -> None:
+    """Two labels or more on each axis with a logarithmic scale, also where it reaches over less than two powers of ten."""
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() != "log":
+            continue
+        low, high = axis.get_view_interval()
+        for locator in (axis.get_major_locator(), LogLocator(subs=(1, 2, 5)), LogLocator(subs=range(1, 10)), MaxNLocator(4)):
+            ticks = locator.tick_values(low, high)
+            if np.count_nonzero((ticks >= low) & (ticks <= high)) > 1:
+                break
+        if locator is not axis.get_major_locator():
+            axis.set_major_locator(locator)
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
 
 
 def legend(axes: Axes) -> None:

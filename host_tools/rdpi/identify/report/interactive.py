@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 DIGITS = 6  # of a value
 DAY_MS = 86_400_000
+WHOLE = "{x:.0f}"  # format of the labels of an axis that counts
 LEADING = 0.3  # of a label's height: what a browser's line has above its letters
 DASHES = {"-": "solid", "--": "dashed", ":": "dotted", "solid": "solid", "dotted": "dotted"}
 SYMBOLS = {"o": "circle", ".": "circle", "|": "rect", "x": "diamond"}
@@ -81,6 +82,8 @@ def _axis(axis: Axis, index: int, width: float) -> Json:
                  "rotate": float(labels[0].get_rotation()) if labels else 0.0}
     elif isinstance(axis.get_major_formatter(), dates.ConciseDateFormatter):
         made |= {"type": "time", "min": low * DAY_MS, "max": high * DAY_MS}
+    if getattr(axis.get_major_formatter(), "fmt", None) == WHOLE:
+        made["whole"] = True
     if not any(one.label1.get_visible() for one in axis.get_major_ticks()):  # shared with the panel below
         made["mute"] = True
     return made

@@ -2,7 +2,8 @@
 const touched = matchMedia("(pointer: coarse)").matches;
 /* Puts a plot in the place of each picture: dragging zooms into a rectangle (a pinch, on a touch screen), a double click
    shows all again. Lengths and letters of the plot are shares of its width. */
-for (const figure of document.querySelectorAll("figure:has(> script)")) {
+const title = document.title.toLowerCase().replace(/[^\p{L}\p{N}]+/gu, " ").trim().replaceAll(" ", "-");
+document.querySelectorAll("figure:has(> script)").forEach((figure, index) => {
   const given = JSON.parse(figure.querySelector("script").textContent), picture = figure.querySelector("img");
   const place = picture.insertAdjacentElement("afterend", document.createElement("div"));
   place.className = "plot";
@@ -12,6 +13,7 @@ for (const figure of document.querySelectorAll("figure:has(> script)")) {
   const plot = echarts.init(place, null, {renderer: "svg"});
   const draw = () => {
     plot.setOption(option(given, place.clientWidth), true);
+    plot.setOption(ticks(given, place, (name, index) => [given[name][index].min, given[name][index].max]));
     if (!touched) {
       plot.dispatchAction({type: "takeGlobalCursor", key: "dataZoomSelect", dataZoomSelectActive: true});
     }
@@ -22,21 +24,51 @@ for (const figure of document.querySelectorAll("figure:has(> script)")) {
     plot.resize();
     draw();
   }).observe(place);
+  plot.on("datazoom", () => plot.setOption(ticks(given, place, (name, index) =>
+    plot.getModel().getComponent(name, index).axis.scale.getExtent())));
   plot.getZr().on("dblclick", () => plot.dispatchAction({type: "dataZoom", batch: plot.getOption().dataZoom.map(
     (_, dataZoomIndex) => ({dataZoomIndex, start: 0, end: 100}))}));
-  const caption = figure.querySelector("figcaption");
-  const link = values => caption.appendChild(Object.assign(document.createElement("a"), values));
+  const links = figure.querySelector("figcaption").appendChild(document.createElement("span"));
+  links.className = "saves";
+  const link = values => links.appendChild(Object.assign(document.createElement("a"), values));
+  const file = `${title}-${index + 1}`;
   const save = link({textContent: "SVG", href: "#", title: "Save what is shown"});
-  link({textContent: "PDF", href: picture.dataset.pdf, download: "figure.pdf", title: "Save the whole picture"});
+  link({textContent: "PDF", href: picture.dataset.pdf, download: `${file}.pdf`, title: "Save the whole picture"});
   save.addEventListener("click", event => {
     event.preventDefault();
-    const file = Object.assign(document.createElement("a"), {href: plot.getDataURL({type: "svg"}), download: "figure.svg"});
-    file.click();
+    Object.assign(document.createElement("a"), {href: plot.getDataURL({type: "svg"}), download: `${file}.svg`}).click();
   });
+});
+
+function letters(given, width) {
+  return Math.max(9, given.letters * width);
+}
+
+/* Of the axes that name no values of their own, from their ends. */
+function ticks(given, place, ends) {
+  const size = letters(given, place.clientWidth);
+  const made = (name, length, share) => given[name].map((one, index) => one.ticks || one.type === "time" ? {} :
+    ticked(one, ...ends(name, index), Math.max(2, Math.round(length * parseFloat(given.grid[index][share]) / 100 / size))));
+  return {xAxis: made("xAxis", place.clientWidth / 5, "width"), yAxis: made("yAxis", place.clientHeight / 2, "height")};
+}
+
+/* Round values on an axis from low to high that has room for so many labels. On a logarithmic one: powers of ten, and
+   what lies between where fewer than two of them are seen. */
+function ticked(axis, low, high, room) {
+  const steps = [1, 2, 5, 10].map(digit => digit * 10 ** Math.floor(Math.log10((high - low) / room)));
+  const step = Math.max(axis.whole ? 1 : 0, steps.find(one => (high - low) / one <= room)), start = Math.ceil(low / step);
+  const even = Array.from({length: room + 2}, (_, k) => +((start + k) * step).toPrecision(12));
+  const first = Math.floor(Math.log10(low)), powers = axis.type === "log" ?
+    Array.from({length: Math.floor(Math.log10(high)) - first + 1}, (_, k) => first + k) : [];
+  const offered = [[1], [1, 2, 5], [1, 2, 3, 4, 5, 6, 7, 8, 9]].map(
+    digits => powers.flatMap(power => digits.map(digit => +`${digit}e${power}`)));
+  const customValues = [...offered, even].map(values => values.filter(value => low <= value && value <= high)).find(
+    values => values.length > 1) ?? [];
+  return {axisTick: {customValues}, axisLabel: {customValues, showMinLabel: true, showMaxLabel: true}};
 }
 
 function option(given, width) {
-  const size = Math.max(9, given.letters * width);
+  const size = letters(given, width);
   const colour = getComputedStyle(document.body).getPropertyValue("--soft");
   const number = value => value === null || !Number.isFinite(+value) ? "" : String(+(+value).toPrecision(4));
   const axis = one => ({
@@ -51,6 +83,7 @@ function option(given, width) {
     },
     axisPointer: {label: {show: !one.ticks, fontSize: size, formatter: ({value}) =>
       one.type === "time" ? new Date(value).toISOString().slice(0, 16) : number(value)}},
+    ...one.type === "time" && {splitNumber: 4},
   });
   const series = given.series.map(one => one.type !== "custom" ? {
     ...one, animation: false, data: one.data.map(item => item.label ?
@@ -68,7 +101,7 @@ function option(given, width) {
     indices => ({xAxisIndex: indices.split(",").map(Number)})); // panels of one abscissa zoom together
   zoomed.push(...given.yAxis.map((_, index) => ({yAxisIndex: [index]})));
   return {
-    animation: false, textStyle: {fontSize: size, color: colour}, grid: given.grid,
+    animation: false, useUTC: true, textStyle: {fontSize: size, color: colour}, grid: given.grid,
     xAxis: given.xAxis.map(axis), yAxis: given.yAxis.map(axis), series,
     legend: {show: given.legend.data.length > 0, data: given.legend.data, top: 0, left: 0, icon: "rect", itemWidth: 1.4 * size,
       itemHeight: size * 0.25, textStyle: {fontSize: size, color: colour}},
