@@ -80,9 +80,32 @@ def test_fit_and_diagnosis_stand_in_the_results(here, rdpi):
     assert ", ".join(one["name"] for one in gap["effects"]) == (effect or "")
     assert max(run["rms_percent"] for run in documents["fit"]["runs"] if run["held_out"]) == held
     assert json.loads(Path("models/A.json").read_text())["actuator"] == "A"
+    assert "pages/index.html: the report" in done.output
     page = Path("pages/index.html").read_text()
     assert 'href="A/index.html"' in page and 'href="A/fit.html"' in page and 'href="B/' not in page
     assert "there is no model models/B.json" in page
+
+
+def test_limits_hold_for_all_actuators_of_the_plan(here, rdpi):
+    for name, gain in (("A", 1.0), ("B", 1.3)):
+        write(f"{name}.csv", seed=1)
+        write(f"{name}-today.csv", 80, gain=gain, seed=3)
+    plan(*(f"{name},{name}.csv,{name}-today.csv,{QUICK}" for name in "AB"))
+    command = "batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1
+    assert rdpi(*command, "--max-gap", 50, "--max-rms", 50).exit_code == 0
+    (good, fitted, _), (gap, _, verdict) = table("gap_percent, fit_rms_percent, verdict")
+    assert good < 0.5 * gap and verdict != "none"
+    for limits, code, said in ((("--max-gap", 0.9 * gap), 1, f"rdpi: 1 beyond --max-rms, --fail-on or --max-gap: B (gap {gap:.3g} %)"),
+                               (("--max-gap", 1.1 * gap), 0, ""),
+                               (("--fail-on", verdict), 1, f": B (verdict {verdict})"),
+                               (("--max-rms", 0.5 * fitted), 1, f": A (rms {fitted:.3g} %), B (rms "),
+                               (("--max-rms", 2 * fitted, "--fail-on", verdict, "--max-gap", 0.9 * gap), 1,
+                                f": B (verdict {verdict}, gap {gap:.3g} %)")):
+        done = rdpi(*command, *limits, "--json", "out.json")  # nothing is left to do
+        assert done.exit_code == code and said in done.output and worked_on(done) == [], done.output
+        assert json.loads(Path("out.json").read_text())["gate_failed"] == bool(code)
+    plan(f"A,A.csv,A-today.csv,{QUICK}", f"B,B.csv,B-today.csv,{QUICK}", f"C,C.csv,,{QUICK}")
+    assert rdpi(*command, "--fail-on", verdict).exit_code == 2  # one failed
 
 
 def test_only_what_is_new_changed_or_failed_is_done_again(here, rdpi):

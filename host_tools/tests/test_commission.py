@@ -21,7 +21,7 @@ from rdpi.data import Limits, make_drive, read_recording
 from rdpi.errors import BadInput
 from rdpi.simulate import shown
 from rdpi.simulate.effects import CATALOGUE
-from rdpi.simulate.effects.planned import Shown
+from rdpi.simulate.effects.planned import Shown, time_text
 
 RATE_HZ = 2000.0
 LIMITS = Limits(0.0, 10.0, sample_rate_hz=RATE_HZ)
@@ -347,6 +347,12 @@ def test_advice_helps() -> None:
         make_drive("commission", LIMITS, frequencies_hz=(0.1, 40.0))
     make_drive("commission", LIMITS, frequencies_hz=(0.1, 40.0),
                duration_s=float(str(refusal.value).split("use at least ")[1].split(" s")[0]))
+
+
+@pytest.mark.parametrize("seconds, text", [(1000.0, "1000 s"), (12345.0, "12300 s"), (0.9996, "1000 ms"), (54.321, "54.3 s"),
+                                           (0.0002968, "297 us")])
+def test_times_are_written_without_exponents(seconds: float, text: str) -> None:
+    assert time_text(seconds) == text
 
 
 def test_a_long_drive_is_looked_at_in_little_memory():

@@ -124,7 +124,8 @@ if [ -n "$packages" ] && ! command -v apt-get >/dev/null; then
     say "missing, by their Debian names: $packages" >&2
     exit 1
 elif [ -n "$packages" ] && [ "$(id -u)" != 0 ]; then
-    echo "sudo apt-get install $packages" >&2
+    say "packages are missing. Install them, then give this command again:" >&2
+    echo "sudo apt-get update && sudo apt-get install $packages" >&2
     exit 1
 elif [ -n "$packages" ]; then
     apt=(env DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=300)

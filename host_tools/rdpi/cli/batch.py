@@ -12,12 +12,12 @@ from ..errors import BadInput, printable
 from . import diagnosis, models
 from .program import command
 from .progress import progress
-from .types import Output, Report
+from .types import Choices, Output, Percent, Report
 
 if TYPE_CHECKING:
     from ..gap.batch import Row
 
-LISTED = 5  # failed actuators in the last line
+LISTED = 5  # actuators that a line names
 OPTIONS = (*(one for one in models.fit.params if isinstance(one, click.Option) and one.name not in
              ("output", "hold_out", "max_rms_percent", "report", "keep", "json_path")),
            *(one for one in diagnosis.gap.params if one.name == "without"))  # that a row of the plan may give
@@ -32,11 +32,18 @@ OPTIONS = (*(one for one in models.fit.params if isinstance(one, click.Option) a
                                                      "the same rdpi, and the files under the same paths.")
 @click.option("--all", "everything", is_flag=True, help="Do every row again. Default: those that are new, that failed, "
                                                         "or whose files or options have changed.")
+@click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
+              help="Exit with status 1 if the rms error of any actuator's held-out recordings exceeds this, % of stroke. "
+                   "Without hold_out, the limit applies to all its recordings.")
+@click.option("--fail-on", type=Choices("effect", "ambiguous", "unknown"), default=(), metavar="VERDICT,...",
+              help="Exit with status 1 if the verdict of any actuator is one of these: effect, ambiguous, unknown.")
+@click.option("--max-gap", "max_gap_percent", type=Percent(), metavar="PERCENT",
+              help="Exit with status 1 if the rms gap of any actuator exceeds this, % of stroke.")
 @click.option("--report", metavar="DIR", type=Report("index.html"),
               help="Write index.html, a page over all actuators, to this directory, and the pages of each to a "
                    "directory of its name.")
-def batch(plan: str, output: str, jobs: int | None, scheduler: str | None, everything: bool,
-          report: str | None) -> dict[str, Any]:
+def batch(plan: str, output: str, jobs: int | None, scheduler: str | None, everything: bool, max_rms_percent: float | None,
+          fail_on: tuple[str, ...], max_gap_percent: float | None, report: str | None) -> dict[str, Any]:
     """Fit and diagnose many actuators.
 
     PLAN.csv has a row per actuator and the columns actuator, fit, hold_out, gap, earlier (recordings, or patterns such
@@ -44,7 +51,7 @@ def batch(plan: str, output: str, jobs: int | None, scheduler: str | None, every
     models/ACTUATOR.json) and options (of rdpi fit, and --without). Only actuator and one of fit and gap are needed.
 
     An actuator that fails stops no other; the exit status is then 2. A batch that was stopped goes on when it is
-    started again.
+    started again. The limits hold for all actuators of the plan, also for those whose results are there already.
     """
     from ..gap import batch as work
 
@@ -63,9 +70,27 @@ def batch(plan: str, output: str, jobs: int | None, scheduler: str | None, every
     failed = [row for row in rows if row.status != "done"]
     click.echo(f"{output}: {len(rows) - len(failed)} of {len(rows)} actuators done")
     if failed:
-        names = ", ".join(row.actuator for row in failed[:LISTED]) + (", ..." if len(failed) > LISTED else "")
-        click.echo(f"rdpi: {len(failed)} failed: {names}; the column error of {output} says why", err=True)
-    return {"results": output, "rows": [asdict(row) for row in rows], "failed": len(failed)}
+        click.echo(f"rdpi: {len(failed)} failed: {_named([row.actuator for row in failed])}; the column error of {output} "
+                   "says why", err=True)
+    beyond = [f"{row.actuator} ({', '.join(missed)})" for row in rows
+              if (missed := _beyond(row, max_rms_percent, fail_on, max_gap_percent))]
+    if beyond:
+        click.echo(f"rdpi: {len(beyond)} beyond --max-rms, --fail-on or --max-gap: {_named(beyond)}", err=True)
+    return {"results": output, "rows": [asdict(row) for row in rows], "failed": len(failed), "gate_failed": bool(beyond)}
+
+
+def _named(names: list[str]) -> str:
+    return ", ".join(names[:LISTED]) + (", ..." if len(names) > LISTED else "")
+
+
+def _beyond(row: Row, max_rms_percent: float | None, fail_on: tuple[str, ...], max_gap_percent: float | None) -> list[str]:
+    """What of an actuator's results is beyond a limit."""
+    rms_percent = row.fit_rms_percent if row.held_out_rms_percent is None else row.held_out_rms_percent
+    found = [f"verdict {row.verdict}"] if row.verdict in fail_on else []
+    for name, value, limit in (("rms", rms_percent, max_rms_percent), ("gap", row.gap_percent, max_gap_percent)):
+        if value is not None and limit is not None and value > limit:
+            found.append(f"{name} {value:.3g} %")
+    return found
 
 
 def _options(text: str) -> dict[str, Any]:

@@ -70,6 +70,8 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
                 _check_paths(click.get_current_context())
                 with redirect_stdout(sys.stderr) if json_path == "-" else nullcontext():
                     result = function(**options)
+                    for page in _pages(click.get_current_context()):
+                        click.echo(f"{page}: the report, a page for a browser")
                 if json_path is not None:
                     from ..data import atomic_write
 
@@ -96,6 +98,13 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
         return run
 
     return decorate
+
+
+def _pages(context: click.Context) -> list[str]:
+    """Those that `--report` has written."""
+    return [os.path.join(context.params[one.name], file) for one in context.command.params
+            if isinstance(one.type, Report) and context.params[one.name] is not None
+            for file in one.type.files if file.endswith(".html")]
 
 
 def _print_json(text: str) -> None:

@@ -97,7 +97,7 @@ def _difference(drive: Recording, apart_V: np.ndarray) -> Figure:
 
 
 def _against(drive: Recording, recorded: bool) -> Figure:
-    drawn, axes = drawing.panel(drawing.LOOP)
+    drawn, axes = drawing.panel()
     part = thin(len(drive))
     if recorded:
         axes.plot(drive.columns["reference_um"][part], drive.columns["recorded_V"][part], color=drawing.INK, lw=1.5,

@@ -177,7 +177,8 @@ def time_text(seconds: float) -> str:
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
         if seconds >= size:
             break
-    return f"{seconds / size:.3g} {unit}"
+    number = f"{seconds / size:.3g}"
+    return f"{float(number):.0f} {unit}" if "e" in number else f"{number} {unit}"
 
 
 def _nominal(low_V: float, high_V: float) -> Model:

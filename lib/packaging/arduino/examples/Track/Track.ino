@@ -1,6 +1,7 @@
 /* Follows a triangle in open loop, in single precision, and prints the code for a 16-bit DAC of every sample.
  *
- * rdpi_params.h is the actuator: replace it with that of `rdpi header`. This sketch computes as fast as it can. One
+ * rdpi_params.h is the actuator: replace it with that of `rdpi header --effects none`. This sketch is of the operator
+ * alone: rdpi/f32_chain.h also makes up for effects around it, such as a lag. The sketch computes as fast as it can. One
  * that moves an actuator computes one sample in each interrupt of a timer, and sends the code to the DAC there. */
 #include <rdpi.h>
 #include "rdpi_params.h"
