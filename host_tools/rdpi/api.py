@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from .board import compensate as followed
-from .data import Recording, arguments, read_recording
+from .data import RATES_HZ, Recording, arguments, read_recording
 from .errors import BadInput
 from .firmware import ENGINES, write_header
 from .gap import GapDocument, diagnose as diagnosis_of
@@ -88,8 +88,8 @@ class Model:
         """
         wanted = arguments.series(reference_um, "reference_um")
         step_s = arguments.number(sample_time_s, "sample_time_s")
-        if step_s <= 0:
-            raise BadInput(f"sample_time_s is {step_s:g}; must be positive")
+        if not 1 / RATES_HZ[1] <= step_s <= 1 / RATES_HZ[0]:
+            raise BadInput(f"sample_time_s is {step_s:g}; must be positive, {1 / RATES_HZ[1]:g} to {1 / RATES_HZ[0]:g}")
         arguments.one_of(engine, (*ENGINES, "numpy"), "engine")
         if not len(wanted):
             raise BadInput("reference_um: give at least one value")
@@ -103,8 +103,8 @@ class Model:
         Effects are compensated, folded in or left out as `rdpi header` does it. Raises BadInput, OSError.
         """
         inverse = inverse_of(self.parameters)
-        write_header(inverse.model, arguments.path(path), name, "", inverse.chain,
-                     [(one.column, one.um_per_unit) for one in inverse.addends], inverse.jump)
+        write_header(inverse.model, arguments.path(path), arguments.of_kind(name, str, "name"), "",
+                     inverse.chain, [(one.column, one.um_per_unit) for one in inverse.addends], inverse.jump)
 
 
 class Diagnosis:

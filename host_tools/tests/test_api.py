@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from rdpi.model import read_model, write_model
 
 GAINED = entry("gain_change", factor=1.05)
 T = np.arange(100) / 1000
+REFERENCE = np.full(20, 5.0)
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +134,16 @@ def test_from_arrays_is_a_recording(tmp_path: Path) -> None:
     assert all(np.allclose(back.columns[name], values, atol=1e-9) for name, values in run.columns.items())
 
 
+class Elsewhere:
+    """What another library may call an array, and a path."""
+
+    def __array__(self, *arguments: Any, **options: Any) -> np.ndarray:
+        raise RuntimeError("cannot be converted while it needs a gradient")
+
+    def __fspath__(self) -> bytes:
+        return b"model.json"
+
+
 NONSENSE: dict[str, tuple[str, Callable[[], Any]]] = {
     "text": ("command_V", lambda: Recording.from_arrays(T, "abc", T)),
     "table": ("displacement_um", lambda: Recording.from_arrays(T, T, np.zeros((100, 2)))),
@@ -158,11 +170,51 @@ NONSENSE: dict[str, tuple[str, Callable[[], Any]]] = {
     "sample time": ("sample_time_s", lambda: rdpi.Model(commissioned()).compensate([1.0] * 20, 0.0)),
     "engine": ("engine", lambda: rdpi.Model(commissioned()).compensate([1.0] * 20, 1e-3, "f16")),
     "model": ("model", lambda: rdpi.diagnose(commissioned(), [])),
-    "earlier": ("earlier", lambda: rdpi.diagnose(rdpi.Model(commissioned()), [Recording.from_arrays(T, T, T)], [3]))}
+    "earlier": ("earlier", lambda: rdpi.diagnose(rdpi.Model(commissioned()), [Recording.from_arrays(T, T, T)], [3])),
+    "masked": (r"command_V\[3\] is masked", lambda: Recording.from_arrays(T, np.ma.masked_equal(T, T[3]), T)),
+    "another library's": ("command_V: must be a one-dimensional", lambda: Recording.from_arrays(T, Elsewhere(), T)),
+    "beyond a double": (r"command_V\[0\] is inf", lambda: Recording.from_arrays(T, [np.longdouble("1e4000")] * 100, T)),
+    "runs of no dimension": ("runs: must be a list", lambda: rdpi.fit(np.array(1.0))),
+    "required": ("required: must be a list of strs", lambda: rdpi.read_recording("run.csv", required="time_s")),
+    "required's member": (r"required\[0\]: must be a str", lambda: rdpi.read_recording("run.csv", required=[3])),
+    "header's name": ("name: must be a str", lambda: rdpi.Model(commissioned()).header("x.h", name=None)),
+    "no path": ("path: must be the name of a file", lambda: rdpi.Model(commissioned()).save("")),
+    "zero in a path": ("path: must be the name of a file", lambda: rdpi.read_recording("a\0b")),
+    "path of bytes": ("path: must be the name of a file", lambda: rdpi.Model.load(Elsewhere())),
+    "short sample time": ("sample_time_s is 1e-300", lambda: rdpi.Model(commissioned()).compensate(REFERENCE, 1e-300, "numpy")),
+    "long sample time": ("sample_time_s is 1e\\+07", lambda: rdpi.Model(commissioned()).compensate(REFERENCE, 1e7, "numpy")),
+    "f32's sample time": ("sample_time_s is 1e-08", lambda: rdpi.Model(commissioned()).compensate(REFERENCE, 1e-8)),
+    "q31's sample time": ("sample_time_s is 5;", lambda: rdpi.Model(commissioned()).compensate(REFERENCE, 5.0, "q31")),
+    **{f"{name} out of range": (f"^`{name}`", lambda name=name, value=value: rdpi.fit([Recording.from_arrays(T, T, T)],
+                                                                                     **{name: value}))
+       for name, value in {"operators": 500, "deadzones": 7, "thresholds_um": [2, 1], "effects": "speed",
+                           "rate_window_s": -1, "rate_filter_s": 1e9, "min_slope_ratio": 2, "min_V": 1e30,
+                           "max_V": -1e30, "slew_V_per_s": 0, "dac_bits": 99}.items()},
+    **{f"made by hand, {what}": (message, lambda changes=changes: rdpi.Model(commissioned()).predict(
+        Recording("run", **{"metadata": {}, "columns": {"time_s": T, "command_V": T}, **changes})))
+       for what, (message, changes) in {
+           "no metadata": ("run: metadata: must be a dict", {"metadata": None}),
+           "no rate": ("run: metadata: sample_rate_hz is 'fast'", {"metadata": {"sample_rate_hz": "fast"}}),
+           "another rate": ("run: metadata: sample_rate_hz is 7", {"metadata": {"sample_rate_hz": 7.0}}),
+           "no memory": ("run: metadata: memory is '3'", {"metadata": {"memory": 3}}),
+           "no name": ("run: columns: must be a str", {"columns": {"time_s": T, "command_V": T, 3: T}}),
+           "time that stands": ("run, sample 1: time_s repeats", {"columns": {"time_s": 0 * T, "command_V": T}}),
+           "time that jumps": ("not uniform", {"columns": {"time_s": T**2 + T, "command_V": T}})}.items()}}
 
 
 @pytest.mark.parametrize("name", NONSENSE)
 def test_nonsense_is_refused_by_name(name: str) -> None:
     message, do = NONSENSE[name]
-    with pytest.raises(rdpi.BadInput, match=message):
+    with warnings.catch_warnings(), pytest.raises(rdpi.BadInput, match=message):
+        warnings.simplefilter("error")
         do()
+
+
+def test_numbers_of_numpy_are_as_good_as_pythons(there: Path) -> None:
+    """Also whole numbers that are floats; the fixed point of 16 bits would overflow in NumPy's integers."""
+    plain: dict[str, Any] = {"operators": 4, "deadzones": 0, "dac_bits": 16, "min_V": -5.0, "max_V": 105.0}
+    for kinds in ((np.int64, np.float32), (float, np.float64)):
+        given = {name: kinds[isinstance(value, float)](value) for name, value in plain.items()}
+        for name, options in (("plain.h", plain), ("given.h", given)):
+            rdpi.fit([rdpi.read_recording("slow.csv")], effects="none", **options).header(name)
+        assert Path("given.h").read_bytes() == Path("plain.h").read_bytes()

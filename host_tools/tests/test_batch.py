@@ -159,6 +159,9 @@ def test_a_model_that_is_read_counts_as_an_input(here, rdpi):
     (("A,a.csv,--report x",), "actuator,fit,options", "plan.csv:2: options: No such option: --report"),
     (("A,a.csv,--operators x",), "actuator,fit,options", "plan.csv:2: options: Invalid value for '--operators'"),
     (("A,a.csv,'",), "actuator,fit,options", "plan.csv:2: options: No closing quotation"),
+    (("A,a.csv,--operators 500",), "actuator,fit,options", "plan.csv:2: options: --operators 500: must be 0 to 128"),
+    (("A,a.csv,--slew -1",), "actuator,fit,options", "plan.csv:2: options: --slew -1: must be positive"),
+    (('A,a.csv,"--thresholds 2,1"',), "actuator,fit,options", "plan.csv:2: options: --thresholds: must be positive"),
     (('A,"a.csv',), "actuator,fit", "plan.csv:2: is not CSV"),
 ])
 def test_plans_that_are_refused(here, rdpi, rows, names, said):
@@ -175,7 +178,6 @@ def test_plans_that_are_refused(here, rdpi, rows, names, said):
     ("A,,a.csv,", "there is no model models/A.json"),
     ("A,damaged.csv,,", "damaged.csv"),
     ("A,a.csv,damaged.csv," + QUICK, "damaged.csv"),
-    ("A,a.csv,,--operators 500", "operators"),
     ("A,a.csv,a.csv,--without nothing " + QUICK, "nothing"),
 ])
 def test_a_row_that_fails_says_why_and_stops_no_other(here, rdpi, row, said):

@@ -270,9 +270,10 @@ def test_missing_file(refused: Callable, runs: dict[str, Path]) -> None:
     (["--operators", -1], "--operators -1: must be 0 to 128"), (["--deadzones", 9], "--deadzones 9: must be 0 to 6"),
     (["--thresholds", "2,1"], "--thresholds: must be positive"), (["--thresholds", "1,nan"], "--thresholds: must be"),
     (["--min-slope-ratio", 1.5], "--min-slope-ratio 1.5: must lie between 0 and 1"),
-    (["--rate-window", -1], "rate.window"), (["--rate-filter", -1], "rate.filter"), (["--rate-window", 1e6], "window"),
-    (["--min-V", 200], "200"), (["--slew", -5], "slew"), (["--dac-bits", 50], "dac.bits"),
-    (["--dac-bits", 0], "dac.bits"),
+    (["--rate-window", -1], "--rate-window -1"), (["--rate-filter", -1], "--rate-filter -1"),
+    (["--rate-window", 1e6], "--rate-window 1e"), (["--min-V", 200], "200"), (["--slew", -5], "--slew -5"),
+    (["--dac-bits", 50], "--dac-bits 50"), (["--dac-bits", 0], "--dac-bits 0"), (["--effects", "speed"], "--effects: no"),
+    (["--min-V", 5, "--max-V", 5], "--max-V 5: must be above the lowest drive, 5 V; give --min-V and --max-V"),
 ])
 def test_bad_option(arguments: list[object], message: str, refused: Callable, runs: dict[str, Path]) -> None:
     assert re.search(message, refused("fit", runs["large"], *arguments, "-o", refused.output))

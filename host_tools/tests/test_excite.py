@@ -163,7 +163,7 @@ def test_defaults_yield_but_wishes_are_refused() -> None:
     limits = Limits(0, 10, slew_V_per_s=50)
     _, metadata = make_drive("sine", limits)
     assert float(metadata["frequencies_hz"].split()[-1]) == pytest.approx(50 / (10 * np.pi), rel=0.01)
-    with pytest.raises(BadInput, match="--slew 50: a sine of 5 Hz needs 157.1 V/s; ask for lower --frequencies"):
+    with pytest.raises(BadInput, match="`slew_V_per_s` 50: a sine of 5 Hz needs 157.1 V/s; ask for lower `frequencies_hz`"):
         make_drive("sine", limits, frequencies_hz=(5,))
     columns, metadata = make_drive("startup", limits)
     assert float(metadata["frequencies_hz"]) == pytest.approx(50 / (2 * 10), rel=0.01)

@@ -10,7 +10,7 @@ import click
 
 from ..errors import BadInput, printable
 from . import diagnosis, models
-from .program import command
+from .program import by_options, command
 from .progress import progress
 from .types import Choices, Output, Percent, Report
 
@@ -95,14 +95,21 @@ def _beyond(row: Row, max_rms_percent: float | None, fail_on: tuple[str, ...], m
 
 def _options(text: str) -> dict[str, Any]:
     """Keywords of a row's options: those given, no defaults. Raises BadInput."""
+    from ..identify import Options, checked_options
+
     parser = click.Command("options", params=[*OPTIONS], add_help_option=False)
     try:
         context = parser.make_context("options", shlex.split(text))
     except (click.UsageError, ValueError) as error:
         message = error.format_message() if isinstance(error, click.UsageError) else str(error)
         raise BadInput(f"{message.rstrip('.')}; give options of rdpi fit, or --without EFFECT") from None
-    return {name: value for name, value in context.params.items()
-            if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT}
+    found = {name: value for name, value in context.params.items()
+             if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT}
+    try:
+        checked_options(Options(**{name: value for name, value in found.items() if name != "without"}))
+    except BadInput as error:
+        raise BadInput(by_options(str(error), parser.params)) from None
+    return found
 
 
 def _line(row: Row) -> str:

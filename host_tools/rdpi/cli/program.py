@@ -9,9 +9,10 @@ from __future__ import annotations
 import functools
 import json
 import os
+import re
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext, redirect_stdout, suppress
 from typing import Any, NoReturn
 
@@ -157,6 +158,12 @@ def _check_paths(context: click.Context) -> None:
         check_made(folder, outputs, option)
 
 
+def by_options(message: str, parameters: Sequence[click.Parameter]) -> str:
+    """A message in which arguments of Python functions, in backticks, are called by the options that set them."""
+    options = {one.name: one.opts[-1] for one in parameters if isinstance(one, click.Option)}
+    return re.sub(r"`(\w+)`", lambda found: options.get(found[1], found[0]), message)
+
+
 def other_outputs() -> list[str]:
     """Files that the running command writes beside its -o."""
     given = click.get_current_context().params
@@ -164,7 +171,7 @@ def other_outputs() -> list[str]:
 
 
 def _fail(message: str) -> NoReturn:
-    message = printable(message)
+    message = printable(by_options(message, click.get_current_context().command.params))
     with suppress(OSError):  # the terminal may be gone
         click.echo(f"rdpi: {message}", err=True)
     raise click.exceptions.Exit(2)

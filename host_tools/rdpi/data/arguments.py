@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from numbers import Real
 from typing import Any
 
@@ -16,15 +17,18 @@ from ..errors import BadInput
 def series(values: Any, name: str, finite: bool = True) -> np.ndarray:
     """A one-dimensional float64 array of an array or list of numbers; the same array if it is one already.
 
-    Raises BadInput that names the argument for anything else, and if `finite` for NaN and infinity.
+    Raises BadInput that names the argument for anything else, for masked values, and if `finite` for NaN and infinity.
     """
     try:
         array = np.asarray(values)
-    except (ValueError, TypeError):  # rows of unequal length
+    except Exception:  # noqa: BLE001 - rows of unequal length; and whatever an array of another library raises
         array = np.empty(0, object)
     if array.ndim != 1 or array.dtype.kind not in "iuf":
         raise BadInput(f"{name}: must be a one-dimensional array or list of numbers")
-    array = array.astype(float, copy=False)
+    if np.ma.is_masked(values):  # what stands below a mask is no number
+        raise BadInput(f"{name}[{int(np.argmax(np.ma.getmaskarray(values)))}] is masked; every value must be a number")
+    with np.errstate(over="ignore"):  # what a double does not hold becomes infinite
+        array = array.astype(float, copy=False)
     if finite and not np.all(np.isfinite(array)):
         at = int(np.argmin(np.isfinite(array)))
         raise BadInput(f"{name}[{at}] is {array[at]}; every value must be finite")
@@ -59,16 +63,21 @@ def of_kind(value: Any, kind: type, name: str) -> Any:
 
 def listed(values: Any, kind: type, name: str) -> list:
     """A list of values of this class. Raises BadInput that names the argument for anything else."""
-    if isinstance(values, (str, dict)) or not isinstance(values, Iterable):
+    found = None
+    if isinstance(values, Iterable) and not isinstance(values, (str, dict)):
+        with suppress(TypeError):  # an array of no dimension
+            found = list(values)
+    if found is None:
         raise BadInput(f"{name}: must be a list of {kind.__name__}s, got {shown(values)}")
-    return [of_kind(value, kind, f"{name}[{k}]") for k, value in enumerate(values)]
+    return [of_kind(value, kind, f"{name}[{k}]") for k, value in enumerate(found)]
 
 
 def path(value: Any, name: str = "path") -> str:
     """The name of a file. Raises BadInput that names the argument for anything else."""
-    if not isinstance(value, (str, os.PathLike)):
+    text = os.fspath(value) if isinstance(value, (str, os.PathLike)) else None
+    if not isinstance(text, str) or not text or "\0" in text:
         raise BadInput(f"{name}: must be the name of a file, got {shown(value)}")
-    return os.fspath(value)
+    return text
 
 
 def shown(value: Any) -> str:

@@ -48,17 +48,17 @@ def commission(pen: Pen, frequencies_hz: Sequence[float] | None = None, rates_V_
                duration_s: float = 60.0, seed: int = 0) -> dict[str, object]:
     """Growing multisine, sawtooth, steps and a hold: all that a model needs. The sweep counts towards the duration."""
     if frequencies_hz and rates_V_per_s:
-        raise BadInput("--frequencies and --rates: give one of them; a triangular wave of f Hz has a rate of "
+        raise BadInput("`frequencies_hz` and `rates_V_per_s`: give one of them; a triangular wave of f Hz has a rate of "
                        "2 f (max - min)")
-    end = pen.samples(positive("duration", duration_s, "s"))
+    end = pen.samples(positive("duration_s", duration_s, "s"))
     left_s = duration_s - (pen.count - 1) / pen.limits.sample_rate_hz
     if left_s <= 0.5 * duration_s:
-        raise BadInput(f"--duration {duration_s:g}: the decaying sweep takes {duration_s - left_s:.3g} s of it; ask "
-                       f"for at least {2 * (duration_s - left_s):.3g} s, or --no-sweep")
+        raise BadInput(f"`duration_s` {duration_s:g}: the decaying sweep takes {duration_s - left_s:.3g} s of it; ask "
+                       f"for at least {2 * (duration_s - left_s):.3g} s, or `no_sweep`")
     span = pen.limits.span_V
     cycles_s = SHARES["sawtooth"] * left_s
     if rates_V_per_s:
-        frequencies_hz = [positive("rates", rate, "V/s") / (2 * span) for rate in rates_V_per_s]
+        frequencies_hz = [positive("rates_V_per_s", rate, "V/s") / (2 * span) for rate in rates_V_per_s]
         for rate in rates_V_per_s:
             check_rate(pen, rate)
     elif frequencies_hz:
@@ -81,7 +81,7 @@ def commission(pen: Pen, frequencies_hz: Sequence[float] | None = None, rates_V_
     _edge(pen, pen.rest_V, frequencies_hz[-1])
     rest_s = (end + 1 - pen.count) / pen.limits.sample_rate_hz
     if rest_s < LEAST_HOLD_SHARE * left_s:
-        raise BadInput(f"--duration {duration_s:g}: too short for these rates: {rest_s:.3g} s remain for the hold that "
+        raise BadInput(f"`duration_s` {duration_s:g}: too short for these rates: {rest_s:.3g} s remain for the hold that "
                        "shows creep; use a longer duration or fewer and faster rates")
     pen.hold(rest_s)
     return {"frequencies_hz": frequencies_hz, "rates_V_per_s": [2 * span * f for f in frequencies_hz],
@@ -106,7 +106,7 @@ def _sawtooth(pen: Pen, frequencies_hz: Sequence[float], time_s: float, duration
     times_s = [SLOWEST_SHARE * time_s] + [(1 - SLOWEST_SHARE) * time_s / max(1, fast_count)] * fast_count
     short = max(LEAST_CYCLES / (frequency * each_s) for frequency, each_s in zip(frequencies_hz, times_s))
     if short > 1 + 1e-9:
-        raise BadInput(f"--duration {duration_s:g}: too short for {LEAST_CYCLES} triangles of each rate, the slowest "
+        raise BadInput(f"`duration_s` {duration_s:g}: too short for {LEAST_CYCLES} triangles of each rate, the slowest "
                        f"at {slow:.4g} Hz; use at least {1.01 * short * duration_s:.3g} s, or faster rates")
     pen.move(pen.limits.min_V)
     for frequency, each_s in zip(frequencies_hz, times_s):
@@ -124,7 +124,7 @@ def _multisine(pen: Pen, top_hz: float, time_s: float, duration_s: float, seed: 
     while True:
         lowest = max(highest / DECADE, LEAST_LINE_PERIODS * rate / count)
         if highest < 2 * lowest:
-            raise BadInput(f"--duration {duration_s:g}: too short for a multisine to {highest:.3g} Hz that lasts "
+            raise BadInput(f"`duration_s` {duration_s:g}: too short for a multisine to {highest:.3g} Hz that lasts "
                            f"{time_s:.3g} s; use at least {4.4 * duration_s / (highest * time_s):.3g} s, or faster "
                            "rates")
         lines = np.unique(np.round(np.geomspace(lowest, highest, DEFAULT_LINES) * count / rate).astype(int))
@@ -132,5 +132,5 @@ def _multisine(pen: Pen, top_hz: float, time_s: float, duration_s: float, seed: 
         if np.abs(np.diff(wave)).max() * rate <= fastest:
             break
         highest *= 0.9
-    pen.wave(pen.limits.middle_V + wave, "the growing multisine", "use lower --frequencies")
+    pen.wave(pen.limits.middle_V + wave, "the growing multisine", "use lower `frequencies_hz`")
     return [float(line * rate / count) for line in lines]

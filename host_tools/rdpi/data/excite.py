@@ -35,8 +35,8 @@ def make_drive(kind: str, limits: Limits, sweep: bool = True,
     known = {name: parameter.default for name, parameter in list(inspect.signature(draw).parameters.items())[1:]}
     for name in options:
         if name not in known:
-            raise BadInput(f"--{OPTION_NAMES[name]}: is not valid for {kind}; valid are "
-                           + ", ".join(f"--{OPTION_NAMES[other]}" for other in known))
+            raise BadInput(f"`{name}`: is not valid for {kind}; valid are "
+                           + ", ".join(f"`{other}`" for other in known))
     pen = Pen(limits, rest_V)
     swept = sweep and kind != "startup"  # which is the sweep itself
     if swept:
@@ -68,11 +68,11 @@ def sawtooth(pen: Pen, frequencies_hz: Sequence[float] | None = None, rates_V_pe
              cycles: int = 3) -> dict[str, object]:
     """Triangular waves over the whole range, one after another at several rates: slopes against rate."""
     if frequencies_hz and rates_V_per_s:
-        raise BadInput("--frequencies and --rates: give one of them; a triangular wave of f Hz has a rate of "
+        raise BadInput("`frequencies_hz` and `rates_V_per_s`: give one of them; a triangular wave of f Hz has a rate of "
                        "2 f (max - min)")
     span = pen.limits.span_V
     if rates_V_per_s:
-        rates = [positive("rates", rate, "V/s") for rate in rates_V_per_s]
+        rates = [positive("rates_V_per_s", rate, "V/s") for rate in rates_V_per_s]
     else:
         frequencies_hz = frequencies_hz or _default_frequencies(pen, 2)
         rates = [2 * span * check_frequency(pen, f) for f in frequencies_hz]
@@ -92,7 +92,7 @@ def minor_loops(pen: Pen, levels: int = 6, rates_V_per_s: Sequence[float] | None
     levels = whole("levels", levels)
     rates = rates_V_per_s or (min(2 * span, pen.slew),)
     for rate in rates:
-        check_rate(pen, positive("rates", rate, "V/s"))
+        check_rate(pen, positive("rates_V_per_s", rate, "V/s"))
 
         def to(fraction: float) -> None:
             target = pen.limits.max_V if fraction == 1 else low + span * fraction
@@ -118,7 +118,7 @@ def minor_loops(pen: Pen, levels: int = 6, rates_V_per_s: Sequence[float] | None
 def steps(pen: Pen, levels: int = 4, hold_s: float = 5.0) -> dict[str, object]:
     """Up and down a staircase, holding each step (one sample high, or as fast as --slew lets it): creep."""
     levels = whole("levels", levels)
-    hold_s = positive("hold", hold_s, "s")
+    hold_s = positive("hold_s", hold_s, "s")
     pen.move(pen.limits.min_V)
     for level in [*range(1, levels + 1), *range(levels - 1, -1, -1)]:
         pen.ramp(pen.limits.max_V if level == levels else pen.limits.min_V + pen.limits.span_V * level / levels)
@@ -134,7 +134,7 @@ def multisine(pen: Pen, frequencies_hz: Sequence[float] | None = None, duration_
     """
     if duration_s is None:
         duration_s = max(10.0, 20 * pen.limits.span_V / pen.slew)
-    period_s = positive("duration", duration_s, "s") / 2
+    period_s = positive("duration_s", duration_s, "s") / 2
     count = pen.samples(period_s)
     rate = pen.limits.sample_rate_hz
 
@@ -142,7 +142,7 @@ def multisine(pen: Pen, frequencies_hz: Sequence[float] | None = None, duration_
         """Lines in periods per `count` samples, and the signal from 0 to 1, its first sample repeated at the end."""
         lines = np.unique([round(check_frequency(pen, f) * count / rate) for f in frequencies_hz])
         if lines[0] < 1:
-            raise BadInput(f"--frequencies {min(frequencies_hz):g}: no full period fits into half of --duration "
+            raise BadInput(f"`frequencies_hz` {min(frequencies_hz):g}: no full period fits into half of `duration_s` "
                            f"{duration_s:g}; give a longer duration or higher frequencies")
         wave = low_crest(lines, len(frequencies_hz), count, seed)
         return lines, np.append(wave, wave[0])
@@ -159,7 +159,7 @@ def multisine(pen: Pen, frequencies_hz: Sequence[float] | None = None, duration_
     for share in (1.0, 0.1):
         low = pen.limits.middle_V - share * pen.limits.span_V / 2
         pen.wave(low + share * pen.limits.span_V * wave, "this multisine",
-                 "ask for lower --frequencies, a longer --duration,")
+                 "ask for lower `frequencies_hz`, a longer `duration_s`,")
     return {"frequencies_hz": lines * rate / count, "duration_s": duration_s}
 
 
@@ -171,7 +171,7 @@ def sine(pen: Pen, frequencies_hz: Sequence[float] | None = None, cycles: int = 
         count = pen.samples(cycles / check_frequency(pen, frequency))
         phase = 2 * np.pi * cycles * np.arange(count + 1) / count
         pen.wave(pen.limits.middle_V - pen.limits.span_V / 2 * np.cos(phase), f"a sine of {frequency:g} Hz",
-                 "ask for lower --frequencies")
+                 "ask for lower `frequencies_hz`")
     return {"frequencies_hz": frequencies_hz}
 
 
@@ -181,13 +181,13 @@ def chirp(pen: Pen, frequencies_hz: Sequence[float] | None = None, duration_s: f
         highest = min(500.0, highest_hz(pen, np.pi))
         frequencies_hz = (min(1.0, highest / 10), highest)
     if len(frequencies_hz) != 2 or frequencies_hz[0] == frequencies_hz[1]:
-        raise BadInput("--frequencies: a chirp needs two different frequencies, e.g. --frequencies 1,500")
+        raise BadInput("`frequencies_hz`: a chirp needs two different frequencies, e.g. `frequencies_hz` 1,500")
     first, last = (check_frequency(pen, f) for f in frequencies_hz)
-    count = pen.samples(positive("duration", duration_s, "s"))
+    count = pen.samples(positive("duration_s", duration_s, "s"))
     ratio = np.log(last / first)
     phase = 2 * np.pi * first * duration_s / ratio * np.expm1(ratio * np.arange(count + 1) / count)
     pen.wave(pen.limits.middle_V - pen.limits.span_V / 2 * np.cos(phase), f"a chirp to {max(first, last):g} Hz",
-             "ask for lower --frequencies")
+             "ask for lower `frequencies_hz`")
     return {"frequencies_hz": frequencies_hz}
 
 
@@ -196,11 +196,11 @@ def startup(pen: Pen, end_V: float | None = None, frequencies_hz: Sequence[float
     """Oscillation from the whole range down to nothing at the end voltage: wipes out what the hysteresis remembers."""
     frequencies_hz = frequencies_hz or (min(_sweep_hz(pen), highest_hz(pen, 2)),)
     if len(frequencies_hz) != 1:
-        raise BadInput("--frequencies: the start-up sweep needs exactly one frequency")
+        raise BadInput("`frequencies_hz`: the start-up sweep needs exactly one frequency")
     check_rate(pen, 2 * pen.limits.span_V * check_frequency(pen, frequencies_hz[0]))
     end_V = pen.rest_V if end_V is None else end_V
     if not pen.limits.min_V <= end_V <= pen.limits.max_V:
-        raise BadInput(f"--end-V {end_V:g}: is outside --min-V {pen.limits.min_V:g} to --max-V {pen.limits.max_V:g}")
+        raise BadInput(f"`end_V` {end_V:g}: is outside `min_V` {pen.limits.min_V:g} to `max_V` {pen.limits.max_V:g}")
     _decay(pen, end_V, whole("cycles", cycles), frequencies_hz[0])
     return {"end_V": end_V, "frequencies_hz": frequencies_hz}
 

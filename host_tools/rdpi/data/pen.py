@@ -87,8 +87,8 @@ class Pen:
         self.move(float(voltage[0]))
         steepest = float(np.abs(np.diff(voltage)).max()) * self.limits.sample_rate_hz
         if steepest > self.slew:
-            raise BadInput(f"--slew {self.limits.slew_V_per_s:g}: {what} needs {steepest:.4g} V/s; {remedy} or a "
-                           "smaller range of --min-V and --max-V")
+            raise BadInput(f"`slew_V_per_s` {self.limits.slew_V_per_s:g}: {what} needs {steepest:.4g} V/s; {remedy} or a "
+                           "smaller range of `min_V` and `max_V`")
         self._add(voltage[1:])
         self.at_V = float(voltage[-1])
 
@@ -99,45 +99,45 @@ class Pen:
 
     def _check_size(self, more: float) -> None:
         if not self.count + more <= MAX_SAMPLES:
-            raise BadInput(f"the drive would have over {MAX_SAMPLES:,} samples; lower --sample-rate, or use "
+            raise BadInput(f"the drive would have over {MAX_SAMPLES:,} samples; lower `sample_rate_hz`, or use "
                            "shorter or faster waveforms")
 
 
 def check_limits(limits: Limits) -> float:
     """The rest voltage, if the limits make sense."""
-    for name, value in (("min-V", limits.min_V), ("max-V", limits.max_V)):
+    for name, value in (("min_V", limits.min_V), ("max_V", limits.max_V)):
         if not abs(value) <= MAX_V:
-            raise BadInput(f"--{name} {value:g}: give a finite number of volts, at most {MAX_V:g}")
+            raise BadInput(f"`{name}` {value:g}: give a finite number of volts, at most {MAX_V:g}")
     if not limits.span_V >= 1e3 * QUANTUM_V:
-        raise BadInput(f"--max-V {limits.max_V:g}: must be above --min-V {limits.min_V:g}")
+        raise BadInput(f"`max_V` {limits.max_V:g}: must be above `min_V` {limits.min_V:g}")
     rest_V = limits.middle_V if limits.rest_V is None else limits.rest_V
     if not limits.min_V <= rest_V <= limits.max_V:
-        raise BadInput(f"--rest-V {rest_V:g}: is outside --min-V {limits.min_V:g} to --max-V {limits.max_V:g}")
+        raise BadInput(f"`rest_V` {rest_V:g}: is outside `min_V` {limits.min_V:g} to `max_V` {limits.max_V:g}")
     rate = limits.sample_rate_hz
     if not RATES_HZ[0] <= rate <= RATES_HZ[1]:
-        raise BadInput(f"--sample-rate {rate:g}: give a positive number of Hz, {RATES_HZ[0]:g} to {RATES_HZ[1]:g}")
-    if limits.slew_V_per_s is not None and positive("slew", limits.slew_V_per_s, "V/s") <= 4 * QUANTUM_V * rate:
-        raise BadInput(f"--slew {limits.slew_V_per_s:g}: is only a few nanovolts per sample; give a higher slew or a "
-                       "lower --sample-rate")
+        raise BadInput(f"`sample_rate_hz` {rate:g}: give a positive number of Hz, {RATES_HZ[0]:g} to {RATES_HZ[1]:g}")
+    if limits.slew_V_per_s is not None and positive("slew_V_per_s", limits.slew_V_per_s, "V/s") <= 4 * QUANTUM_V * rate:
+        raise BadInput(f"`slew_V_per_s` {limits.slew_V_per_s:g}: is only a few nanovolts per sample; give a "
+                       "higher slew or a lower `sample_rate_hz`")
     return rest_V
 
 
 def check_rate(pen: Pen, rate: float) -> None:
     slew = pen.limits.slew_V_per_s
     if slew is not None and rate > slew:
-        raise BadInput(f"--slew {slew:g}: a wave of {rate:g} V/s is faster; use rates up to the slew limit (for a "
-                       f"triangular wave over the whole range: up to {slew / (2 * pen.limits.span_V):.4g} Hz)")
+        raise BadInput(f"`slew_V_per_s` {slew:g}: a wave of {rate:g} V/s is faster; use rates up to the slew limit (for "
+                       f"a triangular wave over the whole range: up to {slew / (2 * pen.limits.span_V):.4g} Hz)")
     fastest = 2 * pen.limits.span_V * pen.limits.sample_rate_hz / SAMPLES_PER_PERIOD
     if rate > fastest * (1 + 1e-9):
-        raise BadInput(f"--rates {rate:g}: gives fewer than {SAMPLES_PER_PERIOD // 2} samples from --min-V to --max-V; "
-                       f"use at most {fastest:g} V/s, or raise --sample-rate")
+        raise BadInput(f"`rates_V_per_s` {rate:g}: gives fewer than {SAMPLES_PER_PERIOD // 2} samples from `min_V` to "
+                       f"`max_V`; use at most {fastest:g} V/s, or raise `sample_rate_hz`")
 
 
 def check_frequency(pen: Pen, frequency_hz: float) -> float:
     highest = pen.limits.sample_rate_hz / SAMPLES_PER_PERIOD
-    if positive("frequencies", frequency_hz, "Hz") > highest * (1 + 1e-9):
-        raise BadInput(f"--frequencies {frequency_hz:g}: gives fewer than {SAMPLES_PER_PERIOD} samples per period; use "
-                       f"at most {highest:g} Hz, or raise --sample-rate")
+    if positive("frequencies_hz", frequency_hz, "Hz") > highest * (1 + 1e-9):
+        raise BadInput(f"`frequencies_hz` {frequency_hz:g}: gives fewer than {SAMPLES_PER_PERIOD} samples per period; "
+                       f"use at most {highest:g} Hz, or raise `sample_rate_hz`")
     return frequency_hz
 
 
@@ -146,15 +146,15 @@ def highest_hz(pen: Pen, steepness: float) -> float:
     return min(pen.limits.sample_rate_hz / SAMPLES_PER_PERIOD, 0.999 * pen.slew / (steepness * pen.limits.span_V))
 
 
-def positive(option: str, value: float, unit: str) -> float:
+def positive(name: str, value: float, unit: str) -> float:
     if not LEAST <= value < np.inf:
-        raise BadInput(f"--{option} {value:g}: give a positive number of {unit}, {LEAST:g} or more")
+        raise BadInput(f"`{name}` {value:g}: give a positive number of {unit}, {LEAST:g} or more")
     return value
 
 
-def whole(option: str, value: int) -> int:
+def whole(name: str, value: int) -> int:
     if not 1 <= value <= 100_000:
-        raise BadInput(f"--{option} {value}: give a whole number from 1 to 100000")
+        raise BadInput(f"`{name}` {value}: give a whole number from 1 to 100000")
     return value
 
 

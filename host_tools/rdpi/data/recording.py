@@ -112,10 +112,16 @@ class Recording:
 def taken(runs: Sequence[Recording], needs: Sequence[str], name: str = "runs", least: int = 0) -> list[Recording]:
     """These recordings, their columns as float64. Raises BadInput for what is none, and one that lacks a column it
     needs or has columns that are not of one length or not finite; `reference_um` may hold NaN, which is no reference.
+    Whoever made one by hand may have made anything.
     """
     found = []
     for run in arguments.listed(runs, Recording, name):
-        columns = {key: arguments.series(values, f"{run.path}: {key}", finite=key != "reference_um")
+        def key_place(key: str, path: object = run.path) -> str:
+            return f"{path}: metadata"
+
+        check_metadata(arguments.of_kind(run.metadata, dict, f"{run.path}: metadata"), key_place)
+        columns = {arguments.of_kind(key, str, f"{run.path}: columns"):
+                   arguments.series(values, f"{run.path}: {key}", finite=key != "reference_um")
                    for key, values in arguments.of_kind(run.columns, dict, f"{run.path}: columns").items()}
         for key in ("time_s", *needs):
             if key not in columns:
@@ -123,7 +129,8 @@ def taken(runs: Sequence[Recording], needs: Sequence[str], name: str = "runs", l
         for key, values in columns.items():
             if len(values) != len(columns["time_s"]):
                 raise BadInput(f"{run.path}: {key} has {len(values)} values, time_s has {len(columns['time_s'])}")
-        check_count(run.path, columns["time_s"])
+        check_samples(run.path, columns, lambda row, run=run: f"{run.path}, sample {row}")
+        check_rate(columns["time_s"], run.metadata, key_place)
         same = all(columns[key] is run.columns[key] for key in columns)
         found.append(run if same else replace(run, columns=columns))
     if len(found) < least:
@@ -142,7 +149,7 @@ def read_recording(path: str | os.PathLike[str], required: Sequence[str] = RUN_C
     Raises BadInput for a file that cannot be read, missing or repeated columns, text, NaN or infinity in a number,
     rows of unequal length, an unknown `memory`, and everything `check_samples` checks.
     """
-    path = arguments.path(path)
+    path, required = arguments.path(path), arguments.listed(required, str, "required")
     data = read_bytes(path)
     text = _decode(path, whole_lines(data))
     metadata, key_lines, header_line, header, body = _split_header(path, text)
@@ -230,10 +237,10 @@ def check_metadata(metadata: Mapping[str, str], key_place: Callable[[str], str])
     """Raise BadInput unless `memory` and `sample_rate_hz`, where given, can be used."""
     memory = metadata.get("memory")
     if memory is not None and memory not in MEMORY:
-        raise BadInput(f"{key_place('memory')}: memory is {quoted(memory)}; use one of {', '.join(MEMORY)}")
+        raise BadInput(f"{key_place('memory')}: memory is {quoted(str(memory))}; use one of {', '.join(MEMORY)}")
     rate = metadata.get("sample_rate_hz")
-    if rate is not None and not (NUMBER.fullmatch(rate) and RATES_HZ[0] <= float(rate) <= RATES_HZ[1]):
-        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {quoted(rate)}; give a positive number of "
+    if rate is not None and not (NUMBER.fullmatch(str(rate)) and RATES_HZ[0] <= float(rate) <= RATES_HZ[1]):
+        raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {quoted(str(rate))}; give a positive number of "
                        f"samples per second, {RATES_HZ[0]:g} to {RATES_HZ[1]:g}, or leave it out")
 
 

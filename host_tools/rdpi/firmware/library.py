@@ -65,14 +65,14 @@ class Firmware:
         sample_time_s = arguments.number(sample_time_s, "sample_time_s", finite=False)  # the library has the words
         if chain is None:
             self._chain, self._self = None, ffi.new("rdpi_f32_t *")
-            self._check(lib.rdpi_f32_init(self._self, self._params, sample_time_s))
+            _check(self._module, lib.rdpi_f32_init(self._self, self._params, sample_time_s), sample_time_s)
             return
         self.chain = f32_chain(chain, self._dtype)
         self._chain_params, self._poles = _struct(self._module, "f32_chain", self.chain)
         self._chain_params.axis = self._params
         self._chain = ffi.new("rdpi_f32_chain_t *")
         self._self = ffi.addressof(self._chain, "axis")
-        self._check(lib.rdpi_f32_chain_init(self._chain, self._chain_params, sample_time_s))
+        _check(self._module, lib.rdpi_f32_chain_init(self._chain, self._chain_params, sample_time_s), sample_time_s)
 
     def step(self, reference_um: np.ndarray) -> Steps:
         """rdpi_f32_step for each reference in um, shape (samples,), going on from the present state.
@@ -167,7 +167,7 @@ class FixedPoint:
         self._scale = self.parameters.scale
         self._params, self._arrays = _struct(self._module, "q31", self.parameters)
         if not 0.5e-9 < arguments.number(sample_time_s, "sample_time_s", finite=False) < 2**32 * 1e-9 - 1e-9:
-            raise BadInput(f"a sample time of {sample_time_s:g} s: fixed point takes 1 ns to 4.29 s")
+            raise BadInput(f"sample_time_s is {sample_time_s:g}; fixed point takes 1 ns to 4.29 s")
         if chain is None:
             self._chain, self._self = None, ffi.new("rdpi_q31_t *")
             self._check(lib.rdpi_q31_init(self._self, self._params, round(sample_time_s * 1e9)))
@@ -346,9 +346,10 @@ def _sweep(module: Any, function: Any, instance: Any, dtype: type) -> tuple[np.n
     return np.concatenate(drives)[:samples], np.concatenate(codes)[:samples]
 
 
-def _check(module: Any, status: int) -> None:
+def _check(module: Any, status: int, sample_time_s: float | None = None) -> None:
     if status != module.lib.RDPI_OK:
-        raise BadInput(f"the firmware library refuses: {status_text(status)}")
+        given = "" if sample_time_s is None else f" (sample_time_s is {sample_time_s:g})"
+        raise BadInput(f"the firmware library refuses: {status_text(status)}{given}")
 
 
 def _load(real: str) -> tuple[Any, type]:

@@ -38,14 +38,14 @@ def wanted(effects: str | Sequence[str]) -> list[str] | None:
         arguments.listed(effects, str, "effects")
     for name in names:
         if name in (AUTO, NONE):
-            raise BadInput(f"--effects: {name} stands alone, without names of effects")
+            raise BadInput(f"`effects`: {name} stands alone, without names of effects")
         if name not in FITTED:
             known = f"{name} is none that `rdpi fit` identifies" if name in CATALOGUE else f"no effect {name!r}"
-            raise BadInput(f"--effects: {known}; it identifies {', '.join(FITTED)}")
+            raise BadInput(f"`effects`: {known}; it identifies {', '.join(FITTED)}")
         if names.count(name) > 1:
-            raise BadInput(f"--effects: {name} is named twice; an effect acts once")
+            raise BadInput(f"`effects`: {name} is named twice; an effect acts once")
     if not names:
-        raise BadInput("--effects: names no effect; say none, auto, or names")
+        raise BadInput("`effects`: names no effect; say none, auto, or names")
     return names
 
 

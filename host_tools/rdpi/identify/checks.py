@@ -65,7 +65,7 @@ def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> 
     if gains[high] > tuned.GAIN_SPREAD * gains[low]:
         raise BadInput(f"{runs[high].path} moves {gains[high]:.3g} um/V, but {runs[low].path} moves "
                        f"{gains[low]:.3g} um/V: their units or actuators differ; "
-                       "check --command-gain and units of `rdpi import`")
+                       "check units and gain (`rdpi import --command-gain`)")
     largest = max(runs, key=lambda run: np.ptp(run.command_V))
     slope, zero = np.polyfit(largest.command_V, largest.displacement_um, 1)
     for run in runs:
@@ -159,7 +159,7 @@ def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list
                 else f"which ends after {len(nearest)} of its {len(run)} samples"
             raise BadInput(f"{run.path}: no earlier recording has the same drive throughout (the nearest is "
                            f"{nearest.path}, {short}); remove this run, or add its earlier recording with another "
-                           "--earlier")
+                           "`earlier`")
         lacks = [name for name in run.columns if name.endswith(("_V", "_degC")) and name not in nearest.columns]
         if lacks:
             raise BadInput(f"{nearest.path}: lacks {', '.join(lacks)}, which {run.path} has; remove it from "

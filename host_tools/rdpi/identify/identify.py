@@ -95,7 +95,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     """Identify a model from `runs`, score it on them and on `hold_out`. BadInput is raised if they cannot be fitted."""
     runs = taken(runs, RUN_COLUMNS, "runs", 1)
     hold_out = taken(hold_out, RUN_COLUMNS, "hold_out")
-    _check_options(options)
+    options = checked_options(options)
     for run in (*runs, *hold_out):
         check_run(run)
     check_together(runs, hold_out)
@@ -183,6 +183,9 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
               progress: Callable[[float], None] = lambda fraction: None) -> Operator:
     low_V, high_V = frame.range_V
     ends_V = (low_V if options.min_V is None else options.min_V, high_V if options.max_V is None else options.max_V)
+    if not ends_V[1] > ends_V[0]:
+        raise BadInput(f"`max_V` {ends_V[1]:g}: must be above the lowest drive, {ends_V[0]:g} V; give `min_V` "
+                       "and `max_V`")
     sweep = sweep_start(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, ends_V)
     prepared = prepare(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, options.rate_source,
                        options.rate_window_s, options.rate_filter_s or 0.0, frame.smoothing_s, sweep.states_um)
@@ -196,7 +199,7 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
     unknowns = columns.plays + options.deadzones + len(runs)
     if samples < tuned.MIN_SAMPLES_PER_UNKNOWN * unknowns:
         raise BadInput(f"{runs[0].path}: the fit has {unknowns} unknowns, but only {samples} samples after "
-                       "warm-up; record longer, state the memory, or use fewer --operators")
+                       "warm-up; record longer, state the memory, or use fewer `operators`")
     first = prepared[0]
     bare = Model(  # until a plant is fitted
         gain_um_per_V=frame.gain_um_per_V, offset_V=frame.offset_V, offset_um=0.0, stroke_um=frame.stroke_um,
@@ -247,37 +250,54 @@ def _check_reset(model: Model, runs: Sequence[Recording], warnings: list[str]) -
                                 "sides, or mark the memory unknown")
 
 
-def _check_options(options: Options) -> None:
+def checked_options(options: Options) -> Options:
+    """The same with numbers as Python has them: those of NumPy neither go into a file nor reckon like them.
+
+    Raises BadInput that names the argument. What is in backticks the command line replaces by its option.
+    """
     arguments.of_kind(options, Options, "options")
+    numbers: dict[str, float] = {}
     for item in fields(Options):
         value = getattr(options, item.name)
         if item.type.startswith(("int", "float")) and not (value is None and item.type.endswith("None")):
             whole = item.type.startswith("int")
-            if arguments.number(value, item.name, finite=whole) != value // 1 and whole:
+            number = arguments.number(value, item.name, finite=whole)
+            if whole and number != number // 1:
                 raise BadInput(f"{item.name} is {value}; must be a whole number")
+            numbers[item.name] = int(number) if whole else number
+    options = replace(options, **numbers)
     arguments.of_kind(options.rate_independent, bool, "rate_independent")
     arguments.one_of(options.rate_source, SOURCES, "rate_source")
     if options.thresholds_um is not None:
-        arguments.series(options.thresholds_um, "thresholds_um", finite=False)
+        _check_thresholds(arguments.series(options.thresholds_um, "thresholds_um", finite=False))
     around.wanted(options.effects)
     if options.actuator is not None:
         arguments.of_kind(options.actuator, str, "actuator")
     if not 0 <= options.operators <= 128:
-        raise BadInput(f"--operators {options.operators}: must be 0 to 128")
+        raise BadInput(f"`operators` {options.operators}: must be 0 to 128")
     if not 0 <= options.deadzones <= 6:
-        raise BadInput(f"--deadzones {options.deadzones}: must be 0 to 6; recordings cannot tell more of them apart")
+        raise BadInput(f"`deadzones` {options.deadzones}: must be 0 to 6; recordings cannot tell more of them apart")
     if not 0 < options.min_slope_ratio < 1:
-        raise BadInput(f"--min-slope-ratio {options.min_slope_ratio:g}: must lie between 0 and 1")
-    for option, value in (("--rate-window", options.rate_window_s), ("--rate-filter", options.rate_filter_s)):
+        raise BadInput(f"`min_slope_ratio` {options.min_slope_ratio:g}: must lie between 0 and 1")
+    for name, value in (("rate_window_s", options.rate_window_s), ("rate_filter_s", options.rate_filter_s)):
         if value is not None and not 0 <= value <= MAX_RATE_TIME_S:
-            raise BadInput(f"{option} {value:g}: must be 0 to {MAX_RATE_TIME_S:g} s")
-    for option, value in (("--min-V", options.min_V), ("--max-V", options.max_V)):
+            raise BadInput(f"`{name}` {value:g}: must be 0 to {MAX_RATE_TIME_S:g} s")
+    for name, value in (("min_V", options.min_V), ("max_V", options.max_V)):
         if value is not None and not abs(value) <= LARGEST_INPUT:
-            raise BadInput(f"{option} {value:g}: must be a voltage")
+            raise BadInput(f"`{name}` {value:g}: must be a voltage")
     if options.slew_V_per_s is not None and not 0 < options.slew_V_per_s <= LARGEST:
-        raise BadInput(f"--slew {options.slew_V_per_s:g}: must be positive, in V/s")
+        raise BadInput(f"`slew_V_per_s` {options.slew_V_per_s:g}: must be positive, in V/s")
     if options.dac_bits is not None and not 1 <= options.dac_bits <= MAX_DAC_BITS:
-        raise BadInput(f"--dac-bits {options.dac_bits}: must be 1 to {MAX_DAC_BITS}")
+        raise BadInput(f"`dac_bits` {options.dac_bits}: must be 1 to {MAX_DAC_BITS}")
+    return options
+
+
+def _check_thresholds(thresholds_um: np.ndarray) -> None:
+    """Raise BadInput unless they can be r_1 ... r_n."""
+    if not np.all(np.diff([0.0, *thresholds_um]) > 0) or not np.all(np.isfinite(thresholds_um)):  # refuses NaN too
+        raise BadInput("`thresholds_um`: must be positive, finite and increasing")
+    if len(thresholds_um) >= MAX_PLAYS:
+        raise BadInput(f"`thresholds_um`: {len(thresholds_um)} values; at most {MAX_PLAYS - 1}")
 
 
 def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> np.ndarray:
@@ -287,10 +307,6 @@ def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> n
         # n + 1 equal intervals up to the reach, so that the last slope is seen over as long a way as the others
         return np.arange(options.operators + 1) * reach / (options.operators + 1)
     wanted = np.array([0.0, *options.thresholds_um])
-    if not np.all(np.diff(wanted) > 0) or not np.isfinite(wanted[-1]):  # refuses NaN too
-        raise BadInput("--thresholds: must be positive, finite and increasing")
-    if len(wanted) > MAX_PLAYS:
-        raise BadInput(f"--thresholds: {len(wanted) - 1} values; at most {MAX_PLAYS - 1}")
     hidden = wanted[wanted > 0.98 * reach]
     if len(hidden):
         warnings.append(f"thresholds {', '.join(f'{r:g}' for r in hidden)} um are not fitted: they are unobservable, "
