@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -163,18 +165,38 @@ def test_a_model_that_is_read_counts_as_an_input(here, rdpi):
     (("A,a.csv,--slew -1",), "actuator,fit,options", "plan.csv:2: options: --slew -1: must be positive"),
     (('A,a.csv,"--thresholds 2,1"',), "actuator,fit,options", "plan.csv:2: options: --thresholds: must be positive"),
     (('A,"a.csv',), "actuator,fit", "plan.csv:2: is not CSV"),
+    (("A;a.csv",), "actuator;fit", "the columns are actuator, fit, hold_out, gap, earlier, model, options, with commas"),
+    (("A,a.csv,m\0.json",), "actuator,fit,model", "plan.csv: is not text; there is a byte of zero in it"),
+    (("x" * 201 + ",a.csv",), "actuator,fit", "must do as the name of a folder; use at most 200 bytes"),
+    (("漢" * 67 + ",a.csv",), "actuator,fit", "must do as the name of a folder; use at most 200 bytes"),
+    (("A,a.csv,results.sqlite",), "actuator,fit,model", "results.sqlite: would be written over a file of A in plan.csv"),
+    (("A,a.csv,results.sqlite",), "actuator,gap,model", "results.sqlite: would be written over a file of A in plan.csv"),
+    (("A,a.csv,told.json",), "actuator,fit,model", "told.json: would be written over a file of A in plan.csv"),
+    (("A,a.csv", "B,./told.json"), "actuator,fit", "told.json: would be written over a file of B in plan.csv"),
 ])
 def test_plans_that_are_refused(here, rdpi, rows, names, said):
     write("a.csv")
     plan(*rows, names=names)
-    done = rdpi("batch", "plan.csv", "-o", "results.sqlite")
-    assert done.exit_code == 2 and said in done.output
+    Path("told.json").write_text("as it was")
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--json", "told.json")
+    assert done.exit_code == 2 and said in done.output and done.output.count("\n") == 1
     assert not Path("results.sqlite").exists() and not Path("models").exists()
+    assert Path("told.json").read_text() == "as it was"
+
+
+@pytest.mark.parametrize("end", ["\r\n", "\r"])
+def test_a_plan_of_another_system(here, rdpi, end):
+    write("a.csv")
+    Path("plan.csv").write_bytes(f"\ufeffactuator,fit,options{end}{end}A,a.csv,{QUICK}{end}".encode())
+    assert worked_on(rdpi("batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1)) == ["A"]
 
 
 @pytest.mark.parametrize(("row", "said"), [
     ("A,no.csv,,", "fit: there is no file no.csv"),
     ("A,runs/*.csv,,", "fit: there is no file runs/*.csv"),
+    ("A,.,,", "fit: there is no file ."),
+    ("A,/dev/zero,,", "fit: there is no file /dev/zero"),  # which has no end
+    ("A,pipe,,", "fit: there is no file pipe"),
     ("A,,a.csv,", "there is no model models/A.json"),
     ("A,damaged.csv,,", "damaged.csv"),
     ("A,a.csv,damaged.csv," + QUICK, "damaged.csv"),
@@ -183,6 +205,7 @@ def test_plans_that_are_refused(here, rdpi, rows, names, said):
 def test_a_row_that_fails_says_why_and_stops_no_other(here, rdpi, row, said):
     write("a.csv")
     Path("damaged.csv").write_text("time_s,command_V,displacement_um\n0,1,x\n")
+    os.mkfifo("pipe")
     plan(row, f"Z,a.csv,,{QUICK}")
     done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1)
     assert done.exit_code == 2
@@ -204,6 +227,52 @@ def test_results_that_are_something_else_are_left_alone(here, rdpi):
     connection.close()
     done = rdpi(*command)
     assert done.exit_code == 2 and "is a database of something else" in done.output
+
+
+@pytest.mark.parametrize(("changes", "said"), [
+    ("DROP TABLE documents; CREATE TABLE documents (name TEXT)", "is a database of something else"),
+    ("UPDATE results SET gap_percent = 'low'", "the row of A has gap_percent 'low', which rdpi does not write"),
+    ("UPDATE results SET actuator = NULL", "the row of None has actuator None, which rdpi does not write"),
+])
+def test_results_that_somebody_has_changed_are_refused_before_the_work(here, rdpi, changes, said):
+    write("a.csv")
+    plan(f"A,a.csv,,{QUICK}")
+    command = "batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1, "--report", "pages"
+    assert rdpi(*command).exit_code == 0
+    connection = sqlite3.connect("results.sqlite")
+    connection.executescript(changes)
+    connection.close()
+    as_it_was = Path("results.sqlite").read_bytes()
+    done = rdpi(*command, "--all")
+    assert (done.exit_code, worked_on(done)) == (2, []) and f"rdpi: results.sqlite: {said}" in done.output
+    assert Path("results.sqlite").read_bytes() == as_it_was
+
+
+def test_results_that_cannot_be_written_are_told_before_the_work(here, rdpi, monkeypatch):
+    many(1)
+    command = "batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1
+    assert rdpi(*command).exit_code == 0
+    Path("models/A0.json").unlink()
+    connect = sqlite3.connect  # read-only, which root needs to be told
+    monkeypatch.setattr(sqlite3, "connect", lambda path, **options: connect(f"file:{path}?mode=ro", uri=True))
+    done = rdpi(*command, "--all")
+    assert (done.exit_code, worked_on(done)) == (2, []) and "attempt to write a readonly database" in done.output
+    assert not Path("models/A0.json").exists()
+
+
+@pytest.mark.slow
+def test_who_reads_the_results_does_not_end_the_batch(here, rdpi):
+    many(1)
+    command = "batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1
+    assert rdpi(*command).exit_code == 0
+    reader = sqlite3.connect("results.sqlite", isolation_level=None, check_same_thread=False)
+    reader.execute("BEGIN")
+    reader.execute("SELECT * FROM results").fetchall()
+    end = threading.Timer(8.0, reader.close)  # SQLite's own patience are 5 s
+    end.start()
+    done = rdpi(*command, "--all")
+    end.join()
+    assert (done.exit_code, worked_on(done)) == (0, ["A0"]), done.output
 
 
 def test_a_full_disk_ends_the_batch_with_words_and_loses_nothing(here, rdpi, monkeypatch):
@@ -247,6 +316,23 @@ def test_the_work_of_a_process_that_is_killed_is_begun_again(here):
     [given_up] = [one for one in outcomes if not isinstance(one, str)]
     assert sorted(one for one in outcomes if isinstance(one, str)) == ["A", "B", "C"]
     assert given_up.row.actuator == "heavy" and f"died, {workers.ATTEMPTS} times" in given_up.row.error
+
+
+@pytest.mark.parametrize("most", [1, 0])
+def test_where_no_more_processes_can_be_started_those_that_there_are_do_it(here, rdpi, monkeypatch, most):
+    many(3)
+    start, started = workers._start, []
+
+    def limited(work):
+        if len(started) >= most:
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+        started.append(start(work))
+        return started[-1]
+
+    monkeypatch.setattr(workers, "_start", limited)
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--jobs", 3)
+    assert worked_on(done) == ["A0", "A1", "A2"][:3 * most] and done.exit_code == (0 if most else 2)
+    assert ("rdpi: no process can be started (Too many open files); " in done.output) == (not most)
 
 
 def wait_for_the_end_of(processes: list[str], at_most_s: float = 20.0) -> None:
@@ -349,5 +435,13 @@ def test_a_scheduler_that_is_not_there(here, rdpi, monkeypatch):
     assert done.exit_code == 2 and "no Dask scheduler answers there" in done.output
     done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--scheduler", "nonsense://", "--jobs", 2)
     assert done.exit_code == 2 and "--jobs: is for this machine" in done.output
-    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--scheduler", "nonsense://x")
-    assert done.exit_code == 2 and "no Dask scheduler answers there" in done.output
+
+
+@pytest.mark.parametrize("address", ["nonsense://x", "x", "", "tcp://", "tcp://[::1", "inproc://x", "ucx://x:1",
+                                     "tls://localhost:1"])
+def test_an_address_that_is_none_ends_with_words_and_at_once(here, address):
+    many(1)
+    done = subprocess.run([RDPI, "batch", "plan.csv", "-o", "results.sqlite", "--scheduler", address],
+                          capture_output=True, text=True, timeout=25)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert done.stderr.startswith(f"rdpi: --scheduler {address}: no Dask scheduler answers there (")

@@ -10,7 +10,7 @@ import click
 
 from ..errors import BadInput, printable
 from . import diagnosis, models
-from .program import by_options, command
+from .program import by_options, command, other_outputs
 from .progress import progress
 from .types import Choices, Output, Percent, Report
 
@@ -49,6 +49,7 @@ def batch(plan: str, output: str, jobs: int | None, scheduler: str | None, every
     PLAN.csv has a row per actuator and the columns actuator, fit, hold_out, gap, earlier (recordings, or patterns such
     as runs/A7-*.csv, relative to PLAN.csv, with ; between several), model (written by a fit, else read; default
     models/ACTUATOR.json) and options (of rdpi fit, and --without). Only actuator and one of fit and gap are needed.
+    Lines that begin with # are comments.
 
     An actuator that fails stops no other; the exit status is then 2. A batch that was stopped goes on when it is
     started again. The limits hold for all actuators of the plan, also for those whose results are there already.
@@ -57,7 +58,7 @@ def batch(plan: str, output: str, jobs: int | None, scheduler: str | None, every
 
     if jobs is not None and scheduler is not None:
         raise BadInput("--jobs: is for this machine; leave it out with --scheduler")
-    tasks = work.read_plan(plan, _options)
+    tasks = work.read_plan(plan, _options, [output, *other_outputs()])
     with progress("working") as report_progress:
         def ended(row: Row, done: int, of: int) -> None:
             click.echo(f"{done}/{of} {row.actuator}: {_line(row)}")

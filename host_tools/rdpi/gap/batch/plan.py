@@ -7,17 +7,18 @@ import glob
 import hashlib
 import io
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...data import read_bytes, same_file
+from ...data import arguments, read_bytes, same_file
 from ...errors import BadInput
 
 COLUMNS = "actuator", "fit", "hold_out", "gap", "earlier", "model", "options"
 RUNS = "fit", "hold_out", "gap", "earlier"  # columns that name recordings
 SEPARATOR = ";"
+LONGEST = 200  # bytes of an actuator's name: file systems take 255, a model's .json included
 
 Parse = Callable[[str], dict[str, Any]]
 
@@ -52,17 +53,20 @@ def sha256_of(path: str) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def read_plan(path: str, parse: Parse) -> list[Task]:
+def read_plan(path: str, parse: Parse, outputs: Collection[str] = ()) -> list[Task]:
     """Tasks of a plan, in its order; `parse` makes keywords of a row's options, and raises BadInput.
 
     A row whose recordings are not there makes a task that says so. Raises BadInput for what is no plan: no columns or
-    unknown ones, two rows of one actuator, models that would be written over.
+    unknown ones, two rows of one actuator, models that would be written over; and for a file of it that is one of the
+    `outputs`, which are written beside the models.
     """
     try:
         text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise BadInput(f"{path}: is not text; save it as CSV in UTF-8") from None
-    reader = csv.reader(io.StringIO(text), strict=True)
+    if "\0" in text:
+        raise BadInput(f"{path}: is not text; there is a byte of zero in it. Save it as CSV in UTF-8")
+    reader = csv.reader(io.StringIO(text, newline=None), strict=True)
     names: list[str] = []
     tasks: list[Task] = []
     lines: list[int] = []
@@ -85,13 +89,19 @@ def read_plan(path: str, parse: Parse) -> list[Task]:
     if not tasks:
         raise BadInput(f"{path}: has no rows; give a row of names ({', '.join(COLUMNS)}) and a row for each actuator")
     _check_apart(tasks, lines, path)
+    written = {os.path.realpath(output): output for output in outputs}
+    for task in tasks:
+        for file in (task.model_file, *(file for files in task.runs.values() for file in files)):
+            if output := written.get(os.path.realpath(file)):
+                raise BadInput(f"{output}: would be written over a file of {task.actuator} in {path}; give another name")
     return tasks
 
 
 def _header(names: Sequence[str], place: str) -> list[str]:
     for name in names:
         if name not in COLUMNS:
-            raise BadInput(f"{place}: column {name!r} is not known; the columns are {', '.join(COLUMNS)}")
+            raise BadInput(f"{place}: column {name!r} is not known; the columns are {', '.join(COLUMNS)}, with commas "
+                           "between them")
         if names.count(name) > 1:
             raise BadInput(f"{place}: there are two columns {name}; remove one")
     if "actuator" not in names or not {"fit", "gap"} & set(names):
@@ -103,8 +113,10 @@ def _task(row: dict[str, str], place: str, folder: str, parse: Parse) -> Task:
     actuator = row["actuator"]
     if not actuator:
         raise BadInput(f"{place}: column actuator is empty; give each row a name")
-    if actuator in (".", "..") or set(actuator) & set('/\\\0') or not actuator.isprintable():
-        raise BadInput(f"{place}: actuator {actuator!r}: must do as the name of a folder; remove / and \\")
+    if actuator in (".", "..") or set(actuator) & set("/\\") or not actuator.isprintable() or \
+            len(actuator.encode()) > LONGEST:
+        raise BadInput(f"{place}: actuator {arguments.shown(actuator)}: must do as the name of a folder; use at most {LONGEST} "
+                       "bytes, and neither / nor \\ nor what cannot be printed")
     if not row.get("fit") and not row.get("gap"):
         raise BadInput(f"{place}: give recordings in fit or in gap")
     for name, needed in (("hold_out", "fit"), ("earlier", "gap")):
@@ -121,7 +133,7 @@ def _task(row: dict[str, str], place: str, folder: str, parse: Parse) -> Task:
             refused = f"{name}: there is no file {missing}; check the name"
     model = row.get("model") or f"models/{actuator}.json"
     model_file = os.path.join(folder, model)
-    if not runs["fit"] and not refused and not os.path.exists(model_file):
+    if not runs["fit"] and not refused and not os.path.isfile(model_file):
         refused = f"there is no model {model}; give recordings in fit, or a model that is there"
     return Task(actuator, runs, model, model_file, row.get("options", ""), options, refused)
 
@@ -132,7 +144,7 @@ def _files(text: str, folder: str) -> tuple[tuple[str, ...], str]:
     for part in filter(None, map(str.strip, text.split(SEPARATOR))):
         file = os.path.join(folder, part)
         here = [file] if os.path.exists(file) else sorted(glob.glob(os.path.join(glob.escape(folder), part)))
-        if not here:
+        if not here or not all(map(os.path.isfile, here)):  # a folder; a device or pipe may have no end
             return tuple(found), part
         found += here
     return tuple(found), ""

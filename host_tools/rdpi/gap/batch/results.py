@@ -35,6 +35,8 @@ class Row:
 
 NAMES = tuple(one.name for one in fields(Row))
 TYPES = {"str": "TEXT", "float": "REAL"}  # of SQLite, by the first word of a field's type
+DOCUMENTS = "actuator", "kind", "document"  # columns of the other table
+LOCKED_S = 60  # that another program may hold the file while a row is to be written
 TABLES = f"""
 CREATE TABLE IF NOT EXISTS results ({", ".join(
     f"{one.name} {TYPES[str(one.type).split()[0]]}{' PRIMARY KEY' if one.name == 'actuator' else ''}"
@@ -58,19 +60,28 @@ class Results:
             connection = sqlite3.connect(path)
         try:
             with _explained(path):
-                tables = {name for name, in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-                columns = {row[1] for row in connection.execute("PRAGMA table_info(results)")}
-                if tables and not columns >= {*NAMES}:
+                tables = {name for name, in connection.execute("SELECT name FROM sqlite_master")}
+                results, documents = ({row[1] for row in connection.execute(f"PRAGMA table_info({table})")}
+                                      for table in ("results", "documents"))
+                if tables and not results >= {*NAMES} or documents and not documents >= {*DOCUMENTS}:
                     raise BadInput(f"{path}: is a database of something else; give another name")
-                connection.executescript(TABLES)
+                # Whether it can be written to is found out before the work.
+                connection.executescript(f"{TABLES} BEGIN; DELETE FROM results WHERE 0; ROLLBACK; "
+                                         f"PRAGMA busy_timeout = {1000 * LOCKED_S}")
             yield cls(path, connection)
         finally:
             connection.close()
 
     def rows(self) -> dict[str, Row]:
-        """By actuator, in the order of their names."""
+        """By actuator, in the order of their names. Raises BadInput for rows that rdpi has not written."""
         with _explained(self.path):
             found = self._connection.execute(f"SELECT {', '.join(NAMES)} FROM results ORDER BY actuator").fetchall()
+        for values in found:
+            for one, value in zip(fields(Row), values):
+                needed = {"str": str, "float": (float, int)}[str(one.type).split()[0]]
+                if not isinstance(value, needed) and not (value is None and str(one.type).endswith("None")):
+                    raise BadInput(f"{self.path}: the row of {values[0]} has {one.name} {value!r}, which rdpi does not "
+                                   "write; correct it, or delete the row")
         return {values[0]: Row(*values) for values in found}
 
     def write(self, row: Row, documents: Mapping[str, Mapping[str, Any]]) -> None:
@@ -78,7 +89,7 @@ class Results:
         texts = [(row.actuator, kind, json.dumps(document, allow_nan=False)) for kind, document in documents.items()]
         with _explained(self.path), self._connection:
             self._connection.execute("DELETE FROM documents WHERE actuator = ?", (row.actuator,))
-            self._connection.executemany("INSERT INTO documents VALUES (?, ?, ?)", texts)
+            self._connection.executemany(f"INSERT INTO documents ({', '.join(DOCUMENTS)}) VALUES (?, ?, ?)", texts)
             self._connection.execute(f"REPLACE INTO results ({', '.join(NAMES)}) "
                                      f"VALUES ({', '.join('?' * len(NAMES))})", astuple(row))
 
@@ -88,5 +99,5 @@ def _explained(path: str) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
-        raise BadInput(f"{path}: {error}; check the file, its permissions and the disk. What was written to it is not "
-                       "lost: the same command goes on from there") from None
+        raise BadInput(f"{path}: {error}; check the file, its permissions, the disk, and that no other program holds "
+                       "it. What was written to it is not lost: the same command goes on from there") from None

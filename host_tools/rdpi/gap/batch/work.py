@@ -46,7 +46,8 @@ def work(task: Task, report: str | None = None) -> Outcome:
     except OSError as error:
         row.error = printable(f"{error.filename or task.model}: {error.strerror or error}")
     except Exception as error:  # noqa: BLE001 - the others go on
-        row.error = f"this is a fault of rdpi, please report it: {type(error).__name__}: {error}"
+        row.error = f"this is a fault of rdpi, please report it: " \
+            f"{type(error).__name__}: {printable(str(error))}"
     row.seconds = round(time.monotonic() - begin, 3)
     return Outcome(row, documents)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import multiprocessing
 import os
@@ -38,7 +39,14 @@ def on_this_machine(tasks: Sequence[Task], work: Work, count: int) -> Iterator[O
     try:
         while waiting or busy:
             while waiting and len(busy) < count:
-                connection, process = idle.pop() if idle else _start(work)
+                try:
+                    connection, process = idle.pop() if idle else _start(work)
+                except OSError as error:
+                    if not busy:
+                        raise BadInput(f"no process can be started ({error.strerror or error}); close other programs, "
+                                       "or raise the limits of this account (ulimit)") from None
+                    count = len(busy)  # those that there are go on
+                    break
                 task, attempt = waiting.popleft()
                 try:
                     connection.send(task)
@@ -101,26 +109,33 @@ def on_cluster(tasks: Sequence[Task], work: Work, address: str) -> Iterator[Outc
     """
     try:
         import dask
-        from distributed import Client, as_completed
+        from distributed import Client, Security, as_completed
+        from distributed.comm import connect
     except ImportError:
         raise BadInput("--scheduler: needs the Python package distributed; install it (Debian: python3-distributed)"
                        ) from None
     dask.config.set({"distributed.comm.timeouts.connect": CONNECT_S})
     logging.disable(logging.CRITICAL)  # distributed would tell of a scheduler that is lost, with tracebacks
+
+    async def call() -> None:
+        line = await connect(address, timeout=CONNECT_S, **Security().get_connection_args("client"))
+        await line.close()
+
     try:
-        yield from _from(Client, as_completed, tasks, work, address)
+        try:  # first, for a client that cannot connect holds up the program's end, with a traceback
+            asyncio.run(call())
+            client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        except Exception as error:  # noqa: BLE001 - each kind of address has its own
+            raise BadInput(f"--scheduler {address}: no Dask scheduler answers there ({error}); start one with "
+                           "`dask scheduler`, or check the address") from None
+        yield from _from(client, as_completed, tasks, work, address)
     finally:
         logging.disable(logging.NOTSET)
 
 
-def _from(client_of: Callable[..., Any], as_completed: Callable[..., Any], tasks: Sequence[Task], work: Work,
+def _from(client: Any, as_completed: Callable[..., Any], tasks: Sequence[Task], work: Work,
           address: str) -> Iterator[Outcome]:
-    """The same, with these names of the package distributed."""
-    try:
-        client = client_of(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise BadInput(f"--scheduler {address}: no Dask scheduler answers there ({error}); start one with "
-                       "`dask scheduler`, or check the address") from None
+    """The same, from a client of the package distributed."""
     with client:
         futures = {client.submit(work, task, pure=False, retries=ATTEMPTS): task for task in tasks}
         for future in as_completed(futures, loop=client.loop):
