@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -15,13 +16,13 @@ from ..model import Model, guarded
 from ..simulate import chain, effects
 from ..simulate.effects import Acting, Effect
 from . import thresholds
-from .dataset import Dataset
+from .dataset import Dataset, ModelRun
 
 STEPS = 6  # of Gauss-Newton
 ENOUGH = 1e-3  # relative change of the sum of squares at which they end
 PROBE = 1e-3  # change of the prediction that a derivative is taken over, as a share of the stroke
+POSITIONS, CLOSER = 13, 4  # tried for a start of the memory, and steps of half the way to the best one's neighbours
 RESTARTS = 2  # of recordings of unknown memory, beside each effect
-POSITIONS, CLOSER = 13, 4  # tried for an unknown start of the memory, and how often halfway to the neighbours of the best
 
 
 def perturbed(model: Model, move: np.ndarray) -> Model:
@@ -190,20 +191,36 @@ def _memory(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: 
     for model_run, predicted, measured in parts:
         r = model_run.model.thresholds_um
         x0 = float(model_run.start_um[0])
-        best = (_square(measured - predicted), model_run.start_um, predicted, x0)
-        positions, step = x0 + np.linspace(-r[-1], r[-1], POSITIONS), 2 * r[-1] / (POSITIONS - 1)
-        for _ in range(1 + CLOSER if model_run.start_known else 0):
-            for position in positions:
-                start = chain.states_after(position, x0, r)
-                z = model_run.predict(acting, start)
-                z = z - np.mean(z)
-                best = min(best, (_square(measured - z), start, z, position), key=lambda one: one[0])
-            step /= 2
-            positions = best[3] + np.array([-step, step])
-        states.append(best[1])
-        shown.append(best[2] - predicted)
-        values.setdefault(effect.fitted[0], float(best[3]))
+        start, position, change = model_run.start_um, x0, np.zeros(len(measured))
+        if model_run.start_known:
+            found, left = _nearest(x0, float(r[-1]), partial(_missed, model_run, acting, x0, measured))
+            if left < _square(measured - predicted):
+                start, position, change = chain.states_after(found, x0, r), found, _entered(model_run, acting, x0, found) - predicted
+        states.append(start)
+        shown.append(change)
+        values.setdefault(effect.fitted[0], position)
     return Candidate(effect, values, (), dataset.join(shown), np.zeros((len(before), 0)), states)
+
+
+def _nearest(x0_um: float, reach_um: float, miss: Callable[[float], float]) -> tuple[float, float]:
+    """The position that misses least, and what it misses: looked for coarsely, then closer to the best."""
+    found = {float(position): miss(position) for position in x0_um + np.linspace(-reach_um, reach_um, POSITIONS)}
+    step = 2 * reach_um / (POSITIONS - 1)
+    for _ in range(CLOSER):
+        best, step = min(found, key=found.get), step / 2
+        found |= {position: miss(position) for position in (best - step, best + step)}
+    best = min(found, key=found.get)
+    return best, found[best]
+
+
+def _entered(model_run: ModelRun, acting: Sequence[Acting], x0_um: float, position_um: float) -> np.ndarray:
+    """The prediction, less its mean, of a recording that was entered from this position."""
+    z = model_run.predict(acting, chain.states_after(position_um, x0_um, model_run.model.thresholds_um))
+    return z - np.mean(z)
+
+
+def _missed(model_run: ModelRun, acting: Sequence[Acting], x0_um: float, measured: np.ndarray, position_um: float) -> float:
+    return _square(measured - _entered(model_run, acting, x0_um, position_um))
 
 
 def _disturbance(dataset: Dataset, effect: Effect, starts: list[dict[str, float]], left: np.ndarray) -> Candidate:
