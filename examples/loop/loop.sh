@@ -3,5 +3,5 @@
 # Sets up what is missing.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
-"$root/tests/support/setup.sh" tests
+"$root/tests/support/setup.sh" board
 exec "$root/.venv/bin/python" "$root/examples/loop/loop.py" "$@"

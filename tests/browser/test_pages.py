@@ -265,6 +265,13 @@ def test_a_batch_page_counts_in_whole_numbers_over_utc(over: timedelta, width: i
     assert all(right + 4 < left for (_, right), (left, _) in zip(places, places[1:])), (shown, places)
 
 
+def test_a_phone_shows_no_line_without_a_value(folder: Path, browser: webdriver.Chrome) -> None:
+    opened(browser, folder / PAGES["gap"], 400)
+    cells = browser.find_elements(By.CSS_SELECTOR, ".stacked td")
+    assert "–" not in [cell.text for cell in cells if cell.is_displayed()]
+    assert "–" in [cell.get_attribute("textContent") for cell in cells]  # they are there, on a wide screen
+
+
 def test_rows_of_a_batch_are_one_line_each_and_on_a_phone_without_empty_ones(tmp_path: Path, browser: webdriver.Chrome
                                                                             ) -> None:
     page = batch_of(tmp_path, timedelta(hours=3))

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Makes a fresh clone ready: Debian packages, .venv with the host tools, and for the tests Ceedling in .gems.
+# Makes a fresh clone ready: Debian packages, .venv with the host tools, for firmware on an emulated board a compiler and
+# the emulator, and for the tests Ceedling in .gems.
 #
-#   tests/support/setup.sh demo|tests
+#   tests/support/setup.sh demo|board|tests
 #
 # As root it installs the packages that are missing; as a plain user it names them all in one line and exits with 1.
 # Does nothing, quickly, when nothing changed since it last ran.
@@ -47,10 +48,15 @@ needs='    gcc                 command  gcc
     python3-rich        module   rich
     python3-serial      module   serial
     python3-jinja2      module   jinja2'
+board='
+    gcc-arm-none-eabi   command  arm-none-eabi-gcc
+    libnewlib-arm-none-eabi  header  math.h arm-none-eabi-gcc
+    qemu-system-arm     command  qemu-system-arm'
 case ${1-} in
 demo) ;;
+board) needs+=$board ;;
 tests)
-    needs+='
+    needs+="$board"'
     g++                 command  g++
     gcc-multilib        header   stdio.h gcc -m32
     clang               command  clang
@@ -59,9 +65,6 @@ tests)
     cppcheck            command  cppcheck
     libz3-dev           header   z3++.h g++ -x c++
     doxygen             command  doxygen
-    gcc-arm-none-eabi   command  arm-none-eabi-gcc
-    libnewlib-arm-none-eabi  header  math.h arm-none-eabi-gcc
-    qemu-system-arm     command  qemu-system-arm
     gcc-riscv64-unknown-elf  command  riscv64-unknown-elf-gcc
     picolibc-riscv64-unknown-elf  header  stdio.h riscv64-unknown-elf-gcc --specs=picolibc.specs
     qemu-system-misc    command  qemu-system-riscv32
@@ -90,7 +93,7 @@ tests)
     python3-tk          module   tkinter'
     ;;
 *)
-    sed -n '2,7s/^# \{0,1\}//p' "$0" >&2
+    sed -n '2,8s/^# \{0,1\}//p' "$0" >&2
     exit 2
     ;;
 esac

@@ -52,7 +52,7 @@ def page_of(result: Fit, runs: Sequence[Recording], document: FitDocument) -> st
             rows=_rows(document, sides), compared=len(sides) > 1, sections=_sections(result, runs, sides),
             warnings=[sentence_of(plain(warning, 1000)) for warning in document.warnings],
             facts=[("model", plain(document.model, 200)), ("tool", f"rdpi {version()}")],
-            provenance=[{"file": plain(run.file, 200), "digest": run.digest, "samples": f"{run.samples:,}"}
+            provenance=[{"file": plain(run.file, 200), "digest": run.digest, "samples": f"{run.samples:,}".replace(",", " ")}
                         for run in document.runs])
 
 
