@@ -57,13 +57,14 @@ def panel(size: tuple[float, float] = WIDE) -> tuple[Figure, Axes]:
     return figure, figure.subplots()
 
 
-def spectrum_figure(curves: Sequence[tuple[str, Sequence[float], np.ndarray, dict[str, Any]]]) -> Figure:
+def spectrum_figure(curves: Sequence[tuple[str, Sequence[float], np.ndarray, dict[str, Any]]],
+                    what: str = "residual") -> Figure:
     """rms per band of frequency: label, rms, edges of the bands and look of each curve; the first sets the range."""
     figure, axes = panel()
     for label, rms, bands, look in curves:
         axes.stairs(np.where(np.array(rms) > 0, rms, np.nan), bands, baseline=None, label=label, **look)
     edges = curves[0][2]
-    axes.set(xscale="log", yscale="log", xlabel=LABELS["frequency_hz"], ylabel="residual per band [µm rms]",
+    axes.set(xscale="log", yscale="log", xlabel=LABELS["frequency_hz"], ylabel=f"{what} per band [µm rms]",
              xlim=(edges[edges > 0][0], edges[-1]))
     logarithmic(axes)
     legend(axes)

@@ -94,4 +94,4 @@ def _against(run: Recording, error: np.ndarray) -> Figure:
 def _spectrum(run: Recording, error: np.ndarray) -> Figure:
     bands = passport.octaves(error - np.mean(error), run.sample_rate_hz)
     edges = 2.0 ** np.arange(bands.first, bands.first + len(bands.power) + 1)
-    return drawing.spectrum_figure([("error", np.sqrt(bands.power), edges, {"color": drawing.NOW, "lw": 1.8})])
+    return drawing.spectrum_figure([("error", np.sqrt(bands.power), edges, {"color": drawing.NOW, "lw": 1.8})], "error")
