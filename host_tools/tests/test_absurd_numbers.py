@@ -33,10 +33,13 @@ COMMANDS = {
     "drive": ["profile", "r.csv", "-o", "p.h", "--dac", "16:0:10"],
     "import": ["import", "r.csv", "-o", "i.csv"],
     "resample": ["import", "r.csv", "-o", "i.csv", "--resample", "500"],
+    "score": ["score", "r.csv", "--report", "pages"],
+    "aligned": ["import", "r.csv", "--drive", "usual.csv", "-o", "i.csv"],
+    "played": ["import", "usual.csv", "--drive", "r.csv", "-o", "i.csv"],
     "fit": ["fit", "r.csv", "-o", "f.json", "--operators", "3"],
     "gap": ["gap", "m.json", "r.csv"],
 }
-SLOW = "plot", "fit", "gap"
+SLOW = "plot", "score", "fit", "gap"
 
 
 @pytest.fixture
@@ -55,6 +58,7 @@ def test_absurd_numbers(command: str, rdpi: Callable, quiet: None, tmp_path: Pat
     write_model("m.json", MODEL)
     columns = {"time_s": TIME_S, "command_V": COMMAND_V, "displacement_um": DISPLACEMENT_UM,
                "reference_um": DISPLACEMENT_UM, "other_axis_V": COMMAND_V}
+    write_recording("usual.csv", columns, {})
     cases = [(names, lambda values, scale=scale: values / np.abs(values).max() * scale)
              for scale in SCALES for names in COLUMNS.values()]
     cases += [(names, lambda values: np.where(TIME_S == 0.1, 1e200, values)) for names in COLUMNS.values()]

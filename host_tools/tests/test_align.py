@@ -150,6 +150,8 @@ WRONG = {
     "its end is missing": (lambda drive: scope(drive, 2000.0, 1.5, before_s=1.5, after_s=-1.0), "is not found|ends"),
     "begins after the sweep": (lambda drive: scope(drive, 2000.0, -1.8, after_s=1.0), "is not found|begins"),
     "constant": (lambda drive: scope(drive, 2000.0, 0.5, gain=0.0), "constant"),
+    "rounding": (lambda drive: scope(drive, 2000.0, 0.5, gain=1e-16), "constant"),
+    "times of another unit": (lambda drive: scope(drive, 2.0, 0.5), r"lasts 4.* s, less than 16 samples"),
 }
 
 

@@ -334,10 +334,18 @@ def test_from_a_socket(run_csv: Path, rdpi: Callable) -> None:
     assert read_recording(run_csv).metadata["source"].startswith("socket://127.0.0.1:")
 
 
-@pytest.mark.parametrize("port", ["/nowhere/ttyACM0", "nonsense://x", "/dev/null"])
+@pytest.mark.parametrize("port", ["/nowhere/ttyACM0", "nonsense://x", "/dev/null", "loop://?logging=x"])
 def test_ports_that_are_none(port: str, refused: Callable) -> None:
     message = refused("record", port, "-o", refused.output)
     assert message.startswith(f"{port}: cannot be opened (") and "group dialout" in message
+
+
+@pytest.mark.parametrize("rate", [2**31, 10**20])
+def test_a_rate_that_no_port_has(board: Board, refused: Callable, monkeypatch: pytest.MonkeyPatch, rate: int) -> None:
+    real = os.path.realpath  # of a pseudo-terminal the rate is left alone
+    monkeypatch.setattr(os.path, "realpath", lambda path, **options: real(path, **options).replace("/pts/", "/ttyS"))
+    message = refused("record", board.port, "-o", refused.output, "--baud", rate)
+    assert message.startswith(f"{board.port}: cannot be opened (") and "check the name and --baud" in message
 
 
 def test_a_terminal_shows_how_it_goes(board: Board, run_csv: Path) -> None:

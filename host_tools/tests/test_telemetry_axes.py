@@ -160,7 +160,16 @@ def test_an_axis_that_is_not_recorded_is_told(board: Board, here: Path) -> None:
 def test_more_files_than_axes(board: Board, here: Path) -> None:
     """What there is of the one axis stays beside its file's name."""
     board.later(lambda: board.send(interleaved(sent(1))))
-    with pytest.raises(BadInput, match="the target has no axis 1: give -o once for each axis"):
+    with pytest.raises(BadInput, match="the target has no axis 1: give -o once for each axis; the samples are in "
+                                       f"{here / 'x.csv.part'}$"):
+        record_file(board.port, ["x.csv", "y.csv"])
+    assert len(read_recording("x.csv.part")) == 300
+
+
+def test_of_an_axis_that_cannot_be_written_the_others_are_told(board: Board, here: Path) -> None:
+    of = sent(2)
+    board.later(lambda: board.send(interleaved([of[0], of[1][:10]])))
+    with pytest.raises(BadInput, match=f"no 16 samples without a gap .*; the samples are in {here / 'x.csv.part'}$"):
         record_file(board.port, ["x.csv", "y.csv"])
     assert len(read_recording("x.csv.part")) == 300
 

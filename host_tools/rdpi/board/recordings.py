@@ -177,14 +177,17 @@ def record_file(port: str, outputs: Sequence[str], *, baud: int = 3_000_000, dur
             end = record(decoders, baud, duration_s, timeout_s, safes, report, stopped)
         copied = [f"--raw {copy.failure}"] if copy.failure else []
         written, failures = [], []
-        streams = [_ended(decoder, end, scale, copied, [one for one in decoders if one is not decoder])
-                   for decoder in decoders]
+        where = " and ".join(safe.where for safe in safes if safe.where)
+        try:
+            streams = [_ended(decoder, end, scale, copied, [one for one in decoders if one is not decoder])
+                       for decoder in decoders]
+        except BadInput as error:  # of one axis; the others may have samples
+            raise BadInput(f"{error}; the samples are in {where}") if where else error from None
         for (stream, why), output in zip(streams, outputs):
             failures += [f"{why}; the samples before that have been written"] if why else []
             try:
                 written.append(write_stream(stream, Path(output), port, every, texts))
             except OSError as error:
-                where = " and ".join(safe.where for safe in safes if safe.where)
                 if not where:
                     raise
                 raise BadInput(f"{error.filename}: {error.strerror or error}; the samples are in {where}") from None

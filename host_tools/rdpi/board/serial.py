@@ -204,7 +204,7 @@ def _open(port: str, baud: int) -> Any:
     lock = {"exclusive": True} if os.name == "posix" else {}  # elsewhere a port is never shared
     try:
         return serial.serial_for_url(port, timeout=0, **lock, **({} if terminal else {"baudrate": baud}))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, ArithmeticError, LookupError) as error:  # a rate or URL that pyserial did not expect
         if getattr(error, "errno", None) == errno.EWOULDBLOCK:
             raise BadInput(f"{port}: is in use by another program; stop that program first") from None
         raise BadInput(f"{port}: cannot be opened ({getattr(error, 'strerror', None) or error}); check the name and "

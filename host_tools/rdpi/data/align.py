@@ -14,10 +14,11 @@ import numpy as np
 
 from ..errors import BadInput
 from .place import WIDEST, Place, place
-from .recording import Recording, sample_times
+from .recording import MIN_SAMPLES, Recording, check_sizes, sample_times
 from .resample import NEAR, at_times
 
 AMID = 0.05  # of a sweep's range: from its middle, where a sweep has decayed from both sides
+LEAST_V = 1e-12  # that a drive moves, and a recorded voltage; below, it is rounding that moves
 MAX_CLOCK = 0.01  # by which two clocks may differ
 COARSE = 16_000  # samples of the drive among which the place is searched
 CLOCKS = 201  # at most so many clocks are tried, an odd number
@@ -88,15 +89,20 @@ def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]
 def align(run: Recording, drive: Recording, first: int = 0) -> Alignment:
     """Where the drive lies in the recording, as its samples from number `first` on show it. Raises BadInput."""
     wanted, where = drive.command_V[first:], f"{run.path}: --drive {drive.path}"
-    if np.ptp(wanted) <= 0:
+    for one in (run, drive):
+        check_sizes(one.columns, lambda row, path=one.path: f"{path}, sample {row}")
+    if np.ptp(wanted) <= LEAST_V:
         raise BadInput(f"{where}: command_V does not move; give the drive that was played")
-    if np.ptp(run.command_V) <= 0:
+    if np.ptp(run.command_V) <= LEAST_V:
         raise BadInput(f"{where}: the recorded voltage is constant; choose its column with --command")
     step_s, needed_s = 1 / drive.sample_rate_hz, (len(wanted) - 1) / drive.sample_rate_hz
     lasts_s = run.time_s[-1] - run.time_s[0]
     if lasts_s < needed_s * (1 - MAX_CLOCK):
         raise BadInput(f"{where}: the recording lasts {lasts_s:.6g} s, but the drive {needed_s:.6g} s"
                        + (" from the end of its sweep" if first else "") + "; record all of it, or cut the drive")
+    if needed_s < MIN_SAMPLES * run.sample_time_s:
+        raise BadInput(f"{where}: the drive lasts {needed_s:.3g} s, less than {MIN_SAMPLES} samples of the recording, "
+                       f"which has {run.sample_rate_hz:.6g} per second; check both times, or record at a higher rate")
     start_s, clock, width_s, plays = _coarse(run, wanted, step_s)
     finest_s = max(step_s, run.sample_time_s)
     while True:

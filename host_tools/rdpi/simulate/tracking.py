@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..data import Recording
+from ..data import Recording, check_sizes
 from ..errors import BadInput
 
 COLUMNS = "time_s", "reference_um", "displacement_um"
@@ -31,8 +31,9 @@ def track(run: Recording, remove_offset: bool = False) -> Tracked:
     """Compare the columns displacement_um and reference_um of a recording.
 
     The delay minimises the rms error, mean removed, within LONGEST of the recording either way; between samples it is
-    the vertex of a parabola. Raises BadInput if the reference does not move.
+    the vertex of a parabola. Raises BadInput if the reference does not move, and for absurd numbers.
     """
+    check_sizes(run.columns, lambda row: f"{run.path}, sample {row}")
     reference_um, displacement_um = run.columns["reference_um"], run.displacement_um
     size_um, error = float(np.ptp(reference_um)), displacement_um - reference_um
     if not size_um > 0 or not np.sqrt(np.mean(error**2)) <= WORST * size_um:

@@ -64,7 +64,9 @@ def spectrum_figure(curves: Sequence[tuple[str, Sequence[float], np.ndarray, dic
     for label, rms, bands, look in curves:
         axes.stairs(np.where(np.array(rms) > 0, rms, np.nan), bands, baseline=None, label=label, **look)
     edges = curves[0][2]
-    axes.set(xscale="log", yscale="log", xlabel=LABELS["frequency_hz"], ylabel=f"{what} per band [µm rms]",
+    shows = any(np.any(np.array(rms) > 0) for _, rms, _, _ in curves)  # what is missed nowhere has no logarithm
+    axes.set(xscale="log", yscale="log" if shows else "linear", xlabel=LABELS["frequency_hz"],
+             ylabel=f"{what} per band [µm rms]",
              xlim=(edges[edges > 0][0], edges[-1]))
     logarithmic(axes)
     legend(axes)
