@@ -66,8 +66,7 @@ def spectrum_figure(curves: Sequence[tuple[str, Sequence[float], np.ndarray, dic
     edges = curves[0][2]
     shows = any(np.any(np.array(rms) > 0) for _, rms, _, _ in curves)  # what is missed nowhere has no logarithm
     axes.set(xscale="log", yscale="log" if shows else "linear", xlabel=LABELS["frequency_hz"],
-             ylabel=f"{what} per band [µm rms]",
-             xlim=(edges[edges > 0][0], edges[-1]))
+             ylabel=f"{what} per band [µm rms]", xlim=(edges[edges > 0][0], edges[-1]))
     logarithmic(axes)
     legend(axes)
     return figure
