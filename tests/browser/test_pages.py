@@ -200,7 +200,8 @@ def test_a_plot_is_saved_as_svg_with_text_and_as_pdf(folder: Path, browser: webd
     picture = unquote(address[1])
     assert picture.startswith("data:image/svg+xml") and "displacement [µm]</text>" in picture
     whole = figure.find_element(By.CSS_SELECTOR, "a[download]")
-    assert whole.get_attribute("download") == "identification-of-actuator-1.pdf" and whole.text == "PDF" and whole.get_attribute("href").startswith("data:application/pdf;base64,JVBERi")
+    assert (whole.text, whole.get_attribute("download")) == ("PDF", "identification-of-actuator-1.pdf")
+    assert whole.get_attribute("href").startswith("data:application/pdf;base64,JVBERi")
 
 
 def test_the_table_of_actuators_sorts_and_filters(folder: Path, browser: webdriver.Chrome) -> None:
@@ -227,8 +228,8 @@ def test_the_table_of_actuators_sorts_and_filters(folder: Path, browser: webdriv
 def batch_of(folder: Path, over: timedelta, count: int = 7) -> Path:
     """A page over actuators that were worked on within a time: one failed, one was found to have an effect."""
     start = datetime(2026, 11, 24, 22, 17, 5, tzinfo=timezone.utc)
-    rows = [Row(actuator=f"A{k}", status="done", error=None, verdict="none", effect=None, shrink=None, gap_percent=0.4 + 0.05 * k,
-                fit_rms_percent=0.3, held_out_rms_percent=None, model_path="m.json", model_sha256="", inputs_sha256="",
+    rows = [Row(actuator=f"A{k}", status="done", error=None, verdict="none", effect=None, shrink=None,
+                gap_percent=0.4 + 0.05 * k, fit_rms_percent=0.3, held_out_rms_percent=None, model_path="m.json", model_sha256="", inputs_sha256="",
                 tool="rdpi", started_at=(start + k / (count - 1) * over).isoformat(timespec="seconds"), seconds=1.0)
             for k in range(count)]
     rows[1] = replace(rows[1], status="failed", error="there is no model m.json; fit one", verdict=None, gap_percent=None,
