@@ -43,10 +43,11 @@
 #define RDPI_F32_SHARED __attribute__((noinline, unused))
 #endif
 
-/* a b + c, in one instruction if the core has one. Never a call of libm. */
+/* a b + c, in one instruction if the core has one. Never a call of libm, which compilers make of it unless they
+ * optimise. */
 static inline rdpi_real_t rdpi_f32_fma(rdpi_real_t a, rdpi_real_t b, rdpi_real_t c)
 {
-#if defined(__FP_FAST_FMAF)
+#if defined(__FP_FAST_FMAF) && defined(__OPTIMIZE__)
     return fma(a, b, c);
 #else
     return a * b + c;
