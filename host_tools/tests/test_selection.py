@@ -77,6 +77,16 @@ def test_a_round_is_complete_and_nothing_is_added_later() -> None:
         assert done.best is None or done.why_rejected(done.best) is None and done.best not in done.rivals
 
 
+def test_what_was_accepted_beside_an_effect_is_no_rival_of_it() -> None:
+    found = decided().selection
+    first, second = found.rounds[:2]
+    beside = next(one for one in first.scores if one.name == second.best.name)
+    other = next(one for one in first.scores if one.name not in (first.best.name, beside.name))
+    first = dataclasses.replace(first, rivals=(beside, other))
+    found = dataclasses.replace(found, rounds=(first, *found.rounds[1:]))
+    assert found.rivals(first) == (other,) and found.rejecting_last().rivals(first) == (beside, other)
+
+
 def test_the_same_round_asked_for_again_says_the_same() -> None:
     """Whatever was accepted since: the model that was given has not changed."""
     first = decided().selection.rounds[0]

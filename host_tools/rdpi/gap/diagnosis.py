@@ -258,7 +258,7 @@ def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -
         # What a wrong effect cannot follow is new at all frequencies, also where there is little energy.
         if left.everywhere > thresholds.LEFT_EVERYWHERE and 1 - explained > thresholds.LEFT_SHARE:
             return "unknown"
-    return "ambiguous" if any(one.rivals for one in selection.rounds) else "effect"
+    return "ambiguous" if any(selection.rivals(one) for one in selection.rounds) else "effect"
 
 
 def _left(selection: Selection) -> float:

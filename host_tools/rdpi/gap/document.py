@@ -70,7 +70,7 @@ def _effects(selection: Selection, final: NormalEquations | None) -> list[Accept
             was=_was(selection, one),
             held_out_rms_um=BeforeAfter(before=before, after=before * (1 - shrink)),
             shrink=shrink, shrink_ci95=ends, confidence=_confidence(done),
-            confusable_with=list(dict.fromkeys(rival.name for rival in done.rivals))))
+            confusable_with=list(dict.fromkeys(rival.name for rival in selection.rivals(done)))))
     return found
 
 
@@ -170,7 +170,7 @@ def _where(selection: Selection, axes: Sequence[localise.Axis]) -> Where:
         whole = ahead + float(np.sum(first[~side] ** 2))
         stages = StageShares(before_monitor=ahead / whole, after_monitor=1 - ahead / whole)
     if state.chosen:
-        open_ = [state.chosen[0].effect, *(one.effect for one in selection.rounds[0].rivals)]
+        open_ = [state.chosen[0].effect, *(one.effect for one in selection.rivals(selection.rounds[0]))]
         possible = {stage for effect in open_ for stage in (
             [effect.stage] if state.dataset.monitored or effect.shows_stage else effect.stages)}
         stage = " or ".join(sorted(possible, key=STAGES.index))

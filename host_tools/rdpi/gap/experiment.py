@@ -42,10 +42,10 @@ def propose(selection: Selection, verdict: Verdict, unseen: Sequence[NotKnown] =
         why = "fast edges and holds show what kind of motion is missing; record a column monitor_V too"
         limits = _limits(state)
         return NextExperiment(command=_command(limits, "steps", {"levels": 3, "hold_s": 1.0}), why=why, seconds=None)
-    open_ = next((done for done in selection.rounds if done.rivals), None) if verdict == "ambiguous" else None
+    open_ = next((done for done in selection.rounds if selection.rivals(done)), None) if verdict == "ambiguous" else None
     if open_ is None:
         return None
-    truth, rivals = selection.final(open_), open_.rivals
+    truth, rivals = selection.final(open_), selection.rivals(open_)
     at_hand = _shown(state, truth, min(state.recordings, key=len))
     known, best = passport.read(state.model), None
     for kind, options in CANNED:

@@ -161,6 +161,11 @@ class Selection:
         """The same without the effect that was accepted last."""
         return replace(self, accepted=self.states[len(self.accepted.chosen) - 1])
 
+    def rivals(self, done: Round) -> tuple[Score, ...]:
+        """What cannot be told from the best of a round: not what was accepted beside it."""
+        others = {one.effect.name for one in self.accepted.chosen} - {done.best.name if done.best else ""}
+        return tuple(one for one in done.rivals if one.name not in others)
+
     def final(self, done: Round) -> Candidate:
         """The best of a round as it was fitted together with those of the others, the model as it was."""
         return done.best.candidate if done.refitted else self.reached.chosen[self.rounds.index(done)]
