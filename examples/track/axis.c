@@ -66,6 +66,9 @@ static uint32_t bits_of(number_t number)
 static rdpi_status_t axis_init(rdpi_telemetry_sample_t *sample)
 {
     rdpi_status_t status = RDPI(init)(&chain, &CHAIN, SAMPLE_TIME);
+    if (status == RDPI_OK && TRACK_SWEPT > 0u) {
+        RDPI(swept)(&chain, TRACK_SWEPT);
+    }
     sample->dac_code = chain.axis.dac_code;
     return status;
 }

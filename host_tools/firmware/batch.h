@@ -132,6 +132,7 @@ uint32_t rdpi_f32_chain_digest(const rdpi_f32_chain_params_t *params);
 rdpi_status_t rdpi_f32_chain_init(rdpi_f32_chain_t *self, const rdpi_f32_chain_params_t *params,
                                   rdpi_real_t sample_time_s);
 void rdpi_f32_chain_settle(rdpi_f32_chain_t *self);
+void rdpi_f32_chain_swept(rdpi_f32_chain_t *self, uint32_t ticks);
 void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks);
 void rdpi_batch_chain_step(rdpi_f32_chain_t *self, const rdpi_real_t *ahead_um, size_t samples, rdpi_real_t *drive_V,
                            rdpi_real_t *rate_um_per_s, uint32_t *flags, uint32_t *dac_code);
@@ -205,6 +206,7 @@ uint32_t rdpi_q31_chain_digest(const rdpi_q31_chain_params_t *params);
 rdpi_status_t rdpi_q31_chain_init(rdpi_q31_chain_t *self, const rdpi_q31_chain_params_t *params,
                                   uint32_t sample_time_ns);
 void rdpi_q31_chain_settle(rdpi_q31_chain_t *self);
+void rdpi_q31_chain_swept(rdpi_q31_chain_t *self, uint32_t ticks);
 void rdpi_q31_chain_missed(rdpi_q31_chain_t *self, uint32_t ticks);
 void rdpi_batch_q31_chain_step(rdpi_q31_chain_t *self, const int32_t *ahead, size_t samples, int32_t *drive,
                                int32_t *rate, uint32_t *flags, uint32_t *dac_code);

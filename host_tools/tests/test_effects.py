@@ -75,6 +75,11 @@ def shown(model: Model, run: Recording, *entries: dict) -> np.ndarray:
     return chain.simulate(replace(model, effects=list(entries)), [run])[0].predicted_um
 
 
+def settled(run: Recording) -> Recording:
+    """The same where no sweep came before."""
+    return replace(run, metadata={**run.metadata, "memory": "unknown"})
+
+
 def shape_of(run: Recording) -> np.ndarray:
     return run.time_s - run.time_s[0]
 
@@ -263,7 +268,7 @@ def test_cross_coupling() -> None:
 @pytest.mark.parametrize("percent", [-1.0, 0.5, 3.0])
 def test_creep_is_so_many_percent_of_a_step_for_every_decade(percent: float) -> None:
     command = np.r_[np.full(20, 20.0), np.full(20_000, 60.0)]
-    run = recording(command, None, 100.0)
+    run = settled(recording(command, None, 100.0))
     found = shown(straight(), run, entry("creep", percent_per_decade=percent))
     since = np.array([1, 3, 10, 30, 100])  # s
     crept = found[20 + 100 * since] - (1 + GAIN * 60)
@@ -277,7 +282,7 @@ def test_creep_is_so_many_percent_of_a_step_for_every_decade(percent: float) -> 
 @pytest.mark.parametrize("time_s", [1e-4, 0.004, 1.0])
 def test_relaxation_of_a_ramp(share: float, time_s: float) -> None:
     """A share of it lags, y = s (t - T (1 - exp(-t / T))); the rest does not."""
-    run = drive(np.linspace(0, 80, 401))  # 200 V/s
+    run = settled(drive(np.linspace(0, 80, 401)))  # 200 V/s
     t = shape_of(run)
     expected = 1 + GAIN * 200 * (t - share * time_s * (1 - np.exp(-t / time_s)))
     found = shown(straight(), run, entry("relaxation", share=share, time_constant_s=time_s))
@@ -303,7 +308,7 @@ def test_relaxation_is_looked_for_at_its_time_constant() -> None:
 
 
 def test_creep_is_linear_and_rests_at_rest() -> None:
-    at_rest = drive(np.full(3000, 40.0))
+    at_rest = settled(drive(np.full(3000, 40.0)))
     assert shown(straight(), at_rest, entry("creep", percent_per_decade=5.0)) == pytest.approx(1 + GAIN * 40, abs=1e-12)
     run = drive(waves(80, 1, 3, RATE_HZ))
     plain = shown(straight(), run)

@@ -4,8 +4,10 @@
 
 #include "crc.h"
 #include "f32_creep.h"
+#include "f32_drive.h"
 #include "f32_lead.h"
 #include "f32_math.h"
+#include "f32_saturation.h"
 
 /* The ways of a step. One of the first four is the usual way of a chain. */
 enum {
@@ -147,18 +149,41 @@ void rdpi_f32_chain_reset(rdpi_f32_chain_t *self)
     rdpi_f32_chain_settle(self);
 }
 
-/* ---- the step ---- */
-
-static bool is_usable(rdpi_real_t reference_um)
-{
-    return fabs(reference_um) <= RDPI_MAX_REFERENCE_UM;
-}
-
 /* Where the actuator is, relative to h_0. */
 static RDPI_F32_SELDOM rdpi_real_t output_um(const rdpi_f32_chain_t *self)
 {
     const rdpi_f32_t *axis = &self->axis;
     return rdpi_f32_predict(axis, axis->drive_V, axis->rate_um_per_s) - self->creep.settled_um;
+}
+
+/* The displacement after a sweep that ended in the middle of the range: all plays are there. */
+static rdpi_real_t middle_um(const rdpi_f32_params_t *params)
+{
+    const rdpi_f32_line_t *last = &params->curve[rdpi_f32_pieces(params) - 1u];
+    rdpi_real_t ends_um =
+        rdpi_f32_x_of_drive(params->curve, params->min_V) + rdpi_f32_x_of_drive(last, params->max_V);
+    rdpi_real_t v_um = params->play[params->plays - 1u].slope * (ends_um / 2);
+    return rdpi_f32_saturation(params->saturation, params->deadzones, v_um) + params->offset_um;
+}
+
+void rdpi_f32_chain_swept(rdpi_f32_chain_t *self, uint32_t ticks)
+{
+    rdpi_f32_creep_t *creep = &self->creep;
+    self->way = self->usual;
+    forget_references(self);
+    rdpi_f32_creep_settle(creep, middle_um(self->axis.params));
+    if (ticks > 0u) { /* the last of them is moved by the next step */
+        creep->h_um = output_um(self);
+        creep->mean_um = creep->h_um;
+        rdpi_f32_creep_wait(creep, (rdpi_real_t)(ticks - 1u), creep->h_um);
+    }
+}
+
+/* ---- the step ---- */
+
+static bool is_usable(rdpi_real_t reference_um)
+{
+    return fabs(reference_um) <= RDPI_MAX_REFERENCE_UM;
 }
 
 /* Creep^-1 and the operator, for what the lead has made of a reference. The states move only now to the sample before:
@@ -300,11 +325,15 @@ void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks)
 
 bool rdpi_f32_chain_sweep(rdpi_f32_chain_t *self)
 {
+    if (self->axis.sweep_turns == 0u) { /* it begins */
+        rdpi_f32_chain_swept(self, 0);
+    }
     bool goes_on = rdpi_f32_sweep(&self->axis);
-    forget_references(self);
     if (!goes_on) {
         rdpi_f32_forget_sweep(&self->axis);
-        rdpi_f32_chain_settle(self);
     }
+    forget_references(self);
+    (void)rdpi_f32_creep_move(&self->creep);
+    self->creep.h_um = output_um(self);
     return goes_on;
 }

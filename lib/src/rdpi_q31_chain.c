@@ -3,6 +3,7 @@
 #include "crc.h"
 #include "q31_creep.h"
 #include "q31_lead.h"
+#include "q31_saturation.h"
 
 /* The part of the struct that the digest covers, and after which `preview` ends it. */
 #define DIGEST_BEGIN offsetof(rdpi_q31_chain_params_t, lead_ns2)
@@ -103,6 +104,30 @@ void rdpi_q31_chain_reset(rdpi_q31_chain_t *self)
     rdpi_q31_chain_settle(self);
 }
 
+/* The displacement of the operator at the present drive. */
+static int32_t output(const rdpi_q31_t *axis)
+{
+    return rdpi_q31_clamp(rdpi_q31_predict(axis, axis->drive, axis->rate), -MAX_H, MAX_H);
+}
+
+/* The displacement after a sweep that ended in the middle of the range: all plays are there. Scaling and overflow: the
+ * ends of x are within 2^29. */
+static int32_t middle(const rdpi_q31_params_t *params)
+{
+    int64_t v = rdpi_q31_mul(params->play[params->plays - 1u].slope, params->min_x + params->max_x) >> 31;
+    return rdpi_q31_saturation(params->saturation, params->deadzones, params->saturation_shift, INT32_MAX, (int32_t)v);
+}
+
+void rdpi_q31_chain_swept(rdpi_q31_chain_t *self, uint32_t ticks)
+{
+    self->first = true;
+    rdpi_q31_creep_settle(&self->creep, self->params, middle(self->axis.params));
+    self->creep.h = output(&self->axis);
+    if (ticks > 0u) {
+        rdpi_q31_creep_wait(&self->creep, ticks);
+    }
+}
+
 /* The lead was limited. A sample counts once, whatever clipped it. */
 static void report_lead(rdpi_q31_t *axis)
 {
@@ -131,7 +156,7 @@ static RDPI_Q31_SELDOM int32_t step_chain(rdpi_q31_chain_t *self, int32_t ahead)
         report_lead(axis);
     }
     if ((axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) != 0u) { /* creep follows what was really output */
-        creep->h = rdpi_q31_clamp(rdpi_q31_predict(axis, drive, axis->rate), -MAX_H, MAX_H);
+        creep->h = output(axis);
     }
     rdpi_q31_creep_move(creep);
     return drive;
@@ -152,11 +177,15 @@ void rdpi_q31_chain_missed(rdpi_q31_chain_t *self, uint32_t ticks)
 
 bool rdpi_q31_chain_sweep(rdpi_q31_chain_t *self)
 {
+    if (self->axis.sweep_turns == 0u) { /* it begins */
+        rdpi_q31_chain_swept(self, 0);
+    }
     bool goes_on = rdpi_q31_sweep(&self->axis);
-    self->first = true;
     if (!goes_on) {
         rdpi_q31_forget_sweep(&self->axis);
-        rdpi_q31_chain_settle(self);
     }
+    self->first = true;
+    self->creep.h = output(&self->axis);
+    rdpi_q31_creep_move(&self->creep);
     return goes_on;
 }

@@ -70,7 +70,11 @@ static void chain_calls(rdpi_q31_chain_t *self)
             break;
         case 2:
             do_forward(&self->axis, take_drive(self->axis.params), RDPI_Q31_ONE / 2);
-            rdpi_q31_chain_settle(self);
+            if (what < 128) {
+                rdpi_q31_chain_settle(self);
+            } else {
+                rdpi_q31_chain_swept(self, take_u32());
+            }
             break;
         case 3:
             if (what >= 128) {

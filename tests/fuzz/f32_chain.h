@@ -74,7 +74,11 @@ static void call_chain(rdpi_f32_chain_t *self, double low, double high)
             break;
         case 2:
             (void)rdpi_f32_forward(&self->axis, take_drive(self->axis.params), 0);
-            rdpi_f32_chain_settle(self);
+            if (what < 128) {
+                rdpi_f32_chain_settle(self);
+            } else {
+                rdpi_f32_chain_swept(self, take_u32());
+            }
             break;
         case 3:
             do_any_memory(&self->axis);

@@ -225,6 +225,58 @@ void test_a_reference_that_creep_brings_beyond_the_largest_is_refused(void)
     EQUAL(0, chain.creep.lag[0].state_um);
 }
 
+/* ---- sweeps ---- */
+
+/* The middle of the range is 16. */
+void test_creep_follows_a_sweep_from_the_middle_of_the_range_on(void)
+{
+    one_fast_one_slow();
+    given.params.min_V = -32;
+    given.params.sweep_V_per_s = 1024;
+    given.params.sweep_end_V = 40;
+    given.params.sweep_cycles = 3;
+    start();
+    for (int k = 0; k < 200; k++) {
+        (void)step(20 + 0.1 * k);
+    }
+    creep_starts(16);
+    int samples = 1;
+    for (; rdpi_f32_chain_sweep(&chain); samples++) {
+        TEST_ASSERT_LESS_THAN_INT(1000, samples);
+        (void)crept((double)chain.axis.drive_V);
+    }
+    TEST_ASSERT_GREATER_THAN_INT(200, samples);
+    (void)crept((double)chain.axis.drive_V);
+    for (int k = 0; k < 500; k++) {
+        double reference_um = 40 + 0.01 * k;
+        WITHIN(1e-5 + late_um(48), reference_um, crept(step(reference_um)));
+    }
+}
+
+void test_creep_follows_from_the_middle_of_the_range_for_the_time_since_a_sweep(void)
+{
+    const uint32_t ticks[] = {0, 1, 2, 100, 5000, UINT32_MAX};
+    for (size_t k = 0; k < sizeof ticks / sizeof ticks[0]; k++) {
+        setUp();
+        one_fast_one_slow();
+        given.params.min_V = -32;
+        params.lead_s = T_S;
+        start();
+        (void)step(0);
+        (void)step(8);
+        (void)rdpi_f32_forward(&chain.axis, 40, 0);
+        rdpi_f32_chain_swept(&chain, ticks[k]);
+        creep_starts(16);
+        if (ticks[k] > 0) {
+            (void)crept(40);
+            crept_for(ticks[k] - 1.0, 40);
+        }
+        for (int n = 0; n < 50; n++) {
+            WITHIN(1e-5 + late_um(32), 40, crept(step(40)));
+        }
+    }
+}
+
 /* ---- missed samples ---- */
 
 void test_creep_goes_on_for_the_time_of_missed_samples(void)

@@ -325,7 +325,66 @@ void test_settle_after_a_drive_of_someone_else(void)
     }
 }
 
-void test_the_sweep_ends_with_creep_settled_and_its_share_forgotten(void)
+/* The middle of the range is 8 U. */
+static void range_about_8(void)
+{
+    fast_poles();
+    actuator.params.min_drive = 16 * U - MAX;
+    actuator.params.sweep_end = MAX / 8 * 7;
+}
+
+static void settled_at_8(void)
+{
+    settled = before = 8 * U;
+    for (size_t i = 0; i < given.poles; i++) {
+        lag[i] = settled;
+    }
+}
+
+void test_creep_follows_a_sweep_from_the_middle_of_the_range_on(void)
+{
+    range_about_8();
+    actuator.params.sweep_per_us /= 16u;
+    start();
+    for (int k = 0; k < 40; k++) {
+        rdpi_q31_chain_step(&chain, 100 * U);
+    }
+    settled_at_8();
+    int samples = 1;
+    for (; rdpi_q31_chain_sweep(&chain); samples++) {
+        TEST_ASSERT_LESS_THAN_INT(10000, samples);
+        displacement(chain.axis.drive, settled);
+    }
+    TEST_ASSERT_GREATER_THAN_INT(400, samples);
+    displacement(chain.axis.drive, settled);
+    for (int k = 0; k < 5000; k++) {
+        tracks(64, MAX / 8 * 6 - k);
+    }
+}
+
+void test_creep_follows_from_the_middle_of_the_range_for_the_time_since_a_sweep(void)
+{
+    const uint32_t ticks[] = {0, 1, 2, 100, 5000};
+    for (size_t k = 0; k < sizeof ticks / sizeof ticks[0]; k++) {
+        setUp();
+        range_about_8();
+        given.lead_ns = T_NS;
+        start();
+        rdpi_q31_chain_step(&chain, 0);
+        rdpi_q31_chain_step(&chain, 100 * U);
+        rdpi_q31_forward(&chain.axis, 300 * U, 0);
+        rdpi_q31_chain_swept(&chain, ticks[k]);
+        settled_at_8();
+        for (uint32_t n = 0; n < ticks[k]; n++) {
+            displacement(300 * U, settled);
+        }
+        for (int n = 0; n < 500; n++) {
+            tracks(64, 300 * U);
+        }
+    }
+}
+
+void test_the_sweep_ends_with_its_share_forgotten(void)
 {
     rdpi_q31_t alone;
     actuator.params.plays = 2;
@@ -333,6 +392,7 @@ void test_the_sweep_ends_with_creep_settled_and_its_share_forgotten(void)
     actuator.play[0].slope_rate = ONE / 4;
     actuator.play[1] = (rdpi_q31_play_t){10 * U, ONE, 0};
     actuator.params.sweep_forgotten = ONE / 4;
+    actuator.params.min_drive = 16 * U - MAX;
     fast_poles();
     start();
     TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_q31_init(&alone, &actuator.params, T_NS));
@@ -351,9 +411,8 @@ void test_the_sweep_ends_with_creep_settled_and_its_share_forgotten(void)
     TEST_ASSERT_FALSE(goes_on);
     rdpi_q31_forget_sweep(&alone);
     TEST_ASSERT_EQUAL_INT64(alone.bank.f_at_rest, chain.axis.bank.f_at_rest);
-    int32_t position = rdpi_q31_predict(&alone, alone.drive, 0);
-    TEST_ASSERT_EQUAL_INT32(position, chain.creep.h);
-    for (int k = 0; k < 5000; k++) {
-        drives(4 * U, position);
-    }
+    TEST_ASSERT_EQUAL_INT32(rdpi_q31_predict(&alone, alone.drive, 0), chain.creep.h);
+    /* Creep had settled in the middle of the range, where all plays are. */
+    TEST_ASSERT_EQUAL_INT64((ONE - given.direct - pole[0].share - pole[1].share - pole[2].share) * (int64_t)(8 * U),
+                            chain.creep.settled);
 }

@@ -16,6 +16,7 @@ TEST_SOURCE_FILE("port/drivers/telemetry.c")
 #define TRACK_RATE_HZ 10000
 #define TRACK_Q31 0
 #define TRACK_SWEEP 0
+#define TRACK_SWEPT 0u
 #define TRACK_UM_PER_COUNT 0.001
 #define TRACK_COUNT_0_UM 0.0
 #include "rdpi_params.h"

@@ -12,7 +12,7 @@ from ..data import Recording
 from ..errors import BadInput
 from ..firmware import Steps, flag_counts
 from ..model import Model
-from ..simulate import Inverse, chain, inverse_of
+from ..simulate import Inverse, chain, inverse_of, swept_ticks
 from . import emulator, sweep as start_up
 
 
@@ -49,8 +49,9 @@ def compensate(model: Model, run: Recording, column: str = "reference_um", engin
     by = inverse_of(model) if by is None else by
     how: str | chain.Engine = engine
     if emulated:
+        swept = swept_ticks(run.sample_time_s) if run.memory == "reset" and not sweep else 0
         how = partial(emulator.step, run=run, board=engine, fixed_point=fixed_point, sweep=sweep, chain=by.chain,
-                      report=report)
+                      report=report, swept=swept)
     steps, offset_um = chain.follow(model, run, column, how, remove_offset, sweep, by)
     reference_um = run.columns[column]
     asked_um = reference_um[np.isfinite(reference_um)] - offset_um

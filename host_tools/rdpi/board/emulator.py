@@ -38,11 +38,12 @@ POLL_S = 0.01
 
 
 def step(model: Model, reference_um: np.ndarray, run: Recording, board: str, fixed_point: bool = False,
-         sweep: bool = False, chain: Chain = Chain(),
-         report: Callable[[float], None] = lambda fraction: None) -> Steps:
+         sweep: bool = False, chain: Chain = Chain(), report: Callable[[float], None] = lambda fraction: None,
+         swept: int = 0) -> Steps:
     """The drive that the firmware on `board`, a key of MACHINES, makes of references at the rate of `run`.
 
-    With `sweep` the start-up sweep comes first, and is left out. The firmware itself looks ahead in the references, as
+    With `sweep` the start-up sweep comes first, and is left out. Another one ended `swept` samples before the first
+    reference; 0: there was none. The firmware itself looks ahead in the references, as
     far as `chain` needs it.
 
     Raises BadInput for a model or a rate that this firmware cannot have, for tools that are missing, and for samples
@@ -50,14 +51,14 @@ def step(model: Model, reference_um: np.ndarray, run: Recording, board: str, fix
     """
     rate_hz = profile.integer_rate_hz(run)
     with tempfile.TemporaryDirectory(prefix="rdpi-") as folder:
-        image = build(model, reference_um, run, board, fixed_point, Path(folder), sweep, chain)
+        image = build(model, reference_um, run, board, fixed_point, Path(folder), sweep, chain, swept)
         swept = len(engine(model, 1 / rate_hz, "q31" if fixed_point else "f32").sweep()[1]) if sweep else 0
         decoder = _run(image, board, rate_hz, swept + len(reference_um), report)
     return _steps(decoder, board, rate_hz, len(reference_um))
 
 
 def build(model: Model, reference_um: np.ndarray, run: Recording, board: str, fixed_point: bool, folder: Path,
-          sweep: bool = False, chain: Chain = Chain()) -> Path:
+          sweep: bool = False, chain: Chain = Chain(), swept: int = 0) -> Path:
     """Build the application for references at the rate of `run`; returns the image, in `folder`."""
     if not model.drive.dac_bits:
         raise BadInput("the firmware outputs DAC codes, but the model has no drive.dac_bits: give --dac-bits")
@@ -71,7 +72,8 @@ def build(model: Model, reference_um: np.ndarray, run: Recording, board: str, fi
         references = profile.literals(reference_um)
     (folder / "rdpi_profile.h").write_text(profile.render(run, rate_hz, references))
     options = [f"-DRDPI_PARAMS_DIR={folder}", f"-DRDPI_TRACK_RATE_HZ={rate_hz}",
-               f"-DRDPI_TRACK_SWEEP={'ON' if sweep else 'OFF'}", f"-DRDPI_TRACK_Q31={'ON' if fixed_point else 'OFF'}",
+               f"-DRDPI_TRACK_SWEEP={'ON' if sweep else 'OFF'}", f"-DRDPI_TRACK_SWEPT={swept}",
+               f"-DRDPI_TRACK_Q31={'ON' if fixed_point else 'OFF'}",
                *(f"-D{name}={need}" for name, need in build_options(model, rate_hz, chain).items())]
     _make([["cmake", "--preset", board, "-S", str(home), "-B", str(folder / "build"), *options],
            ["cmake", "--build", str(folder / "build"), "--target", "track"]], board, len(reference_um))

@@ -100,6 +100,11 @@ class Firmware:
         else:
             self._module.lib.rdpi_f32_chain_missed(self._chain, _ticks(ticks))
 
+    def swept(self, ticks: int) -> None:
+        """rdpi_f32_chain_swept: a sweep ended so many samples ago. Without a chain, nothing follows from that."""
+        if self._chain is not None:
+            self._module.lib.rdpi_f32_chain_swept(self._chain, _ticks(ticks))
+
     def sweep(self) -> tuple[np.ndarray, np.ndarray]:
         """The whole start-up sweep: drives in V and DAC codes, both (samples,).
 
@@ -211,6 +216,11 @@ class FixedPoint:
             self._module.lib.rdpi_q31_missed(self._self, _ticks(ticks))
         else:
             self._module.lib.rdpi_q31_chain_missed(self._chain, _ticks(ticks))
+
+    def swept(self, ticks: int) -> None:
+        """As Firmware.swept."""
+        if self._chain is not None:
+            self._module.lib.rdpi_q31_chain_swept(self._chain, _ticks(ticks))
 
     def sweep(self) -> tuple[np.ndarray, np.ndarray]:
         """The whole start-up sweep: drives in V and DAC codes, both (samples,).

@@ -5,7 +5,8 @@ from __future__ import annotations
 from . import chain, effects, scoring, signals, tracking
 from .chain import Prediction
 from .inverse import ALL, Inverse, inverse_of
+from .memory import swept_ticks
 from .shown import ASSUMED, shown
 
 __all__ = ["ALL", "ASSUMED", "Inverse", "Prediction", "chain", "effects", "inverse_of", "scoring", "shown", "signals",
-           "tracking"]
+           "swept_ticks", "tracking"]

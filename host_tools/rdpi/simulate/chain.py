@@ -15,7 +15,7 @@ from ..firmware import Firmware, Steps
 from ..model import LARGEST, Drive, Memory, Model, operators
 from . import effects, numpy_inverse, signals
 from .inverse import Inverse, inverse_of
-from .memory import reachable_um, rest_at, within_drive
+from .memory import reachable_um, rest_at, swept_ticks, within_drive
 
 __all__ = ["Prediction", "Score", "estimate_states", "follow", "operator_from", "reachable_um", "rest_at", "score",
            "simulate", "start_states", "states_after", "warm_up", "within_drive"]
@@ -76,10 +76,11 @@ def score(predicted_um: np.ndarray, measured_um: np.ndarray, remove_offset: bool
 def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> list[Prediction]:
     """Predict the displacement of each run from its command, in order.
 
-    memory: "auto" follows each run's metadata (reset: a decaying sweep ended at the first sample; carried: where the
-    run before ended; unknown: one number, a previous position, estimated from the samples that still depend on it, or
-    the model's memory without displacement); "model", "reset" and "estimate" impose theirs on every run. The model's
-    effects act, disturbances among them as this very run shows them.
+    memory: "auto" follows each run's metadata (reset: a decaying sweep ended at the first sample, before which creep had
+    settled in the middle of the drive's range; carried: where the run before ended; unknown: one number, a previous
+    position, estimated from the samples that still depend on it, or the model's memory without displacement); "model",
+    "reset" and "estimate" impose theirs on every run. The model's effects act, disturbances among them as this very run
+    shows them.
     """
     arguments.one_of(memory, MEMORIES, "memory")
     runs, acting = taken(runs, ["command_V"]), effects.acting(model)
@@ -90,6 +91,8 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
     for run in runs:
         check_sizes(run.columns, lambda row, path=run.path: f"{path}, sample {row}")
         run = _driven(model, run, acting)
+        if memory != "auto":
+            run = replace(run, metadata={**run.metadata, "memory": "reset" if memory == "reset" else "unknown"})
         kind = run.memory if memory == "auto" else memory
         if unknown and run.displacement_um is not None:
             kind = "unknown"
@@ -103,7 +106,7 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
         else:
             kind, states = "estimated", estimate_states(plain, run, acting)
         found = _predict(plain, run, states, kind)
-        shown = effects.disturbed(acting, effects.displaced(acting, found.predicted_um, run, model), run, model)
+        shown = effects.disturbed(acting, effects.displaced(acting, found.predicted_um, run, plain), run, model)
         predictions.append(replace(found, predicted_um=shown))
     return predictions
 
@@ -172,7 +175,7 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     reference ahead of time, the column's own future is that; its last value holds at the end.
 
     Before the first sample the plays are as the metadata `memory` says: reset, a decaying sweep ended at the first
-    reference; unknown, estimated if the run also has command and displacement, else the model's own. With `sweep` they
+    reference, SWEPT_S ago (memory.py); unknown, estimated if the run also has command and displacement, else the model's own. With `sweep` they
     are, whatever the metadata say, as the start-up sweep leaves them, from the model's own. Engines "f32" and "q31" are
     the firmware library, "f64" the first in double, "numpy" the independent reference, which has no sweep; a function
     makes the steps of operator and reference, and the sweep before them and the chain are its own affair. Returns the
@@ -201,11 +204,14 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     if callable(engine):
         return engine(inverted, reference - offset), offset
     asked = firmware.ahead(reference - offset, by.chain.preview_samples(run.sample_time_s))
+    swept = swept_ticks(run.sample_time_s) if run.memory == "reset" and not sweep else None
     if engine == "numpy":
-        return numpy_inverse.step(inverted, by.chain, asked, run.sample_time_s)[0], offset
+        return numpy_inverse.step(inverted, by.chain, asked, run.sample_time_s, swept)[0], offset
     library = firmware.engine(inverted, run.sample_time_s, engine, by.chain if by.chain.acts else None)
     if sweep:
         library.sweep()
+    elif swept is not None:
+        library.swept(swept)
     return library.step(asked), offset
 
 
@@ -221,7 +227,7 @@ def _memory_before(model: Model, by: Inverse, run: Recording, first_um: float) -
     """Memory of the operator to invert before the first reference of `run`; see follow."""
     inverted = by.model
     if run.memory == "reset":
-        return rest_at(inverted, first_um)
+        return rest_at(inverted, first_um, by.chain, run.sample_time_s)
     if run.command_V is None or run.displacement_um is None:
         return inverted.memory
     # the recording shows every effect, whatever is compensated

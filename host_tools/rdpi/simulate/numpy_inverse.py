@@ -12,6 +12,7 @@ import numpy as np
 
 from ..firmware import LEAD, Chain, Steps
 from ..model import Model, operators
+from .memory import middle_um
 
 
 class Lead:
@@ -59,6 +60,11 @@ class Poles:
         self.weight = self.blend / ratio
         self.at_once = chain.direct + float(self.share @ (1 - self.weight))
         self.settled_um, self.last, self.states = settled_um, 0.0, np.zeros(len(times_s))
+
+    def swept(self, samples: int, h_um: float) -> None:
+        """A sweep from where they had settled ended here so many samples ago."""
+        self.last = h_um - self.settled_um
+        self.missed(samples)
 
     def missed(self, samples: int) -> None:
         self.states += (1 - (1 - self.blend) ** samples) * (self.last - self.states)
@@ -114,15 +120,20 @@ def _moved_V(model: Model, x_um: float, carried_um: float) -> float:
     return float(np.clip(moved_V, drive.min_V, drive.max_V))
 
 
-def step(model: Model, chain: Chain, ahead_um: np.ndarray, sample_time_s: float) -> tuple[Steps, np.ndarray]:
-    """References (samples,), in um, as rdpi_f32_chain_step is given them, to drives, from the model's memory.
+def step(model: Model, chain: Chain, ahead_um: np.ndarray, sample_time_s: float, swept: int | None = None
+         ) -> tuple[Steps, np.ndarray]:
+    """References (samples,), in um, as rdpi_f32_chain_step is given them, to drives, from the model's memory: so many
+    samples after a sweep ended there, or None: where creep has settled.
 
     Returns the Steps and the states of the plays at the end.
     """
     drive, r, y = model.drive, model.thresholds_um, model.memory.plays_um
     clipped = operators.RANGE | operators.SLEW
     drive_V = ramp_V = min(max(model.drive_of(y[0]), drive.min_V), drive.max_V)
-    poles = Poles(chain, sample_time_s, displacement(model, drive_V, 0.0, y))
+    start_um = displacement(model, drive_V, 0.0, y)
+    poles = Poles(chain, sample_time_s, start_um if swept is None else middle_um(model))
+    if swept is not None:
+        poles.swept(swept, start_um)
     lead, rate = Lead(chain, sample_time_s), RateOf(model, sample_time_s)
     carried_um = 0.0
     missed, rho, code = 0, 0.0, operators.quantise(drive, drive_V)[1]

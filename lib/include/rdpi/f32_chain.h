@@ -137,6 +137,12 @@ void rdpi_f32_chain_reset(rdpi_f32_chain_t *self);
  * have moved self->axis: rdpi_f32_set_memory, rdpi_f32_forward. O(n + m). ISR safe. */
 void rdpi_f32_chain_settle(rdpi_f32_chain_t *self);
 
+/** A decaying sweep ended at the present drive, `ticks` samples ago. The drive that rdpi_f32_set_memory has put into
+ * self->axis counts as such. Creep had settled in the middle of the range, and has followed to the present drive since
+ * the sweep ended. The lead forgets its history. Call it in place of rdpi_f32_chain_settle if the application has swept
+ * the actuator itself, or has waited after a sweep. O(n + m + poles). ISR safe. */
+void rdpi_f32_chain_swept(rdpi_f32_chain_t *self, uint32_t ticks);
+
 /** One sample: takes the reference preview_samples ahead, a displacement in um, and returns the drive in V to output
  * now. It never fails, as rdpi_f32_step never does. What is added to that:
  *
@@ -155,8 +161,8 @@ rdpi_real_t rdpi_f32_chain_step(rdpi_f32_chain_t *self, rdpi_real_t ahead_um);
  * safe. */
 void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks);
 
-/** As rdpi_f32_sweep. With its last sample come rdpi_f32_forget_sweep and rdpi_f32_chain_settle. If the calls stop half
- * way, call rdpi_f32_chain_settle before the next step. */
+/** As rdpi_f32_sweep. With its last sample comes rdpi_f32_forget_sweep. Creep counts as settled in the middle of the
+ * range when the sweep begins, and follows it. O(n + m + poles). */
 bool rdpi_f32_chain_sweep(rdpi_f32_chain_t *self);
 
 #ifdef __cplusplus

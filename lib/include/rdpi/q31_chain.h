@@ -141,6 +141,9 @@ void rdpi_q31_chain_reset(rdpi_q31_chain_t *self);
 /** As rdpi_f32_chain_settle. */
 void rdpi_q31_chain_settle(rdpi_q31_chain_t *self);
 
+/** As rdpi_f32_chain_swept. */
+void rdpi_q31_chain_swept(rdpi_q31_chain_t *self, uint32_t ticks);
+
 /** As rdpi_f32_chain_step: takes the reference preview_samples ahead, and returns the drive to output now.
  * RDPI_Q31_NO_REFERENCE stands for NaN.
  *

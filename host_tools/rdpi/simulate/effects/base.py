@@ -16,6 +16,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import LARGEST, Model
+from ..memory import middle_um, since_sweep_s, swept_um
 from .treatment import Sensor, Treatment
 
 if TYPE_CHECKING:
@@ -229,6 +230,18 @@ def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float) -
     a, g = _pole(sample_time_s, time_constant_s)
     start = signal[0]
     return start + lfilter([1 - g, g - a], [1, -a], signal - start)
+
+
+def swept_away_um(run: Recording, model: Model) -> float:
+    """How far from where the recording starts the displacement was before a sweep led it there; 0 if none did."""
+    if run.memory != "reset":
+        return 0.0
+    return middle_um(model) - swept_um(model, float(model.x_of(run.command_V[0])))
+
+
+def left_of_sweep(sample_time_s: float, samples: int, time_constant_s: float) -> np.ndarray:
+    """Share of that way that a lag has still to go, (samples,)."""
+    return np.exp(-(since_sweep_s(sample_time_s) + np.arange(samples) * sample_time_s) / time_constant_s)
 
 
 def low_passes(signal: np.ndarray, sample_time_s: float, times_s: tuple[float, ...]) -> np.ndarray:

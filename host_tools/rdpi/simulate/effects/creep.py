@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Residuals, Values, low_passes
+from .base import Effect, Parameter, Residuals, Values, left_of_sweep, low_passes, swept_away_um
 from .planned import PlannedDrive, Shown, time_text
 from .treatment import Treatment
 
@@ -19,7 +21,8 @@ HOLD_S = 1.0  # creep is slow: shorter recordings cannot show it
 class Creep(Effect):
     """z + percent_per_decade / 100 times the mean per decade of lags of z, from 0.1 s to 1000 s.
 
-    One-parameter logarithmic creep, z (1 + g log10(t / t_0)) after a step, as a linear operator.
+    One-parameter logarithmic creep, z (1 + g log10(t / t_0)) after a step, as a linear operator. Creep had settled where
+    a recording starts, or after a sweep in the middle of the drive's range: there it adds nothing.
     """
 
     name = "creep"
@@ -39,8 +42,11 @@ class Creep(Effect):
         share = values["percent_per_decade"] / 100
         if share == 0:
             return z_um
-        crept = low_passes(z_um, run.sample_time_s, tuple(TIMES_S.tolist())) / PER_DECADE
-        return z_um + share * (crept - len(TIMES_S) / PER_DECADE * z_um[0])
+        times_s = tuple(TIMES_S.tolist())
+        crept_um = low_passes(z_um, run.sample_time_s, times_s) - len(times_s) * z_um[0]
+        if (away_um := swept_away_um(run, model)):
+            crept_um -= away_um * _gone(run.sample_time_s, len(z_um))
+        return z_um + share / PER_DECADE * crept_um
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         share = values["percent_per_decade"] / 100 / PER_DECADE
@@ -58,3 +64,9 @@ class Creep(Effect):
             return Shown(f"the longest hold lasts {time_text(drive.hold_s)}; give a longer --duration")
         return Shown(f"from {least:.2g} % of a move per decade on; the longest hold lasts {time_text(drive.hold_s)}, "
                      "creep after that is extrapolated", least, highest, "%")
+
+
+@lru_cache(maxsize=8)
+def _gone(sample_time_s: float, samples: int) -> np.ndarray:
+    """Sum of the shares that the lags have gone of the way that a sweep led before the first sample, (samples,)."""
+    return len(TIMES_S) - sum(left_of_sweep(sample_time_s, samples, time_s) for time_s in TIMES_S)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Residuals, Values, low_pass
+from .base import Effect, Parameter, Residuals, Values, left_of_sweep, low_pass, swept_away_um
 from .gain_change import GainChange
 from .planned import PlannedDrive, Shown, time_text
 from .spectra import Spectra
@@ -39,7 +39,13 @@ class Relaxation(Effect):
     contains = GainChange  # slower than the recordings, its share is missing from every move
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        return z_um + values["share"] * _late(z_um, run, values["time_constant_s"]) if values["share"] else z_um
+        share, time_s = values["share"], values["time_constant_s"]
+        if share == 0:
+            return z_um
+        late_um = _late(z_um, run, time_s)
+        if (away_um := swept_away_um(run, model)):
+            late_um += away_um * left_of_sweep(run.sample_time_s, len(z_um), time_s)
+        return z_um + share * late_um
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         share, time_s = values["share"], values["time_constant_s"]
