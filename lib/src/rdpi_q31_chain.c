@@ -112,7 +112,7 @@ static int32_t output(const rdpi_q31_t *axis)
 
 /* The displacement after a sweep that ended in the middle of the range: all plays are there. Scaling and overflow: the
  * ends of x are within 2^29. */
-static int32_t middle(const rdpi_q31_params_t *params)
+static int32_t middle_of(const rdpi_q31_params_t *params)
 {
     int64_t v = rdpi_q31_mul(params->play[params->plays - 1u].slope, params->min_x + params->max_x) >> 31;
     return rdpi_q31_saturation(params->saturation, params->deadzones, params->saturation_shift, INT32_MAX, (int32_t)v);
@@ -121,7 +121,7 @@ static int32_t middle(const rdpi_q31_params_t *params)
 void rdpi_q31_chain_swept(rdpi_q31_chain_t *self, uint32_t ticks)
 {
     self->first = true;
-    rdpi_q31_creep_settle(&self->creep, self->params, middle(self->axis.params));
+    rdpi_q31_creep_settle(&self->creep, self->params, middle_of(self->axis.params));
     self->creep.h = output(&self->axis);
     if (ticks > 0u) {
         rdpi_q31_creep_wait(&self->creep, ticks);

@@ -16,7 +16,7 @@ from ..model import Memory, Model, operators
 # had settled, and is as good as at its end for so long. Chosen on seeds 5300 and 5301 of tests/rigs, whose sweeps take
 # 0.5 to 1.7 s and rest for 0.2 to 0.5 s. The mean error of positions at the edge of the range is 0.91 % of the stroke,
 # with twice the time 0.99 %; 1.33 % if creep is taken to have settled where the sweep ended. Where the actuator rested
-# before is of little matter: had it been at the edge, 0.86 % against 1.46 % (twice the time).
+# before is of little matter: had it been at the edge, 0.86 % against 1.46 %.
 SWEPT_S = 0.5
 
 
