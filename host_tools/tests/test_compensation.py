@@ -15,7 +15,7 @@ from rdpi.data import Recording
 from rdpi.data.align import AMID
 from rdpi.errors import BadInput
 from rdpi.model import Drive
-from rdpi.simulate import chain
+from rdpi.simulate import chain, memory
 
 TIME_S = np.arange(500) * 1e-4
 
@@ -88,7 +88,12 @@ def test_an_emulated_board(monkeypatch: pytest.MonkeyPatch) -> None:
     compensate(late, run, engine="qemu-m3", fixed_point=True, sweep=True, report=print)
     chained = given.pop("chain")
     assert chained.acts and chained.delay_s == 1e-3
-    assert given == {"run": run, "board": "qemu-m3", "fixed_point": True, "sweep": True, "report": print}
+    assert given == {"run": run, "board": "qemu-m3", "fixed_point": True, "sweep": True, "swept": 0, "report": print}
+    swept = replace(run, metadata={**run.metadata, "memory": "reset"})
+    compensate(late, swept, engine="qemu-m3")
+    assert given["swept"] == round(memory.SWEPT_S / run.sample_time_s) > 0
+    compensate(late, replace(swept, metadata={**run.metadata, "memory": "unknown"}), engine="qemu-m3")
+    assert given["swept"] == 0
 
 
 def test_what_an_engine_cannot_do() -> None:

@@ -43,8 +43,7 @@ def step(model: Model, reference_um: np.ndarray, run: Recording, board: str, fix
     """The drive that the firmware on `board`, a key of MACHINES, makes of references at the rate of `run`.
 
     With `sweep` the start-up sweep comes first, and is left out. Another one ended `swept` samples before the first
-    reference; 0: there was none. The firmware itself looks ahead in the references, as
-    far as `chain` needs it.
+    reference; 0: there was none. The firmware itself looks ahead in the references, as far as `chain` needs it.
 
     Raises BadInput for a model or a rate that this firmware cannot have, for tools that are missing, and for samples
     that the board loses.
@@ -52,8 +51,8 @@ def step(model: Model, reference_um: np.ndarray, run: Recording, board: str, fix
     rate_hz = profile.integer_rate_hz(run)
     with tempfile.TemporaryDirectory(prefix="rdpi-") as folder:
         image = build(model, reference_um, run, board, fixed_point, Path(folder), sweep, chain, swept)
-        swept = len(engine(model, 1 / rate_hz, "q31" if fixed_point else "f32").sweep()[1]) if sweep else 0
-        decoder = _run(image, board, rate_hz, swept + len(reference_um), report)
+        before = len(engine(model, 1 / rate_hz, "q31" if fixed_point else "f32").sweep()[1]) if sweep else 0
+        decoder = _run(image, board, rate_hz, before + len(reference_um), report)
     return _steps(decoder, board, rate_hz, len(reference_um))
 
 

@@ -193,7 +193,8 @@ def _memory(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: 
         x0 = float(model_run.start_um[0])
         start, position, change = model_run.start_um, x0, np.zeros(len(measured))
         if model_run.start_known:
-            found, left = _nearest(x0, float(r[-1]), partial(_missed, model_run, acting, x0, measured))
+            missed = partial(_missed, model_run, acting, x0, measured)
+            found, left = _nearest(x0, float(r[-1]), missed)
             if left < _square(measured - predicted):
                 start, position, change = chain.states_after(found, x0, r), found, _entered(model_run, acting, x0, found) - predicted
         states.append(start)
@@ -219,7 +220,8 @@ def _entered(model_run: ModelRun, acting: Sequence[Acting], x0_um: float, positi
     return z - np.mean(z)
 
 
-def _missed(model_run: ModelRun, acting: Sequence[Acting], x0_um: float, measured: np.ndarray, position_um: float) -> float:
+def _missed(model_run: ModelRun, acting: Sequence[Acting], x0_um: float, measured: np.ndarray, position_um: float
+            ) -> float:
     return _square(measured - _entered(model_run, acting, x0_um, position_um))
 
 

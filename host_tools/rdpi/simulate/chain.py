@@ -175,8 +175,9 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     reference ahead of time, the column's own future is that; its last value holds at the end.
 
     Before the first sample the plays are as the metadata `memory` says: reset, a decaying sweep ended at the first
-    reference, SWEPT_S ago (memory.py); unknown, estimated if the run also has command and displacement, else the model's own. With `sweep` they
-    are, whatever the metadata say, as the start-up sweep leaves them, from the model's own. Engines "f32" and "q31" are
+    reference, SWEPT_S ago (memory.py); unknown, estimated if the run also has command and displacement, else the
+    model's own. With `sweep` they are, whatever the metadata say, as the start-up sweep leaves them, from the model's
+    own. Engines "f32" and "q31" are
     the firmware library, "f64" the first in double, "numpy" the independent reference, which has no sweep; a function
     makes the steps of operator and reference, and the sweep before them and the chain are its own affair. Returns the
     steps and the offset in um that was removed from the reference: with `remove_offset` the mean error of the model's
