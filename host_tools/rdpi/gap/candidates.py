@@ -196,7 +196,8 @@ def _memory(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: 
             missed = partial(_missed, model_run, acting, x0, measured)
             found, left = _nearest(x0, float(r[-1]), missed)
             if left < _square(measured - predicted):
-                start, position, change = chain.states_after(found, x0, r), found, _entered(model_run, acting, x0, found) - predicted
+                start, position = chain.states_after(found, x0, r), found
+                change = _entered(model_run, acting, x0, found) - predicted
         states.append(start)
         shown.append(change)
         values.setdefault(effect.fitted[0], position)
