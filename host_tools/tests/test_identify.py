@@ -250,7 +250,8 @@ def test_unobservable_thresholds_are_not_fitted() -> None:
 def test_default_thresholds_are_equal_intervals_within_reach() -> None:
     for operators in (1, 5, 9):
         run = static_run()
-        thresholds = fit([run], replace(STATIC, operators=operators)).model.thresholds_um
+        # one play alone leaves so much that creep would take a part of it, and of the reach
+        thresholds = fit([run], replace(STATIC, operators=operators, effects="none")).model.thresholds_um
         reach = np.ptp(run.displacement_um) / 2
         assert thresholds == pytest.approx(np.arange(operators + 1) * reach / (operators + 1))
 

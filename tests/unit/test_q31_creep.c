@@ -325,6 +325,28 @@ void test_settle_after_a_drive_of_someone_else(void)
     }
 }
 
+void test_settle_takes_the_displacement_at_rest(void)
+{
+    actuator.play[0].slope_rate = -ONE / 4;
+    fast_poles();
+    start();
+    rdpi_q31_chain_step(&chain, 100 * U);
+    rdpi_q31_chain_settle(&chain);
+    TEST_ASSERT_EQUAL_INT32(rdpi_q31_predict(&chain.axis, chain.axis.drive, 0), chain.creep.h);
+}
+
+void test_a_step_in_the_middle_of_a_sweep_is_a_first_one(void)
+{
+    given.lead_ns = 4 * T_NS;
+    start();
+    for (int k = 0; k < 2; k++) {
+        rdpi_q31_chain_step(&chain, 50 * U);
+        rdpi_q31_chain_step(&chain, 51 * U);
+        TEST_ASSERT_TRUE(rdpi_q31_chain_sweep(&chain));
+        drives(50 * U, 50 * U);
+    }
+}
+
 /* The middle of the range is 8 U. */
 static void range_about_8(void)
 {
