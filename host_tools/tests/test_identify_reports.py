@@ -197,17 +197,18 @@ def test_recordings_of_different_actuators_are_remarked_on() -> None:
 
 
 @pytest.mark.parametrize("options, message", [
-    (Options(operators=-1), "--operators -1"), (Options(operators=129), "--operators 129"),
-    (Options(deadzones=-1), "--deadzones -1"), (Options(deadzones=7), "--deadzones 7"),
-    (Options(min_slope_ratio=0.0), "--min-slope-ratio 0"), (Options(min_slope_ratio=1.0), "--min-slope-ratio 1"),
-    (Options(min_slope_ratio=float("nan")), "--min-slope-ratio nan"),
-    (Options(thresholds_um=(1.0, 1.0)), "--thresholds"), (Options(thresholds_um=(-1.0, 1.0)), "--thresholds"),
-    (Options(thresholds_um=(2.0, 1.0)), "--thresholds"), (Options(thresholds_um=(1.0, float("nan"))), "--thresholds"),
-    (Options(thresholds_um=(1.0, float("inf"))), "--thresholds"),
-    (Options(rate_window_s=-1.0), "--rate-window -1"), (Options(rate_filter_s=-1.0), "--rate-filter -1"),
+    (Options(operators=-1), "`operators` -1"), (Options(operators=129), "`operators` 129"),
+    (Options(deadzones=-1), "`deadzones` -1"), (Options(deadzones=7), "`deadzones` 7"),
+    (Options(min_slope_ratio=0.0), "`min_slope_ratio` 0"), (Options(min_slope_ratio=1.0), "`min_slope_ratio` 1"),
+    (Options(min_slope_ratio=float("nan")), "`min_slope_ratio` nan"),
+    (Options(thresholds_um=(1.0, 1.0)), "`thresholds_um`"), (Options(thresholds_um=(-1.0, 1.0)), "`thresholds_um`"),
+    (Options(thresholds_um=(2.0, 1.0)), "`thresholds_um`"), (Options(thresholds_um=(1.0, float("nan"))), "`thresholds_um`"),
+    (Options(thresholds_um=(1.0, float("inf"))), "`thresholds_um`"),
+    (Options(rate_window_s=-1.0), "`rate_window_s` -1"), (Options(rate_filter_s=-1.0), "`rate_filter_s` -1"),
     (Options(rate_window_s=100.0), "window"),
 ])
 def test_refused_options(options: Options, message: str) -> None:
+    """The argument is named; `rdpi fit` says its option (test_cli_fit)."""
     with pytest.raises(BadInput, match=message):
         fit([static_run()], options)
 
