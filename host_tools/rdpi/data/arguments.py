@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterable
 from contextlib import suppress
 from numbers import Real
@@ -37,7 +36,14 @@ def series(values: Any, name: str, finite: bool = True) -> np.ndarray:
 
 def is_number(value: Any) -> bool:
     """Whether it is a number that a float holds, NaN and infinity included."""
-    return isinstance(value, Real) and not isinstance(value, bool) and not sys.float_info.max < abs(value) < np.inf
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return False
+    try:
+        with np.errstate(over="ignore"):
+            held = float(value)
+    except OverflowError:
+        return False
+    return abs(held) != np.inf or held == value  # NumPy makes infinity of a longer number
 
 
 def number(value: Any, name: str, finite: bool = True) -> float:
