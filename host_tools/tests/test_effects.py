@@ -403,6 +403,10 @@ def test_many_lags_at_once_are_the_sum_of_each(samples: int, sample_time_s: floa
     signal = 3 + np.cumsum(np.random.default_rng(samples).standard_normal(samples))
     each = [base.low_pass(signal, sample_time_s, time_s) for time_s in times_s]
     assert base.low_passes(signal, sample_time_s, times_s) == pytest.approx(sum(each), rel=1e-10)
+    away = 2.0, -0.5, 0.7, 3.0
+    each = [base.low_pass(signal, sample_time_s, time_s, one) for time_s, one in zip(times_s, away)]
+    assert [one[0] - signal[0] for one in each] == pytest.approx(away)
+    assert base.low_passes(signal, sample_time_s, times_s, away) == pytest.approx(sum(each), rel=1e-10)
 
 
 def test_initial_memory_is_sought_whatever_the_recording_says() -> None:

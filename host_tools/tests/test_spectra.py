@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from rdpi.simulate.effects.spectra import Spectra
 from rdpi.simulate.effects import CATALOGUE
 from test_effects import SHORT, bent, changed, entry, residuals_of, shown
 
@@ -18,7 +17,7 @@ def test_what_a_lag_explains(time_constant_s: float) -> None:
     plain = shown(bent(), SHORT)
     late = shown(bent(), SHORT, entry("lag", stage="sensor", time_constant_s=time_constant_s)) - plain
     residuals = residuals_of(changed(SHORT, displacement_um=SHORT.displacement_um + 0.7 * late))
-    spectra = Spectra.of(residuals)
+    spectra = residuals.spectra
     response = 1 / (1 + 2j * np.pi * spectra.hertz[None] * time_constant_s) - 1
     found = [float(one[0]) for one in spectra.explained(response)]
     assert found == pytest.approx(products(residuals.residual_um[0], late), rel=0.1)

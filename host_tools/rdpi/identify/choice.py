@@ -169,17 +169,9 @@ def with_rate_filter(choice: Choice, settings: Sequence[Setting], candidates: Se
 
 def starts(state: Linearised, effect: Effect) -> list[Acting]:
     """Where a fit of an effect may start beside those that act: its most promising starts; none: it is not excited."""
-    setting = state.setting
-    left = []
-    for run, predicted, first in zip(setting.runs, state.predicted_um, setting.first):
-        miss = run.displacement_um - predicted
-        miss -= np.mean(miss[first:])
-        miss[:first] = 0.0  # an unknown memory is no effect
-        left.append(miss)
-    seen = Residuals(setting.model, setting.runs, state.predicted_um, left, left)
     found = [shifted(Acting(effect, {**effect.absent(), **values}), dict.fromkeys(effect.fitted, 0.0))
-             for values in effect.starts(seen)]
-    return found if len(found) <= STARTS else sorted(found, key=lambda one: -_explained(one, seen))[:STARTS]
+             for values in effect.starts(state.residuals)]
+    return found if len(found) <= STARTS else sorted(found, key=lambda one: -_explained(one, state.residuals))[:STARTS]
 
 
 def _explained(one: Acting, seen: Residuals) -> float:

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..data import Recording
 from ..simulate import effects
-from ..simulate.effects import Acting
+from ..simulate.effects import Acting, Residuals
 from . import thresholds as tuned
 from .hypothesis import Hypothesis, Setting, Unknowns, bounds, scale_of, shifted
 from .regression import prior
@@ -243,6 +243,17 @@ class Linearised:
         one = self.hypothesis.acting[place]
         low, high = bounds(one, name)
         return one.values[name] <= low and step < 0 or one.values[name] >= high and step > 0
+
+    @cached_property
+    def residuals(self) -> Residuals:
+        """What it misses, for effects that may join it."""
+        left = []
+        for run, predicted, first in zip(self.setting.runs, self.predicted_um, self.setting.first):
+            miss = run.displacement_um - predicted
+            miss -= np.mean(miss[first:])
+            miss[:first] = 0.0  # an unknown memory is no effect
+            left.append(miss)
+        return Residuals(self.setting.model, self.setting.runs, self.predicted_um, left, left)
 
     def seen(self) -> list[Recording]:
         """The recordings as the operator alone would have made them."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from ...data import Recording
 from ...model import LARGEST, Model
 from ..memory import middle_um, since_sweep_s, swept_um
+from .spectra import Spectra
 from .treatment import Sensor, Treatment
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class Parameter(NamedTuple):
         return max(self.low, -LARGEST), min(self.high, LARGEST)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Residuals:
     """What an effect may look at to choose where a fit starts: recordings, their prediction and what it leaves."""
 
@@ -56,6 +57,10 @@ class Residuals:
     predicted_um: Sequence[np.ndarray]  # (samples,) per run
     residual_um: Sequence[np.ndarray]  # measured - predicted, without each run's mean
     drive_residual_um: Sequence[np.ndarray]  # the same of what monitor_V shows, in um; residual_um without a monitor
+
+    @cached_property
+    def spectra(self) -> Spectra:
+        return Spectra.of(self.runs, self.predicted_um, self.residual_um)
 
 
 class Effect:
@@ -220,8 +225,9 @@ class Effect:
         return None
 
 
-def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float) -> np.ndarray:
-    """First-order lag of unit gain, exact for a signal that is straight between samples; settled at the first.
+def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float, away: float = 0.0) -> np.ndarray:
+    """First-order lag of unit gain, exact for a signal that is straight between samples; at the first it is `away` from
+    the signal.
 
     y' = (u - y) / T: y_k = a y_(k-1) + (1 - g) u_k + (g - a) u_(k-1), a = exp(-h / T), g = (1 - a) T / h.
     """
@@ -229,7 +235,7 @@ def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float) -
 
     a, g = _pole(sample_time_s, time_constant_s)
     start = signal[0]
-    return start + lfilter([1 - g, g - a], [1, -a], signal - start)
+    return start + lfilter([1 - g, g - a], [1, -a], signal - start, zi=[away])[0]
 
 
 def swept_away_um(run: Recording, model: Model) -> float:
@@ -239,32 +245,35 @@ def swept_away_um(run: Recording, model: Model) -> float:
     return middle_um(model) - swept_um(model, float(model.x_of(run.command_V[0])))
 
 
-def left_of_sweep(sample_time_s: float, samples: int, time_constant_s: float) -> np.ndarray:
-    """Share of that way that a lag has still to go, (samples,)."""
-    return np.exp(-(since_sweep_s(sample_time_s) + np.arange(samples) * sample_time_s) / time_constant_s)
+def left_of_sweep(sample_time_s: float, time_constant_s: float) -> float:
+    """Share of that way that a lag has still to go at the first sample."""
+    return float(np.exp(-since_sweep_s(sample_time_s) / time_constant_s))
 
 
-def low_passes(signal: np.ndarray, sample_time_s: float, times_s: tuple[float, ...]) -> np.ndarray:
-    """Sum of low_pass over time constants; many filters take longer."""
+def low_passes(signal: np.ndarray, sample_time_s: float, times_s: tuple[float, ...], away: Sequence[float] | None = None
+               ) -> np.ndarray:
+    """Sum of low_pass over time constants and how far each lag is away; many filters take longer."""
     from scipy.signal import lfilter
 
-    within, at_end, after, block_poles = _blocks(sample_time_s, times_s)
+    within, at_end, powers = _blocks(sample_time_s, times_s)
+    away = np.zeros(len(times_s)) if away is None else np.asarray(away)
     blocks = -(-len(signal) // BLOCK)
     padded = np.zeros(blocks * BLOCK + 1)
     padded[1:len(signal) + 1] = signal - signal[0]
     # of each block the sample before it, and its own
     inputs = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(padded, BLOCK + 1)[::BLOCK])
-    states = np.stack([lfilter([1.0], [1, -pole], brought) for pole, brought in zip(block_poles, (inputs @ at_end).T)],
-                      axis=1)
+    states = np.stack([lfilter([1.0], [1, -power[-1]], brought, zi=[start * power[-2]])[0]
+                       for power, start, brought in zip(powers, away, (inputs @ at_end).T)], axis=1)
     result = inputs @ within
-    result[1:] += states[:-1] @ after
+    result[0] += away @ powers[:, :-1]
+    result[1:] += states[:-1] @ powers[:, 1:]
     return len(times_s) * signal[0] + result.ravel()[:len(signal)]
 
 
 @lru_cache(maxsize=16)
 def _blocks(sample_time_s: float, times_s: tuple[float, ...]) -> tuple[np.ndarray, ...]:
     """What the sample before a block and its BLOCK samples add to the sum within it, (BLOCK + 1, BLOCK), and to the
-    state of each lag at its end, (BLOCK + 1, lags); what those add to the next block, (lags, BLOCK); their poles there.
+    state of each lag at its end, (BLOCK + 1, lags); powers of their poles, (lags, BLOCK + 1).
     """
     a, g = np.array([_pole(sample_time_s, time_s) for time_s in times_s]).T
     powers = a ** np.arange(BLOCK + 1)[:, None]
@@ -274,7 +283,7 @@ def _blocks(sample_time_s: float, times_s: tuple[float, ...]) -> tuple[np.ndarra
     within[0] = np.sum(first, axis=1)
     for k in range(BLOCK):
         within[k + 1, k:] = np.sum(pulse, axis=1)[:BLOCK - k]
-    return within, np.vstack([first[-1:], pulse[BLOCK - 1::-1]]), powers[1:].T, powers[-1]
+    return within, np.vstack([first[-1:], pulse[BLOCK - 1::-1]]), powers.T
 
 
 def _pole(sample_time_s: float, time_constant_s: float) -> tuple[float, float]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from ...data import Recording
@@ -42,11 +40,9 @@ class Creep(Effect):
         share = values["percent_per_decade"] / 100
         if share == 0:
             return z_um
-        times_s = tuple(TIMES_S.tolist())
-        crept_um = low_passes(z_um, run.sample_time_s, times_s) - len(times_s) * z_um[0]
-        if (away_um := swept_away_um(run, model)):
-            crept_um -= away_um * _gone(run.sample_time_s, len(z_um))
-        return z_um + share / PER_DECADE * crept_um
+        times_s, step_s, away_um = tuple(TIMES_S.tolist()), run.sample_time_s, swept_away_um(run, model)
+        lags_um = low_passes(z_um, step_s, times_s, [away_um * left_of_sweep(step_s, time_s) for time_s in times_s])
+        return z_um + share / PER_DECADE * (lags_um - len(times_s) * (z_um[0] + away_um))
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         share = values["percent_per_decade"] / 100 / PER_DECADE
@@ -64,9 +60,3 @@ class Creep(Effect):
             return Shown(f"the longest hold lasts {time_text(drive.hold_s)}; give a longer --duration")
         return Shown(f"from {least:.2g} % of a move per decade on; the longest hold lasts {time_text(drive.hold_s)}, "
                      "creep after that is extrapolated", least, highest, "%")
-
-
-@lru_cache(maxsize=8)
-def _gone(sample_time_s: float, samples: int) -> np.ndarray:
-    """Sum of the shares that the lags have gone of the way that a sweep led before the first sample, (samples,)."""
-    return len(TIMES_S) - sum(left_of_sweep(sample_time_s, samples, time_s) for time_s in TIMES_S)

@@ -9,7 +9,6 @@ from ...model import Model
 from .base import Effect, Parameter, Residuals, Values, left_of_sweep, low_pass, swept_away_um
 from .gain_change import GainChange
 from .planned import PlannedDrive, Shown, time_text
-from .spectra import Spectra
 from .treatment import Treatment
 
 SHORTEST_S, LONGEST_S = 1e-4, 1.0
@@ -42,10 +41,9 @@ class Relaxation(Effect):
         share, time_s = values["share"], values["time_constant_s"]
         if share == 0:
             return z_um
-        late_um = _late(z_um, run, time_s)
-        if (away_um := swept_away_um(run, model)):
-            late_um += away_um * left_of_sweep(run.sample_time_s, len(z_um), time_s)
-        return z_um + share * late_um
+        step_s = run.sample_time_s
+        away_um = swept_away_um(run, model) * left_of_sweep(step_s, time_s)
+        return z_um + share * (low_pass(z_um, step_s, time_s, away_um) - z_um)
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         share, time_s = values["share"], values["time_constant_s"]
@@ -59,7 +57,7 @@ class Relaxation(Effect):
         if not low < high:
             return []
         times_s = np.geomspace(low, high, 1 + int(np.ceil(PER_DECADE * np.log10(high / low))))
-        spectra = Spectra.of(residuals)
+        spectra = residuals.spectra
         late = 1 / (1 + 2j * np.pi * spectra.hertz * times_s[:, None]) - 1
         product, energy = spectra.explained(late)
         energy = np.maximum(energy, np.finfo(float).tiny)
@@ -81,7 +79,3 @@ class Relaxation(Effect):
         first = next(iter(seen.values()))
         return Shown("; ".join([*texts, "faster looks like lag, slower like creep"]), float(first[0]),
                      float(first[-1]), "s")
-
-
-def _late(z_um: np.ndarray, run: Recording, time_constant_s: float) -> np.ndarray:
-    return low_pass(z_um, run.sample_time_s, time_constant_s) - z_um

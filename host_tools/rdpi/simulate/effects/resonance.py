@@ -10,7 +10,6 @@ from ...data import Recording
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown, time_text
-from .spectra import Spectra
 from .treatment import Treatment
 
 DAMPINGS = 0.02, 0.1, 0.4
@@ -103,7 +102,7 @@ def _peaks(residuals: Residuals, lowest_hz: float, highest_hz: float) -> list[fl
 
 def _promising(residuals: Residuals, grid: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Those of (f0_hz, damping) that explain most of the residual."""
-    spectra = Spectra.of(residuals)
+    spectra = residuals.spectra
     f0_hz, damping = np.array(grid).T[:, :, None]
     turn = spectra.hertz / f0_hz
     product, energy = spectra.explained(1 / (1 - turn**2 + 2j * damping * turn) - 1)

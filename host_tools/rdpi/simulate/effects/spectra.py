@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from .base import Residuals
+from ...data import Recording
 
 PER_BIN = 0.002  # octaves, within which a response is taken to be constant
 
@@ -19,9 +20,10 @@ class Spectra(NamedTuple):
     common_um2: np.ndarray  # of residual and prediction, complex
 
     @classmethod
-    def of(cls, residuals: Residuals) -> Spectra:
+    def of(cls, runs: Sequence[Recording], predicted_um: Sequence[np.ndarray], residual_um: Sequence[np.ndarray]
+           ) -> Spectra:
         parts = []
-        for run, predicted, left in zip(residuals.runs, residuals.predicted_um, residuals.residual_um):
+        for run, predicted, left in zip(runs, predicted_um, residual_um):
             asked, missed = (np.fft.rfft(_level(signal))[1:] for signal in (predicted, left))
             hertz = np.fft.rfftfreq(len(run), run.sample_time_s)[1:]
             parts.append((hertz, np.conj(asked) * asked * 2 / len(run), np.conj(asked) * missed * 2 / len(run)))
