@@ -121,7 +121,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if options.dac_bits is not None and None in (options.min_V, options.max_V):
         warnings.append(f"the DAC's codes are assumed to span {model.drive.min_V:g} to {model.drive.max_V:g} V, the "
                         "recorded range; give --min-V and --max-V, the drives of the first and of the last code")
-    _check_reset(found.model, seen, warnings)
+    _check_reset(found.model, found.runs, warnings)
     progress(0.7)
     predictions = chain.simulate(model, [*runs, *hold_out])
     scores = _scores(runs, hold_out, predictions, warnings)
@@ -239,11 +239,12 @@ def _compare_sources(runs: Sequence[Recording], found: Operator, options: Option
                         f"stroke against {100 * plant.residual:.2g} %): try --rate-source {other}")
 
 
-def _check_reset(model: Model, runs: Sequence[Recording], warnings: list[str]) -> None:
+def _check_reset(model: Model, runs: Sequence[Run], warnings: list[str]) -> None:
     """A run marked reset whose start looks like another state was not swept from both sides of where it starts."""
-    for run in runs:
+    for prepared in runs:
+        run = prepared.recording
         if run.memory == "reset":
-            _, at_rest, best = chain.start_states(model, run)
+            _, at_rest, best = chain.start_states(model, run, rate_um_per_s=prepared.rate_um_per_s)
             if best < tuned.RESET_DOUBT * at_rest and at_rest - best > 0.003 * model.stroke_um:
                 warnings.append(f"{run.path}: marked memory: reset, but another state explains its beginning better "
                                 f"({best:.2g} um rms against {at_rest:.2g}); check that the sweep decayed from both "

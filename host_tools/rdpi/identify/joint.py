@@ -324,6 +324,8 @@ def refined(setting: Setting, hypothesis: Hypothesis, found: Unknowns, steps: in
             damping *= 10
         else:
             break
+        if before - squares < ENOUGH * before:
+            break
         better = Linearised(setting, replace(hypothesis, acting=acting), found)
         if better.squares < before:
             state, damping = better, max(damping / 10, 1e-6)

@@ -136,12 +136,13 @@ def estimate_states(model: Model, run: Recording, acting: Sequence[effects.Actin
     return start_states(model, run, acting)[0]
 
 
-def start_states(model: Model, run: Recording, acting: Sequence[effects.Acting] = ()
-                 ) -> tuple[np.ndarray, float, float]:
+def start_states(model: Model, run: Recording, acting: Sequence[effects.Acting] = (),
+                 rate_um_per_s: np.ndarray | None = None) -> tuple[np.ndarray, float, float]:
     """Best states at the first sample, and the rms error in um of the samples that depend on them: with plays as a
     sweep leaves them, with the best. The displacement is what effects that act show of the operator's.
 
-    One number is sought, the position from which the input came straight to where the run begins.
+    One number is sought, the position from which the input came straight to where the run begins. The rate, (samples,),
+    is the model's own where none is given.
     """
     x = model.x_of(run.command_V)
     r = model.thresholds_um
@@ -151,7 +152,8 @@ def start_states(model: Model, run: Recording, acting: Sequence[effects.Acting] 
         return rest, 0.0, 0.0
     used = slice(0, 3 * samples)
     beginning = replace(run, columns={name: values[used] for name, values in run.columns.items()})
-    rate = _predict(model, beginning, rest, "estimated").rate_um_per_s
+    rate = (_predict(model, beginning, rest, "estimated").rate_um_per_s if rate_um_per_s is None else
+            rate_um_per_s[used])
     measured = run.displacement_um[used]
 
     def miss_um(states_um: np.ndarray) -> float:
