@@ -9,6 +9,8 @@
 
 plain      Rigs without delay, lag, overshoot (a lag of second order) and relaxation, all else as the seed draws it:
            how many models get a delay or lag above a third of a sample, or a relaxation above 0.5 % of the movement.
+           Some of these rigs come late all the same: loops that widen with the rate do so with a lag of 1 ms, and creep
+           begins at 25 ms. "bare too" counts those that get one without these as well.
 recovered  Rigs with one of delay, lag, relaxation, creep and resonance, and with three of them: error on waveforms that
            were not fitted, over that of the same rig without them; where the model names exactly these effects, how
            many of the 95 % intervals hold the true value. Per family, and under it all others: thresholds that were
@@ -48,6 +50,7 @@ import numpy as np  # noqa: E402
 from rigs import FAMILIES, make_rig, second_order  # noqa: E402
 
 LATE = "delay", "lag", "overshoot", "relaxation"
+OWN = "rate", "creep"  # what comes late beside those
 PUTS = "alone", "threes"
 Job = tuple[str, int]
 
@@ -55,32 +58,42 @@ Job = tuple[str, int]
 # --- plain rigs stay plain -------------------------------------------------------------------------------------------
 
 def plain(job: Job, rate_hz: float, scale: float, options: Sequence[str]) -> dict[str, Any]:
-    """Effects that the model of a rig without LATE holds."""
+    """Effects that the model of a rig without LATE holds; if some come late, also those without what it has of its own
+    that does.
+    """
     rig = make_rig(*job).without(*LATE)
+    result: dict[str, Any] = {"family": job[0], "seed": job[1], "rate_hz": rate_hz}
     with tempfile.TemporaryDirectory(prefix="rigs-") as folder:
         try:
-            model = measure.commission(rig, Path(folder), rate_hz, scale, options)
-            return {"family": job[0], "seed": job[1], "rate_hz": rate_hz, "effects": measure.effects_of(model)}
+            result["effects"] = measure.effects_of(measure.commission(rig, Path(folder), rate_hz, scale, options))
+            if late(result):
+                bare = rig.without(*OWN)
+                result["bare"] = measure.effects_of(measure.commission(bare, Path(folder), rate_hz, scale, options))
         except measure.Refused as refusal:
-            return {"family": job[0], "seed": job[1], "failed": str(refusal)}
+            result["failed"] = str(refusal)
+    return result
 
 
-def late(result: dict[str, Any]) -> list[dict[str, Any]]:
+def late(result: dict[str, Any], which: str = "effects") -> list[dict[str, Any]]:
     """Effects of LATE with a size that matters."""
-    return [one for one in result["effects"] if one["name"] in LATE and measure.matters(one, result["rate_hz"])]
+    return [one for one in result.get(which, ()) if one["name"] in LATE and measure.matters(one, result["rate_hz"])]
 
 
 def plain_table(results: Sequence[dict[str, Any]]) -> str:
-    """Per family, rigs and how many of them got a late effect that matters; below, each of those, and all names."""
-    lines = [f"{'family':24} rigs  late  share"]
+    """Per family, rigs, how many of them got a late effect that matters, and how many get one without OWN as well;
+    below, each of the former, and all names.
+    """
+    lines = [f"{'family':24} rigs  late  share  bare too  share"]
     done = [one for one in results if "failed" not in one]
     for name, part in by_family(done):
-        wrong = sum(bool(late(one)) for one in part)
-        lines.append(f"{name:24}{len(part):5}{wrong:6}{100 * wrong / len(part):6.1f} %")
+        wrong, bare = (sum(bool(late(one, which)) for one in part) for which in ("effects", "bare"))
+        lines.append(f"{name:24}{len(part):5}{wrong:6}{100 * wrong / len(part):6.1f} %{bare:8}"
+                     f"{100 * bare / len(part):6.1f} %")
     for one in done:
         for effect in late(one):
             sizes = ", ".join(f"{name} {stated['value']:.3g}" for name, stated in effect["parameters"].items())
-            lines.append(f"  {one['family']} {one['seed']}: {effect['name']}, {sizes}")
+            lines.append(f"  {one['family']} {one['seed']}: {effect['name']}, {sizes}"
+                         + ("; bare too" if late(one, "bare") else ""))
     named = Counter(effect["name"] for one in done for effect in one["effects"])
     lines.append(f"models that name an effect, small or not: {', '.join(f'{k} {n}' for k, n in named.items()) or 0}")
     return "\n".join(lines + failures(results))

@@ -434,17 +434,20 @@ def test_plain_rigs_that_got_something_are_counted():
              model("b", named("relaxation", share=(0.004, None), time_constant_s=(0.5, None))),
              model("b", named("relaxation", share=(0.006, None), time_constant_s=(1e-4, None))),
              model("b", named("creep", percent_per_decade=(3.0, None))), {"family": "b", "seed": 3, "failed": "no"}]
+    found[0]["bare"], found[3]["bare"] = [named("creep", percent_per_decade=(1.0, None))], found[3]["effects"]
     lines = chain.plain_table(found).splitlines()[1:]
-    assert [line.split()[:4] for line in lines[:3]] == [
-        ["a", "2", "1", "50.0"], ["b", "3", "1", "33.3"], ["all", "5", "2", "40.0"]]
+    assert [line.split() for line in lines[:3]] == [
+        ["a", "2", "1", "50.0", "%", "0", "0.0", "%"], ["b", "3", "1", "33.3", "%", "1", "33.3", "%"],
+        ["all", "5", "2", "40.0", "%", "1", "20.0", "%"]]
     assert lines[3:] == ["  a 1: delay, delay_s 0.0004", "  a 1: lag, time_constant_s 0.0005",
-                         "  b 1: relaxation, share 0.006, time_constant_s 0.0001",
+                         "  b 1: relaxation, share 0.006, time_constant_s 0.0001; bare too",
                          "models that name an effect, small or not: delay 2, lag 1, relaxation 2, creep 1",
                          "failed: b 3: no"]
 
 
 def test_plain_rigs_are_late_by_nothing():
     assert not set(chain.LATE) & set(make_rig("dahl", 1).without(*chain.LATE).sins)
+    assert not set(chain.OWN) & set(make_rig("dahl", 1).without(*chain.LATE, *chain.OWN).sins)
     assert set(chain.LATE) < set(CHAIN) and "creep" in make_rig("dahl", 1).without(*chain.LATE).sins
 
 
