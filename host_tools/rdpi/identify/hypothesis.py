@@ -15,7 +15,7 @@ from ..simulate import effects
 from ..simulate.effects import Acting
 from . import thresholds as tuned
 
-ROWS, CHOICE_ROWS = 12_000, 6_000  # about so many samples count, fewer while effects are chosen: more say no more
+ROWS = 12_000  # about so many samples count: more say no more
 GOLDEN = (5**0.5 - 1) / 2
 FASTEST = 1.25  # of the highest rate; faster samples count as so fast
 
@@ -69,14 +69,13 @@ class Setting:
     rates_um_per_s: Sequence[np.ndarray]
     top_um_per_s: float
     rate_filter_s: float = 0.0  # of the low-pass that the rates have passed
-    most_rows: int = ROWS
 
     @cached_property
     def rows(self) -> list[np.ndarray]:
         """Samples of each run that count, one of every `stride`: not at even steps, which would always meet a periodic
         drive at the same places.
         """
-        stride = max(1, sum(len(run) for run in self.runs) // self.most_rows)
+        stride = max(1, sum(len(run) for run in self.runs) // ROWS)
         rows = []
         for run, first in zip(self.runs, self.first):
             steps = np.arange(first, len(run), stride)
@@ -93,17 +92,18 @@ class Setting:
         return [np.minimum(rate / self.top_um_per_s, FASTEST) for rate in self.rates_um_per_s]
 
     def thinned(self, shortest_s: float) -> Setting:
-        """As much as a choice needs: fewer rows and, of runs that were sampled faster, every second sample, or every
-        third and so on. Fast strokes take `shortest_s`.
+        """With every second sample, or every third and so on, of the runs that were sampled faster than a choice needs;
+        itself if none was. Fast strokes take `shortest_s`.
         """
         enough_hz = max(tuned.CHOICE_HZ, tuned.CHOICE_STROKE / shortest_s)
         steps = [max(1, int(run.sample_rate_hz / enough_hz)) for run in self.runs]
+        if max(steps) == 1:
+            return self
         runs = [replace(run, metadata={**run.metadata, "sample_rate_hz": repr(run.sample_rate_hz / step)},
                         columns={name: np.ascontiguousarray(column[::step]) for name, column in run.columns.items()})
                 for run, step in zip(self.runs, steps)]
         return replace(self, runs=runs, first=[-(-first // step) for first, step in zip(self.first, steps)],
-                       rates_um_per_s=[rate[::step] for rate, step in zip(self.rates_um_per_s, steps)],
-                       most_rows=CHOICE_ROWS)
+                       rates_um_per_s=[rate[::step] for rate, step in zip(self.rates_um_per_s, steps)])
 
     def driven(self, k: int, acting: Sequence[Acting]) -> Recording:
         run = self.runs[k]
