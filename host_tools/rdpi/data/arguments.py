@@ -18,6 +18,8 @@ def series(values: Any, name: str, finite: bool = True) -> np.ndarray:
 
     Raises BadInput that names the argument for anything else, for masked values, and if `finite` for NaN and infinity.
     """
+    if type(values) is np.ndarray and values.ndim == 1 and values.dtype == float and not finite:
+        return values  # what the library's own functions pass, thousands of times
     try:
         array = np.asarray(values)
     except Exception:  # noqa: BLE001 - rows of unequal length; and whatever an array of another library raises
@@ -36,6 +38,8 @@ def series(values: Any, name: str, finite: bool = True) -> np.ndarray:
 
 def is_number(value: Any) -> bool:
     """Whether it is a number that a float holds, NaN and infinity included."""
+    if type(value) is float:
+        return True
     if not isinstance(value, Real) or isinstance(value, bool):
         return False
     try:

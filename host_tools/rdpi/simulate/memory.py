@@ -31,13 +31,17 @@ def since_sweep_s(sample_time_s: float) -> float:
 
 
 def middle_um(model: Model) -> float:
-    """Displacement after a sweep that ended in the middle of the drive's range."""
-    return swept_um(model, float(model.x_of(model.drive.min_V) + model.x_of(model.drive.max_V)) / 2)
+    """Displacement after a sweep that ended in the middle of the drive's range: all plays are there."""
+    middle_um = float(model.x_of(model.drive.min_V) + model.x_of(model.drive.max_V)) / 2
+    return _shown_um(model, middle_um * model.slopes[-1])
 
 
 def swept_um(model: Model, x_um: float) -> float:
     """Displacement after a sweep that ended at this control input, creep apart."""
-    v_um = -np.diff(model.swept(x_um), append=0.0) @ model.slopes
+    return _shown_um(model, -np.diff(model.swept(x_um), append=0.0) @ model.slopes)
+
+
+def _shown_um(model: Model, v_um: float) -> float:
     return model.offset_um + float(operators.saturation(v_um, model.deadzones_um, model.deadzone_weights))
 
 

@@ -253,8 +253,6 @@ def left_of_sweep(sample_time_s: float, time_constant_s: float) -> float:
 def low_passes(signal: np.ndarray, sample_time_s: float, times_s: tuple[float, ...], away: Sequence[float] | None = None
                ) -> np.ndarray:
     """Sum of low_pass over time constants and how far each lag is away; many filters take longer."""
-    from scipy.signal import lfilter
-
     within, at_end, powers = _blocks(sample_time_s, times_s)
     away = np.zeros(len(times_s)) if away is None else np.asarray(away)
     blocks = -(-len(signal) // BLOCK)
@@ -262,8 +260,12 @@ def low_passes(signal: np.ndarray, sample_time_s: float, times_s: tuple[float, .
     padded[1:len(signal) + 1] = signal - signal[0]
     # of each block the sample before it, and its own
     inputs = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(padded, BLOCK + 1)[::BLOCK])
-    states = np.stack([lfilter([1.0], [1, -power[-1]], brought, zi=[start * power[-2]])[0]
-                       for power, start, brought in zip(powers, away, (inputs @ at_end).T)], axis=1)
+    states = inputs @ at_end  # what each block brings; then what it and all before it have brought
+    states[0] += away * powers[:, -2]
+    poles, apart = powers[:, -1], 1
+    while apart < blocks:
+        states[apart:] += poles * states[:-apart]
+        poles, apart = poles * poles, 2 * apart
     result = inputs @ within
     result[0] += away @ powers[:, :-1]
     result[1:] += states[:-1] @ powers[:, 1:]
