@@ -82,6 +82,21 @@ def test_a_heat_map_has_its_colours_and_no_empty_cell() -> None:
     assert one["data"][2][5] == "#fde725ff"  # viridis' last
 
 
+def test_a_scale_of_colours_stands_beside_its_panel() -> None:
+    def draw(axes: Axes) -> None:
+        axes.figure.colorbar(axes.pcolormesh([0, 1], [0, 1], [[2.0]], vmin=0, vmax=4), ax=axes, label="residual")
+
+    made = plotted(draw)
+    cells, scale = made["series"]
+    left, right = ([float(box[key].rstrip("%")) for key in ("left", "width")] for box in made["grid"])
+    assert cells["yAxisIndex"] == 0 and scale["yAxisIndex"] == 1 and sum(left) < right[0]
+    axis = made["yAxis"][1]
+    assert (axis["min"], axis["max"], axis["name"], axis["position"]) == (0, 4, "residual", "right")
+    assert "mute" not in axis and made["xAxis"][1]["mute"]
+    assert sum(right) / 100 + axis["nameGap"] < 1  # the name is within the picture
+    assert scale["data"][-1][5] == "#fde725ff" and len(scale["data"]) > 100
+
+
 def test_lines_between_marks_are_apart() -> None:
     (one,) = plotted(lambda axes: axes.hlines([0, 1], [2, 3], [4, 5]))["series"]
     assert one["data"] == [[2, 0], [4, 0], [None, None], [3, 1], [5, 1], [None, None]]

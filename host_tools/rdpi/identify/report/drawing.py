@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,7 +12,7 @@ import numpy as np
 from ...data import Recording
 from ..localise import Table
 from . import interactive
-from .figure import last_cycle, thin
+from .figure import last_cycle, thin, whatever_letters
 from .numbers import edge_names, magnitude
 
 if TYPE_CHECKING:
@@ -221,7 +220,6 @@ MEDIA = {"svg": "image/svg+xml", "pdf": "application/pdf"}
 def source(figure: Figure, form: str = "svg") -> str:
     """A picture as the data URI of an SVG or a PDF; the same bytes for the same picture."""
     data = io.BytesIO()
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # letters the font lacks
+    with whatever_letters():
         figure.savefig(data, format=form, metadata=UNDATED[form])
     return f"data:{MEDIA[form]};base64,{base64.b64encode(data.getvalue()).decode()}"

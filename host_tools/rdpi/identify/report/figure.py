@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,14 +53,21 @@ def check_picture_name(path: str) -> None:
         raise BadInput(f"{path}: write a picture as .png, .svg or .pdf")
 
 
+@contextmanager
+def whatever_letters() -> Iterator[None]:
+    """Without a warning of letters that the font lacks."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")
+        yield
+
+
 def write_picture(figure: Figure, path: str | os.PathLike[str]) -> None:
     """PNG, SVG or PDF by the name's suffix, written atomically; text stays text, to be searched and edited."""
     from matplotlib import rc_context
 
     suffix = os.path.splitext(path)[1].lstrip(".").lower() or "png"
     data = io.BytesIO()
-    with warnings.catch_warnings(), rc_context({"svg.fonttype": "none", "pdf.fonttype": 42}):
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # letters the font lacks
+    with whatever_letters(), rc_context({"svg.fonttype": "none", "pdf.fonttype": 42}):
         figure.savefig(data, format=suffix, dpi=110)
     atomic_write(path, data.getvalue())
 

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .figure import whatever_letters
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
@@ -36,10 +38,12 @@ def plot(figure: Figure) -> str:
 
 
 def option(figure: Figure) -> Json:
-    """ECharts' option of a figure that has been drawn; page.html.j2 says what it adds. Lengths and sizes of letters are
-    shares of the figure's width, so that the plot has the picture's layout at any width.
+    """ECharts' option of a figure; page.html.j2 says what it adds. Lengths and sizes of letters are shares of the
+    figure's width, so that the plot has the picture's layout at any width.
     """
-    panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+    with whatever_letters():
+        figure.draw_without_rendering()  # labels are where the last drawing put them, which had other dots per inch
+    panels = figure.axes
     width, height = figure.get_size_inches() * figure.dpi
     names = [name for axes in panels if axes.get_legend() is not None
              for name in axes.get_legend_handles_labels()[1]]
@@ -74,8 +78,11 @@ def _axis(axis: Axis, index: int, width: float) -> Json:
     text = axis.get_label_text()
     if text:
         label, box = axis.label.get_window_extent(), axis.axes.bbox
-        gap = box.y0 - label.y1 - LEADING * label.height if axis.axis_name == "x" else box.x0 - label.x1
+        gap = box.y0 - label.y1 - LEADING * label.height if axis.axis_name == "x" else \
+            max(box.x0 - label.x1, label.x0 - box.x1)
         made |= {"name": text, "nameLocation": "middle", "nameGap": gap / width}
+    if axis.get_ticks_position() == "right":
+        made["position"] = "right"
     if isinstance(axis.get_major_locator(), FixedLocator):
         labels = axis.get_ticklabels()
         made |= {"ticks": [float(value) for value in axis.get_ticklocs()], "texts": [one.get_text() for one in labels],
@@ -84,7 +91,7 @@ def _axis(axis: Axis, index: int, width: float) -> Json:
         made |= {"type": "time", "min": low * DAY_MS, "max": high * DAY_MS}
     if getattr(axis.get_major_formatter(), "fmt", None) == WHOLE:
         made["whole"] = True
-    if not any(one.label1.get_visible() for one in axis.get_major_ticks()):  # shared with the panel below
+    if not any(one.label1.get_visible() or one.label2.get_visible() for one in axis.get_major_ticks()):  # shared
         made["mute"] = True
     return made
 

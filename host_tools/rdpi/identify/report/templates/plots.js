@@ -92,7 +92,8 @@ function option(given, width) {
     ...one, animation: false, encode: {x: [0, 1], y: [2, 3], tooltip: 4}, clip: true, itemStyle: {color: one.color},
     renderItem: (params, api) => {
       const [x, y] = api.coord([api.value(0), api.value(3)]), [right, bottom] = api.coord([api.value(1), api.value(2)]);
-      return {type: "rect", style: {fill: one.data[params.dataIndex][5] ?? one.color},
+      const own = one.data[params.dataIndex][5]; // cells side by side, without a gap
+      return {type: "rect", style: {fill: own ?? one.color, ...own && {stroke: own, lineWidth: 1}},
         shape: echarts.graphic.clipRectByRect({x, y, width: right - x, height: bottom - y}, params.coordSys)};
     },
   });
