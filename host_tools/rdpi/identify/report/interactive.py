@@ -141,7 +141,7 @@ def _series(axes: Axes) -> Iterator[Json]:
     for drawn in axes.collections:
         if isinstance(drawn, QuadMesh):
             yield _cells(drawn)
-        elif isinstance(drawn, LineCollection):
+        elif isinstance(drawn, LineCollection) and drawn.get_segments():
             ends = [point for one in drawn.get_segments() for point in (*_points(*np.transpose(one)), [None, None])]
             yield _curve("", ends, drawn.get_color()[0], 1.0, "-")
         elif isinstance(drawn, PolyCollection):  # a span between extremes: up and down in each of its columns
