@@ -54,16 +54,18 @@ class Judged:
         """Whether it leaves less than the other, by more than the standard error and by enough to matter, however
         blocks are left out.
 
-        What first says that the displacement comes late must show more than what comes beside it, and not at the end
-        of what rigs have: without it the actuator is plain, and what the operator cannot show may look a little late.
+        What first says that the displacement comes late must show more than what comes beside it, and not only at the
+        end of what rigs have: without it the actuator is plain, and what the operator cannot show may look a little
+        late.
 
         The error is that of the blocks' gains over what they leave. Fast blocks show a lag a thousand times as strongly
         as slow ones, and the scatter of the gains themselves would be as large as their sum.
         """
         gain, both = other.held_out - self.held_out, np.maximum(other.held_out + self.held_out, np.finfo(float).tiny)
         beside = self.hypothesis.beside(other.hypothesis)
-        further = beside and (other.hypothesis.comes_late or not any(one.effect.comes_late for one in beside))
-        if not further and any(one in beside for one in self.state.at_ends):
+        late = [one for one in beside if one.effect.comes_late]
+        further = beside and (other.hypothesis.comes_late or not late)
+        if not further and late and all(one in self.state.at_ends for one in late):
             return False
         share, errors = tuned.FURTHER_GAIN if further else tuned.FIRST_GAIN
         share = max([share, *(one.effect.least_gain for one in beside)])
@@ -104,12 +106,8 @@ def judged(setting: Setting, hypothesis: Hypothesis, unknowns: Unknowns) -> Judg
 def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], rate_law: bool,
            progress: Progress = lambda fraction: None) -> Choice:
     """The best hypothesis of these effects and, if wanted, a rate law; `candidates` start with the simplest."""
-    plain = now = judged(setting, Hypothesis(), unknowns)
-    rounds = 0
-    while (better := _joined(now, candidates, rate_law)) is not None:
-        now, rounds = better, rounds + 1
-        progress(0.5 * rounds / (1 + len(candidates)))
-    now = _pruned(now, rate_law)
+    plain = judged(setting, Hypothesis(), unknowns)
+    now = _pruned(_grown(plain, candidates, rate_law, lambda share: progress(0.5 * share)), rate_law)
     progress(0.6)
     full = _full(now, candidates)
     if full.beats(now):
@@ -117,6 +115,10 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
         now = full if full.beats(now) or now.hypothesis.size >= full.hypothesis.size and full.left < now.left else now
     progress(0.8)
     now, compared = _exchanged(now, candidates)
+    for _ in candidates:  # what was exchanged may show more
+        if (more := _grown(now, candidates, rate_law)) is now:
+            break
+        now, compared = _exchanged(_pruned(more, rate_law), candidates)
     return Choice(plain, now, tuple(_kept(now, compared, rate_law)))
 
 
@@ -184,23 +186,39 @@ def _explained(one: Acting, seen: Residuals) -> float:
     return across**2 / energy if energy > 0 else 0.0
 
 
-def _absent(state: Linearised, candidates: Sequence[Effect]) -> Iterator[Effect]:
+def _absent(state: Linearised, candidates: Sequence[Effect]) -> list[Effect]:
     names = {one.effect.name for one in state.hypothesis.acting}
-    return (effect for effect in candidates if effect.name not in names)
+    return [effect for effect in candidates if effect.name not in names]
+
+
+def _to_first_order(state: Linearised, candidates: Sequence[Effect]) -> dict[str, tuple[float, Hypothesis]]:
+    """Squares left, and the hypothesis, with each of these effects that the recordings excite, at its best start."""
+    wide = Linearised(state.setting, state.hypothesis, state.found,
+                      [start for effect in candidates for start in starts(state, effect)])
+    first: dict[str, tuple[float, Hypothesis]] = {}
+    for k, one in enumerate(wide.joins):
+        left = squares_of(wide.held_out(join=k))
+        if left < first.get(one.effect.name, (np.inf, None))[0]:
+            first[one.effect.name] = left, state.hypothesis.having(one)
+    return first
+
+
+def _grown(now: Judged, candidates: Sequence[Effect], rate_law: bool, progress: Progress = lambda fraction: None
+           ) -> Judged:
+    """With all that helps, one after the other."""
+    rounds = 0
+    while (better := _joined(now, candidates, rate_law)) is not None:
+        now, rounds = better, rounds + 1
+        progress(rounds / (1 + len(candidates)))
+    return now
 
 
 def _joined(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged | None:
     """With the effect that helps most, or the simplest of those that help as much; None: none helps."""
     state = now.state
-    wide = Linearised(state.setting, state.hypothesis, state.found,
-                      [start for effect in _absent(state, candidates) for start in starts(state, effect)])
-    first: dict[str, tuple[float, Hypothesis]] = {}  # to first order: squares left, hypothesis
+    first = _to_first_order(state, _absent(state, candidates))
     if rate_law and not state.hypothesis.rated:
-        first[""] = squares_of(wide.held_out(rated=True)), replace(state.hypothesis, rated=True)
-    for k, one in enumerate(wide.joins):
-        left = squares_of(wide.held_out(join=k))
-        if left < first.get(one.effect.name, (np.inf, None))[0]:
-            first[one.effect.name] = left, state.hypothesis.having(one)
+        first[""] = squares_of(state.held_out(rated=True)), replace(state.hypothesis, rated=True)
     # A rate law moves delays and lags too far for the first order to say what it brings.
     fitted = [judged(state.setting, hypothesis, state.found) for name, (left, hypothesis) in first.items()
               if left < (1 - tuned.FURTHER_GAIN[0]) * now.left or not name]
@@ -289,19 +307,31 @@ class Compared:
 
 
 def _compared(now: Judged, candidates: Sequence[Effect]) -> list[Compared]:
-    """For each effect that acts; rivals are those that bring half as much to first order."""
-    found = []
+    """For each effect that acts."""
+    found, others = [], _absent(now.state, candidates)
     for one in now.hypothesis.acting:
         less = judged(now.state.setting, now.hypothesis.lacking(one), now.state.found)
-        rivals = []
-        for effect in _absent(now.state, candidates):
-            wide = Linearised(less.state.setting, less.hypothesis, less.state.found, starts(less.state, effect))
-            left = [squares_of(wide.held_out(join=k)) for k in range(len(wide.joins))]
-            if left and min(left) < (now.left + less.left) / 2:
-                start = wide.joins[int(np.argmin(left))]
-                rivals.append(judged(less.state.setting, less.hypothesis.having(start), less.state.found))
-        found.append(Compared(less, rivals))
+        found.append(Compared(less, _rivals(now, one, less, others) if others else []))
     return found
+
+
+def _rivals(now: Judged, one: Acting, less: Judged, others: Sequence[Effect]) -> list[Judged]:
+    """What brings half as much in the place of one that acts; `less` is without it.
+
+    To first order from where each starts, beside what acts else fitted anew or as it is: without that one it may have
+    gone astray. One that is late by a time starts as late as that one.
+    """
+    setting, fewer, enough = now.state.setting, less.hypothesis, (now.left + less.left) / 2
+    anew, as_it_is = (_to_first_order(state, others)
+                      for state in (less.state, Linearised(setting, fewer, now.state.found)))
+    best = {name: min((first[name] for first in (anew, as_it_is) if name in first), key=lambda one: one[0])
+            for name in dict.fromkeys([*anew, *as_it_is])}
+    for effect in others:
+        if effect.late_by and one.effect.late_by:
+            as_late = {**effect.absent(), effect.late_by: one.values[one.effect.late_by]}
+            best[effect.name] = 0.0, fewer.having(Acting(effect, as_late))
+    found = [judged(setting, hypothesis, less.state.found) for left, hypothesis in best.values() if left < enough]
+    return [rival for rival in found if rival.left < enough]
 
 
 def _exchanged(now: Judged, candidates: Sequence[Effect]) -> tuple[Judged, list[Compared]]:

@@ -23,6 +23,7 @@ class Delay(Effect):
     stages = "timing", "sensor"
     of_rig = True
     comes_late = True
+    late_by = "delay_s"
     parameters = (Parameter("delay_s", "s", 0.0, 1.0),)
 
     def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
