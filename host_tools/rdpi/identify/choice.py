@@ -59,9 +59,11 @@ class Judged:
         late.
 
         The error is that of the blocks' gains over what they leave. Fast blocks show a lag a thousand times as strongly
-        as slow ones, and the scatter of the gains themselves would be as large as their sum.
+        as slow ones, and the scatter of the gains themselves would be as large as their sum. Where far less is left
+        than usual, a loss is none.
         """
-        gain, both = other.held_out - self.held_out, np.maximum(other.held_out + self.held_out, np.finfo(float).tiny)
+        gain, usual = other.held_out - self.held_out, np.mean(self.held_out, axis=1, keepdims=True)
+        both = np.maximum(other.held_out + self.held_out + usual, np.finfo(float).tiny)
         beside = self.hypothesis.beside(other.hypothesis)
         late = [one for one in beside if one.effect.comes_late]
         further = beside and (other.hypothesis.comes_late or not late)
