@@ -83,6 +83,20 @@ def test_what_would_track_worse_is_left_out(monkeypatch: pytest.MonkeyPatch) -> 
     assert any(note.startswith("lag would explain more") and "worse by 50 %" in note for note in found.document.notes)
 
 
+@pytest.mark.parametrize("asked", [False, True], ids=["recordings alone", "references"])
+def test_what_makes_up_for_what_the_model_missed_anyway_is_left_out(asked: bool) -> None:
+    """The model is right now and was wrong before: what has changed since would take it away from the actuator."""
+    before, after = (recorded(plain_model(), drives(LATER), *which, seed=k)
+                     for k, which in enumerate(((entry("gain_change", factor=1.05),), ())))
+    found = diagnose(commissioned(), after, earlier=before, references=[sines(5.0)] if asked else [])
+    assert [one.name for one in found.document.effects] == ([] if asked else ["gain_change"])
+    told = [note for note in found.document.notes if "would be predicted worse, the zero included" in note]
+    assert len(told) == asked and all(note.startswith("gain_change would explain more") for note in told)
+    if asked:
+        assert found.document.verdict == "unknown" and any(run.path in told[0] for run in after)
+        assert found.improved.effects == commissioned().effects and found.improved.offset_um == commissioned().offset_um
+
+
 def test_the_zero_stays_where_a_refitted_model_lies() -> None:
     """With earlier recordings, the improved model misses on average what was missed before the change."""
     before, after = (recorded(plain_model(), drives(LATER), *which, seed=k) for k, which in enumerate(((), (LAG,))))

@@ -15,7 +15,7 @@ import numpy as np
 from ..data import RUN_COLUMNS, Recording, arguments, taken
 from ..identify import checks, localise, passport
 from ..model import Model, Passport, records
-from ..simulate import effects, signals
+from ..simulate import chain, effects, signals
 from ..simulate.effects import CATALOGUE
 from . import document, promise, spectrum, thresholds, unseen
 from .augmented import AugmentedModel
@@ -78,7 +78,8 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
 def _worth_tracking(decision: Decision, known: Passport | None, references: Sequence[Recording]
                     ) -> tuple[Decision, Offset, TrackingPromise | None]:
     """The decision, its zero and its promise for references. What is to be tracked must not get worse: the last effect
-    is left out as long as references, or recordings that were left out, promise no better.
+    is left out as long as references, or recordings that were left out, promise no better, or single recordings are
+    predicted worse.
 
     `known` is the passport of the model.
     """
@@ -87,11 +88,14 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
         offset, state = _offset(selection), selection.accepted
         if not references or not state.chosen:
             return decision, offset, None
-        moved = replace(state.model, offset_um=state.model.offset_um + offset.added)
-        tracked = promise.tracking(selection, moved, known, decision.coords, references)
+        improved = replace(state.model, effects=promise.entries(selection),
+                           offset_um=state.model.offset_um + offset.added)
+        tracked = promise.tracking(selection, improved, known, decision.coords, references)
         ci90 = document.promised(selection, document.equations_of(state)).ci90
         if ci90 is not None and ci90[0] < 0:
             why = "recordings that were left out may as well be predicted worse"
+        elif worse := _predicted_worse(selection.given.model, improved, state.recordings):
+            why = f"{worse} would be predicted worse, the zero included"
         elif tracked is not None and tracked.shrink < -thresholds.TRACKED_WORSE:
             why = f"the inverse of the model with it is to track worse by {100 * -tracked.shrink:.0f} %"
         else:
@@ -99,6 +103,17 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
         name, left = state.chosen[-1].effect.name, selection.rejecting_last()
         decision = replace(decision, selection=left, verdict=decision.verdict if left.accepted.chosen else "unknown",
                            notes=[*decision.notes, f"{name} would explain more of the gap, but {why}; it is left out"])
+
+
+def _predicted_worse(given: Model, improved: Model, runs: Sequence[Recording]) -> str | None:
+    """The recording that is predicted worse most, the zero included, if what is lost is not small beside what others
+    gain: then an effect makes up for what the model missed anyway, and other movements may lose as well.
+    """
+    squares = np.array([[np.mean((run.displacement_um - one.predicted_um) ** 2)
+                         for run, one in zip(runs, chain.simulate(model, runs))] for model in (given, improved)])
+    more = squares[1] - squares[0]
+    lost, gained = np.sum(np.maximum(more, 0)), np.sum(np.maximum(-more, 0))
+    return runs[int(np.argmax(more))].path if lost > thresholds.LOST * gained else None
 
 
 def _entries(model: Model, selection: Selection, found: GapDocument, paired: bool) -> list[Any]:

@@ -41,17 +41,16 @@ class _Movement:
     expected: Bands  # what the passport expects
 
 
-def tracking(selection: Selection, operator: Model, known: Passport | None, coords: Sequence[localise.Coordinates],
+def tracking(selection: Selection, improved: Model, known: Passport | None, coords: Sequence[localise.Coordinates],
              references: Sequence[Recording]) -> TrackingPromise | None:
     """The promise for these references, column reference_um.
 
-    None without references or accepted effects, and if a model has no inverse. `operator` is the improved model,
-    its effects apart. `known` is the passport of the model that was given, `coords` are those of the recordings.
+    None without references or accepted effects, and if a model has no inverse. `known` is the passport of the model
+    that was given, `coords` are those of the recordings.
     """
     if not references or not selection.accepted.chosen:
         return None
     given = selection.given.model
-    improved = replace(operator, effects=_entries(selection))
     try:
         tracked = [_tracked(given, improved, known, run) for run in references]
     except BadInput:
@@ -73,7 +72,7 @@ def tracking(selection: Selection, operator: Model, known: Passport | None, coor
     return TrackingPromise(shrink=promised, ci90=(float(min(low, promised)), float(min(max(high, promised), 1.0))))
 
 
-def _entries(selection: Selection) -> list[dict[str, Any]]:
+def entries(selection: Selection) -> list[dict[str, Any]]:
     """All effects that act, as the improved model's file holds them."""
     given, dataset, found = selection.given.model, selection.accepted.dataset, []
     new = [one.effect for one in selection.accepted.chosen]
