@@ -90,7 +90,7 @@ def test_what_makes_up_for_what_the_model_missed_anyway_is_left_out(asked: bool)
                      for k, which in enumerate(((entry("gain_change", factor=1.05),), ())))
     found = diagnose(commissioned(), after, earlier=before, references=[sines(5.0)] if asked else [])
     assert [one.name for one in found.document.effects] == ([] if asked else ["gain_change"])
-    told = [note for note in found.document.notes if "would be predicted worse, the zero included" in note]
+    told = [note for note in found.document.notes if "would be predicted worse in movement or zero" in note]
     assert len(told) == asked and all(note.startswith("gain_change would explain more") for note in told)
     if asked:
         assert found.document.verdict == "unknown" and any(run.path in told[0] for run in after)

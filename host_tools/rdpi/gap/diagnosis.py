@@ -95,7 +95,7 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
         if ci90 is not None and ci90[0] < 0:
             why = "recordings that were left out may as well be predicted worse"
         elif worse := _predicted_worse(selection.given.model, improved, state.recordings):
-            why = f"{worse} would be predicted worse, the zero included"
+            why = f"{worse} would be predicted worse in movement or zero"
         elif tracked is not None and tracked.shrink < -thresholds.TRACKED_WORSE:
             why = f"the inverse of the model with it is to track worse by {100 * -tracked.shrink:.0f} %"
         else:
@@ -106,14 +106,18 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
 
 
 def _predicted_worse(given: Model, improved: Model, runs: Sequence[Recording]) -> str | None:
-    """The recording that is predicted worse most, the zero included, if what is lost is not small beside what others
-    gain: then an effect makes up for what the model missed anyway, and other movements may lose as well.
+    """The recording that is predicted worse most, if what is lost is not small beside what is gained: an effect then
+    makes up for what the model missed anyway, and other movements may lose as well.
+
+    Movement and zero count apart: a zero that is lost in one recording is no price for what another's movement gains.
     """
-    squares = np.array([[np.mean((run.displacement_um - one.predicted_um) ** 2)
-                         for run, one in zip(runs, chain.simulate(model, runs))] for model in (given, improved)])
-    more = squares[1] - squares[0]
-    lost, gained = np.sum(np.maximum(more, 0)), np.sum(np.maximum(-more, 0))
-    return runs[int(np.argmax(more))].path if lost > thresholds.LOST * gained else None
+    lost, gained = np.zeros(len(runs)), 0.0
+    missed = [[run.displacement_um - one.predicted_um for run, one in zip(runs, chain.simulate(model, runs))]
+              for model in (given, improved)]
+    for of in (np.var, lambda left: np.mean(left) ** 2):
+        more = np.array([of(now) - of(then) for then, now in zip(*missed)])
+        lost, gained = lost + np.maximum(more, 0.0), gained + float(np.sum(np.maximum(-more, 0.0)))
+    return runs[int(np.argmax(lost))].path if np.sum(lost) > thresholds.LOST * gained else None
 
 
 def _entries(model: Model, selection: Selection, found: GapDocument, paired: bool) -> list[Any]:

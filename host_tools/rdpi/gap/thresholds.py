@@ -67,7 +67,7 @@ TRACKED_SPREAD = 0.35  # [ln] scatter of the rms of that; rigs
 TRACKED_SCATTER = 0.12  # [1] of the shrink beside that: effects that have another name; rigs
 MOST_BEYOND = 1.0  # [of the change] in an octave, that no effect explains; rigs
 TRACKED_WORSE = 0.02  # [1] by which tracking may get worse as promised, before an effect is left out; rigs
-LOST = 0.2  # [of the squares that others gain] by which recordings may be predicted worse, before it is left out; rigs
+LOST = 0.2  # [of the squares gained] by which recordings may be predicted worse, before an effect is left out; rigs
 
 # --- has the zero moved?
 ZERO_AGREES = 4.0  # [scatter] of zeros, from which their mean is carried over to the improved model; rigs
