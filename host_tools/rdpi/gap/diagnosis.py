@@ -94,8 +94,8 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
         ci90 = document.promised(selection, document.equations_of(state)).ci90
         if ci90 is not None and ci90[0] < 0:
             why = "recordings that were left out may as well be predicted worse"
-        elif worse := _predicted_worse(selection.given.model, improved, state.recordings):
-            why = f"{worse} would be predicted worse in movement or zero"
+        elif (worse := _predicted_worse(selection.given.model, improved, state.recordings)) is not None:
+            why = f"{worse.path} would be predicted worse in movement or zero"
         elif tracked is not None and tracked.shrink < -thresholds.TRACKED_WORSE:
             why = f"the inverse of the model with it is to track worse by {100 * -tracked.shrink:.0f} %"
         else:
@@ -105,7 +105,7 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
                            notes=[*decision.notes, f"{name} would explain more of the gap, but {why}; it is left out"])
 
 
-def _predicted_worse(given: Model, improved: Model, runs: Sequence[Recording]) -> str | None:
+def _predicted_worse(given: Model, improved: Model, runs: Sequence[Recording]) -> Recording | None:
     """The recording that is predicted worse most, if what is lost is not small beside what is gained: an effect then
     makes up for what the model missed anyway, and other movements may lose as well.
 
@@ -117,7 +117,7 @@ def _predicted_worse(given: Model, improved: Model, runs: Sequence[Recording]) -
     for of in (np.var, lambda left: np.mean(left) ** 2):
         more = np.array([of(now) - of(then) for then, now in zip(*missed)])
         lost, gained = lost + np.maximum(more, 0.0), gained + float(np.sum(np.maximum(-more, 0.0)))
-    return runs[int(np.argmax(lost))].path if np.sum(lost) > thresholds.LOST * gained else None
+    return runs[int(np.argmax(lost))] if np.sum(lost) > thresholds.LOST * gained else None
 
 
 def _entries(model: Model, selection: Selection, found: GapDocument, paired: bool) -> list[Any]:

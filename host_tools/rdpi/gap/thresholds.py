@@ -7,7 +7,7 @@ half and twice of each do to the figures of the withheld check. What an effect g
 Sources:
   tune      chosen on the tuning set of tests/withheld (`check.py --set tune`): its 'none' controls and single effects
   coverage  so that intervals stated as 90 % cover 90 % of the tuning set
-  rigs      chosen on tests/rigs (`appears.py`), a family left out in turn
+  rigs      chosen on tests/rigs (`appears.py`, `circle.py`), a family left out in turn
   judged    set when the search was written; no set is on record
 """
 
