@@ -22,7 +22,7 @@ from .augmented import AugmentedModel
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
 from .sections import GapDocument, Offset, TrackingPromise, Verdict
-from .selection import Excess, Selection, detection_threshold, excess, select, zeros_agree
+from .selection import Excess, Selection, detection_threshold, excess, select, shrink_of, zeros_agree
 from .spectrum import Spectrum
 
 REFERENCE_COLUMNS = "time_s", "reference_um"
@@ -78,8 +78,8 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
 def _worth_tracking(decision: Decision, known: Passport | None, references: Sequence[Recording]
                     ) -> tuple[Decision, Offset, TrackingPromise | None]:
     """The decision, its zero and its promise for references. What is to be tracked must not get worse: the last effect
-    is left out as long as references, or recordings that were left out, promise no better, or single recordings are
-    predicted worse.
+    is left out as long as references, or recordings that were left out, promise no better, or the recordings show that
+    the improved model is none.
 
     `known` is the passport of the model.
     """
@@ -94,8 +94,9 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
         ci90 = document.promised(selection, document.equations_of(state)).ci90
         if ci90 is not None and ci90[0] < 0:
             why = "recordings that were left out may as well be predicted worse"
-        elif (worse := _predicted_worse(selection.given.model, improved, state.recordings)) is not None:
-            why = f"{worse.path} would be predicted worse in movement or zero"
+        elif not all(one.per_run for one in state.chosen) and (
+                found := _no_better(selection.given.model, improved, state.recordings)):
+            why = found
         elif tracked is not None and tracked.shrink < -thresholds.TRACKED_WORSE:
             why = f"the inverse of the model with it is to track worse by {100 * -tracked.shrink:.0f} %"
         else:
@@ -105,19 +106,26 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
                            notes=[*decision.notes, f"{name} would explain more of the gap, but {why}; it is left out"])
 
 
-def _predicted_worse(given: Model, improved: Model, runs: Sequence[Recording]) -> Recording | None:
-    """The recording that is predicted worse most, if what is lost is not small beside what is gained: an effect then
-    makes up for what the model missed anyway, and other movements may lose as well.
+def _no_better(given: Model, improved: Model, runs: Sequence[Recording]) -> str | None:
+    """Why the improved model is none for what is to be tracked, by all that both models miss of the recordings; None:
+    it is one.
 
-    Movement and zero count apart: a zero that is lost in one recording is no price for what another's movement gains.
+    What single recordings lose must be small beside what is gained: else an effect makes up for what the model missed
+    anyway, and other movements may lose as well. Movement and zero count apart: a zero that is lost in one recording is
+    no price for what another's movement gains.
     """
-    lost, gained = np.zeros(len(runs)), 0.0
     missed = [[run.displacement_um - one.predicted_um for run, one in zip(runs, chain.simulate(model, runs))]
               for model in (given, improved)]
-    for of in (np.var, lambda left: np.mean(left) ** 2):
-        more = np.array([of(now) - of(then) for then, now in zip(*missed)])
-        lost, gained = lost + np.maximum(more, 0.0), gained + float(np.sum(np.maximum(-more, 0.0)))
-    return runs[int(np.argmax(lost))] if np.sum(lost) > thresholds.LOST * gained else None
+    moved, zero = (np.array([[of(left) for left in parts] for parts in missed])
+                   for of in (np.var, lambda left: np.mean(left) ** 2))  # (models, runs)
+    more = np.array([moved[1] - moved[0], zero[1] - zero[0]])
+    lost = np.sum(np.maximum(more, 0.0), axis=0)
+    if np.sum(lost) > thresholds.LOST * np.sum(np.maximum(-more, 0.0)):
+        return f"{runs[int(np.argmax(lost))].path} would be predicted worse in movement or zero"
+    shrinks = [shrink_of(now, then) for then, now in (moved, moved + zero)]
+    if max(shrinks) < thresholds.LEAST_SHRINK:
+        return f"all that the model misses would shrink by {100 * max(shrinks):.1f} % only"
+    return None
 
 
 def _entries(model: Model, selection: Selection, found: GapDocument, paired: bool) -> list[Any]:
@@ -206,8 +214,11 @@ def _offset(selection: Selection) -> Offset:
     where the model was identified. Where they do not agree, it only makes up for what the effects do to it, if that
     takes it away from where the recordings lie. Creep and the room move one recording's zero and not the next one's.
     That of a recording of unknown memory holds what its plays remember: it counts only if there is no other.
+
+    Without accepted effects the improved model is the one that was given. Starts that the rounds came to may explain
+    zeros then, but are in no model.
     """
-    state, given = selection.with_starts, selection.given
+    state, given = selection.accepted if selection.accepted.chosen else selection.with_starts, selection.given
     model, base = given.model, given.by_command
     now = [one.mean_residual_um(state.acting()) for one in state.by_command.model_runs]
     old = [one.mean_residual_um(given.acting()) for one in base.model_runs]
@@ -221,7 +232,8 @@ def _offset(selection: Selection) -> Offset:
     agree, added = zeros_agree(model, told, compared=bool(base.earlier)), 0.0
     if agree and state.chosen:
         added = float(np.mean(told))
-    elif not any(one.effect.starts_memory for one in state.chosen) and np.sum(told**2) > np.sum(before[sure] ** 2):
+    elif state.chosen and not any(one.effect.starts_memory for one in state.chosen) \
+            and np.sum(told**2) > np.sum(before[sure] ** 2):
         # the effects take the zero away from where it is
         taken_um = float(np.mean((zeros - before)[sure]))
         added = taken_um if abs(taken_um) > thresholds.ZERO_SCATTER * model.stroke_um else 0.0
