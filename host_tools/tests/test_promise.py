@@ -10,8 +10,10 @@ from injected import LATER, RATE_HZ, commissioned, drives, entry, plain_model, r
 
 from rdpi import BadInput
 from rdpi.data import Recording
-from rdpi.gap import diagnose, promise
+from rdpi.gap import diagnose, diagnosis, promise, thresholds
+from rdpi.gap.augmented import AugmentedModel
 from rdpi.gap.sections import TrackingPromise
+from rdpi.identify import passport
 from rdpi.model import Model
 from rdpi.simulate import chain
 
@@ -95,6 +97,30 @@ def test_what_makes_up_for_what_the_model_missed_anyway_is_left_out(asked: bool)
     if asked:
         assert found.document.verdict == "unknown" and any(run.path in told[0] for run in after)
         assert found.improved.effects == commissioned().effects and found.improved.offset_um == commissioned().offset_um
+
+
+def test_the_zero_stays_where_no_effect_is_accepted() -> None:
+    """Starts of the memory that an effect came to, which was left out then, move the zeros that are told alone."""
+    given = AugmentedModel.given(commissioned(), recorded(plain_model(), drives((LATER[3],)), LAG), [])
+    found = diagnosis.decide(given, passport.read(commissioned())).selection
+    reached = found.reached.dataset
+    left = replace(found.rejecting_all(), reached=replace(found.reached, dataset=reached.starting(
+        [one.start_um - 0.1 * commissioned().stroke_um for one in reached.model_runs])))
+    told = diagnosis._offset(left)
+    assert found.reached.chosen and told.added == 0
+    assert told.mean > thresholds.ZERO_SCATTER * commissioned().stroke_um
+
+
+def test_what_hardly_shrinks_all_that_is_missed_is_left_out() -> None:
+    """The change is explained as a whole, and is small beside what the model missed before."""
+    curve, small = entry("static_nonlinearity", linear=0.0, quadratic=0.3, cubic=0.0), entry("delay", delay_s=0.0006)
+    before, after = (recorded(plain_model(), drives(LATER), curve, *which, seed=k)
+                     for k, which in enumerate(((), (small,))))
+    alone, asked = (diagnose(commissioned(), after, earlier=before, references=references)
+                    for references in ([], [sines(5.0)]))
+    assert [one.name for one in alone.document.effects] == ["delay"] and alone.document.promised.shrink > 0.5
+    assert not asked.document.effects and asked.improved.effects == commissioned().effects
+    assert any("all that the model misses would shrink by" in note for note in asked.document.notes)
 
 
 def test_the_zero_stays_where_a_refitted_model_lies() -> None:

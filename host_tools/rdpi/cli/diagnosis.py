@@ -90,8 +90,8 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
 @click.option("--reference", "references", multiple=True, metavar="REFERENCE.csv", type=click.Path(dir_okay=False),
               help="What is to be tracked, a column reference_um. The command then promises by how much compensation "
                    "shrinks the tracking error, and leaves out effects that would increase it, that predict a "
-                   "recording worse, or of which recordings that were left out do not show that they help. May be "
-                   "given several times.")
+                   "recording worse or hardly any better, or of which recordings that were left out do not show that "
+                   "they help. May be given several times.")
 @click.option("--without", multiple=True, metavar="EFFECT",
               help="Do not try this effect. May be given several times.")
 @click.option("--fail-on", type=Choices("effect", "ambiguous", "unknown"), default=(), metavar="VERDICT,...",

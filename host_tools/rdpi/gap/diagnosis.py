@@ -48,7 +48,7 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
 
     With `earlier` recordings, one of the same drive for each run, the gap is what has changed since: what the model
     missed then is taken off, and with it its own error. `references`, with the column reference_um, are what the
-    promise for tracking is made for; effects that would make that worse are left out.
+    promise for tracking is made for; effects that would make that worse, or no recording better, are left out.
 
     Raises BadInput for recordings that cannot be this model's, and for a run whose drive no earlier recording has.
     """

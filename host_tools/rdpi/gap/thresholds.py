@@ -28,7 +28,7 @@ FEW_LINES = 4.0  # [lines] of a spectrum, by which an octave counts half; judged
 # --- which effect?
 MOST_EFFECTS = 3  # [effects] accepted at most; tune
 LEAST_SHARE = 0.15  # [of the excess] that an effect must explain; tune
-LEAST_SHRINK = 0.04  # [1] that it must bring beyond chance; tune
+LEAST_SHRINK = 0.04  # [1] that it must bring beyond chance, and of all that is missed before references; tune
 BORN_IN = 0.25  # [1] shrink that makes an effect where nothing exceeds the passport; tune
 BORN_IN_FEW = 0.45  # [1] the same with few recordings; tune
 NEW_RATIO = 1.15  # [passport] from which something is new, whatever was there before; tune
