@@ -324,15 +324,17 @@ def _rivals(now: Judged, one: Acting, less: Judged, others: Sequence[Effect]) ->
     gone astray. One that is late by a time starts as late as that one.
     """
     setting, fewer, enough = now.state.setting, less.hypothesis, (now.left + less.left) / 2
-    anew, as_it_is = (_to_first_order(state, others)
-                      for state in (less.state, Linearised(setting, fewer, now.state.found)))
-    best = {name: min((first[name] for first in (anew, as_it_is) if name in first), key=lambda one: one[0])
-            for name in dict.fromkeys([*anew, *as_it_is])}
-    for effect in others:
-        if effect.late_by and one.effect.late_by:
-            as_late = {**effect.absent(), effect.late_by: one.values[one.effect.late_by]}
-            best[effect.name] = 0.0, fewer.having(Acting(effect, as_late))
-    found = [judged(setting, hypothesis, less.state.found) for left, hypothesis in best.values() if left < enough]
+    as_late = [effect for effect in others if effect.late_by and one.effect.late_by]
+    further = [effect for effect in others if effect not in as_late]
+    firsts = [_to_first_order(state, further) for state in (less.state, Linearised(setting, fewer, now.state.found))]
+    hypotheses = [fewer.having(Acting(effect, {**effect.absent(), effect.late_by: one.values[one.effect.late_by]}))
+                  for effect in as_late]
+    for effect in further:
+        left, hypothesis = min((first[effect.name] for first in firsts if effect.name in first),
+                               key=lambda promise: promise[0], default=(np.inf, fewer))
+        if left < enough:
+            hypotheses.append(hypothesis)
+    found = [judged(setting, hypothesis, less.state.found) for hypothesis in hypotheses]
     return [rival for rival in found if rival.left < enough]
 
 

@@ -32,8 +32,8 @@ def since_sweep_s(sample_time_s: float) -> float:
 
 def middle_um(model: Model) -> float:
     """Displacement after a sweep that ended in the middle of the drive's range: all plays are there."""
-    middle_um = float(model.x_of(model.drive.min_V) + model.x_of(model.drive.max_V)) / 2
-    return _shown_um(model, middle_um * model.slopes[-1])
+    x_um = float(model.x_of(model.drive.min_V) + model.x_of(model.drive.max_V)) / 2
+    return _shown_um(model, x_um * model.slopes[-1])
 
 
 def swept_um(model: Model, x_um: float) -> float:

@@ -91,8 +91,8 @@ def _axis(axis: Axis, index: int, width: float) -> Json:
         made |= {"type": "time", "min": low * DAY_MS, "max": high * DAY_MS}
     if getattr(axis.get_major_formatter(), "fmt", None) == WHOLE:
         made["whole"] = True
-    if not any(one.label1.get_visible() or one.label2.get_visible() for one in axis.get_major_ticks()):  # shared
-        made["mute"] = True
+    if not any(one.label1.get_visible() or one.label2.get_visible() for one in axis.get_major_ticks()):
+        made["mute"] = True  # shared with the panel below, or none at all
     return made
 
 
