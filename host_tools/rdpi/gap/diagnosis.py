@@ -17,7 +17,7 @@ from ..identify import checks, localise, passport
 from ..model import Model, Passport, records
 from ..simulate import chain, effects, signals
 from ..simulate.effects import CATALOGUE
-from . import document, promise, spectrum, thresholds, unseen
+from . import beside, document, promise, spectrum, thresholds, unseen
 from .augmented import AugmentedModel
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
@@ -164,7 +164,7 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
     coords = [localise.coordinates(one.recording, one.predict(given.acting()), one.rate_um_per_s)
               for one in given.dataset.model_runs]
     gap = excess(given, known, coords)
-    selection = select(given, gap, without, progress)
+    selection = beside.settled(select(given, gap, without, progress), gap)
     runs, reached = given.recordings, selection.reached
     new = spectrum.against(known, runs, selection.before_um, coords)
     left = spectrum.against(known, runs, reached.residual_um, coords, reached.excused_um) if reached.chosen else new

@@ -8,6 +8,7 @@ linear algebra.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -157,6 +158,20 @@ class NormalEquations:
                 columns = np.r_[self.change[j], self.jacobian[j]].astype(int)
                 result[i, j] = self._share(row, columns, self.candidates[j].per_run) / energy if energy > 0 else 0.0
         return np.clip(result, 0.0, 1.0)
+
+    def together(self) -> np.ndarray:
+        """Sum of squares that two candidates leave together, to first order: (candidates, candidates), infinite for a
+        disturbance and for a candidate with itself.
+        """
+        count, whole = len(self.candidates), np.sum(self.blocks, axis=0)
+        result = np.full((count, count), np.inf)
+        shared = [k for k, one in enumerate(self.candidates) if not one.per_run]
+        for i, j in combinations(shared, 2):
+            columns = np.r_[self.adjusted, self.change[i], self.jacobian[i], self.change[j], self.jacobian[j]].astype(int)
+            across = whole[columns, 0]
+            gained = float(across @ _solution(whole[np.ix_(columns, columns)], across))
+            result[i, j] = result[j, i] = max(0.0, whole[0, 0] - gained)
+        return result
 
     def _share(self, row: int, columns: np.ndarray, per_run: bool) -> float:
         runs = self.dataset.run_of_block

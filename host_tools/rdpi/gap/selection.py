@@ -47,6 +47,7 @@ class Score:
     refitted_left: float
     refitted_ci: tuple[float, float] | None
     monitor_left: float
+    lost: float  # squares that recordings which were left out lose, of those that others gain
     was_there: bool  # a disturbance that the earlier recordings show as well
 
     @property
@@ -104,6 +105,7 @@ class Round:
     refitted: bool  # whether it was scored with the model refitted
     rivals: tuple[Score, ...]  # what cannot be told from it
     reproduced: np.ndarray  # (scores, scores), see NormalEquations.reproduced
+    together: np.ndarray  # (scores, scores), see NormalEquations.together
     model_move: np.ndarray | None  # of the model's parameters, where it was refitted
 
     @property
@@ -252,7 +254,7 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
     move = equations.refitted_model(scores.index(best)) if refitted else None
     kept = {one: one if one is best else replace(one, candidate=one.candidate.slim()) for one in scores}
     return Round(tuple(kept.values()), rejected, refused, baseline, evidence, best, refitted,
-                 tuple(kept[one] for one in rivals), reproduced, move)
+                 tuple(kept[one] for one in rivals), reproduced, equations.together(), move)
 
 
 def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
@@ -304,7 +306,15 @@ def _score(state: AugmentedModel, equations: NormalEquations, baseline: Baseline
         refitted_shrink=refitted_shrink,
         refitted_left=float(np.sum(refitted) + np.sum(refitted_within)) / 2,
         refitted_ci=shrink_interval(refitted, min(baseline.frozen, baseline.refitted, key=np.sum), recordings),
-        monitor_left=float(np.sum(within[state.dataset.of_monitor])), was_there=state.was_there(one))
+        monitor_left=float(np.sum(within[state.dataset.of_monitor])),
+        lost=_lost(left, baseline.frozen, state.dataset.run_of_block), was_there=state.was_there(one))
+
+
+def _lost(after: np.ndarray, before: np.ndarray, run_of_block: np.ndarray) -> float:
+    """What recordings that were left out are predicted worse, as a share of what others are predicted better; squares.
+    """
+    more = np.bincount(run_of_block, after - before)
+    return float(np.sum(np.maximum(more, 0.0)) / max(np.sum(np.maximum(-more, 0.0)), 1e-300))
 
 
 def _shrink_from_command(state: AugmentedModel, one: Candidate) -> float:
@@ -371,7 +381,7 @@ def _why_rejected(one: Score, further: bool, clear: bool, born_in: float) -> str
         (thresholds.LEAST_SHARE, thresholds.LEAST_SHRINK)
     if one.share <= share or one.gain <= shrink:
         return "explains too little of the gap"
-    if one.shrink_ci is not None and one.shrink_ci[0] < -thresholds.WORSE_LEFT_OUT:
+    if one.lost > thresholds.WORSE_LEFT_OUT:
         return "recordings that were left out may as well be predicted worse"
     if one.follows_drive:
         return "lies at a frequency of the drive itself"
