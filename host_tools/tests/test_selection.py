@@ -89,9 +89,9 @@ def test_what_was_accepted_beside_an_effect_is_no_rival_of_it() -> None:
 
 def test_the_same_round_asked_for_again_says_the_same() -> None:
     """Whatever was accepted since: the model that was given has not changed."""
-    first = decided().selection.rounds[0]
     before = given().residual
     gap = selection.excess(given(), passport.read(commissioned()), coordinates())
+    first = selection.select(given(), gap).rounds[0]
     again = selection.one_round(given(), gap)
     assert again is not first and same(first, again)
     assert given().residual is before and not given().chosen
@@ -141,7 +141,7 @@ def test_recordings_that_do_not_lie_where_creep_would_take_them() -> None:
 def test_what_may_predict_recordings_that_were_left_out_worse_is_rejected() -> None:
     best = decided().selection.rounds[0].best
     assert selection._why_rejected(best, further=False, clear=True, born_in=0.25) is None
-    doubtful = dataclasses.replace(best, shrink_ci=(-2 * thresholds.WORSE_LEFT_OUT, 0.9))
+    doubtful = dataclasses.replace(best, lost=2 * thresholds.WORSE_LEFT_OUT)
     assert "worse" in selection._why_rejected(doubtful, further=False, clear=True, born_in=0.25)
 
 

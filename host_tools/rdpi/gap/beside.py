@@ -108,11 +108,15 @@ def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, 
         known = k < len(selection.rounds) and [had.effect.name for had in selection.reached.chosen[:k]] == names[:k]
         done = selection.rounds[k] if known else one_round(states[k], gap, tuple(selection.without))
         place = next((place for place, score in enumerate(done.scores) if _alike(score, one)), None)
-        if place is None:  # beside fewer effects nothing excites it
+        if place is None or len(names) == 1 and done.rejected[place]:  # beside fewer effects it is not to be had
             return selection
-        best = replace(done.scores[place], candidate=one)
-        rounds.append(replace(done, scores=_with(done.scores, place, best), rejected=_with(done.rejected, place, None),
-                              best=best, rivals=rivals.get(best.name, _others(done, best.name))))
+        best, others = done.scores[place], done.rivals
+        if best is not done.best:
+            others = _others(done, best.name)
+            best = replace(best, candidate=one)
+            done = replace(done, scores=_with(done.scores, place, best), rejected=_with(done.rejected, place, None),
+                           best=best)
+        rounds.append(replace(done, rivals=rivals.get(best.name, others)))
         states.append(states[k].accept(one))
     if names == [one.effect.name for one in selection.reached.chosen]:
         rounds += selection.rounds[len(names):]
