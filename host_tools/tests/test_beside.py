@@ -70,7 +70,7 @@ def test_another_effect_takes_the_place_of_one_that_leaves_more() -> None:
 
 def test_an_effect_that_brings_nothing_beside_the_others_is_dropped() -> None:
     _, gap = selected()
-    found = beside.settled(reached("delay", "gain_change", "hysteresis_change"), gap)
+    found = beside.settled(reached("hysteresis_change", "delay", "gain_change"), gap)
     assert sorted(names(found)) == ["delay", "gain_change"]
     assert len(found.states) == 3 and found.states[-1] is found.reached
     assert [done.best.name for done in found.rounds[:2]] == names(found)

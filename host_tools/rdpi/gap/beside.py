@@ -21,6 +21,7 @@ from .selection import Excess, Round, Score, Selection, detection_threshold, one
 
 PAIRS = 4  # of effects, those that leave least to first order, that are fitted
 ASKED = 9  # times that an effect is searched beside the others at most
+HOPELESS = 4.0  # times the squares that the best leaves beside another one, to first order, from which one is not tried
 
 
 def settled(selection: Selection, gap: Excess) -> Selection:
@@ -31,13 +32,15 @@ def settled(selection: Selection, gap: Excess) -> Selection:
     if not reached.chosen:
         return selection
     rivals: dict[str, tuple[Score, ...]] = {}
+    if reached is selection.reached:  # the last was searched beside the others
+        rivals[reached.chosen[-1].effect.name] = selection.rounds[len(reached.chosen) - 1].rivals
     for _ in range(ASKED):
         place = next((k for k, one in reversed([*enumerate(reached.chosen)]) if one.effect.name not in rivals), None)
         if place is None or len(reached.chosen) < 2:
             break
         name, others = reached.chosen[place].effect.name, _lacking(selection.given, reached, place)
         enough = _squares(others) < thresholds.FURTHER_RATIO**2 * gap.floor
-        done = None if enough else one_round(others, gap, tuple(selection.without))
+        done = None if enough else one_round(others, gap, _hopeless(selection, others))
         if done is None or done.best is None:
             reached, rivals = _accepting(selection.given, others.chosen), {}
             continue
@@ -48,6 +51,8 @@ def settled(selection: Selection, gap: Excess) -> Selection:
             if _squares(there) < (1 + thresholds.RIVAL_MARGIN) * before:
                 reached, name = there, done.best.name
         rivals[name] = _others(done, name)
+    if len(reached.chosen) == 1:  # of single ones, the first round has told the best
+        reached, rivals = selection.states[1] if len(selection.states) > 1 else selection.given, {}
     return _rewritten(selection, reached, rivals, gap)
 
 
@@ -68,6 +73,17 @@ def _lacking(given: AugmentedModel, state: AugmentedModel, place: int) -> Augmen
     if state.chosen[place].memory_um is not None:
         return _accepting(given, others)
     return replace(state, chosen=others)
+
+
+def _hopeless(selection: Selection, others: AugmentedModel) -> tuple[str, ...]:
+    """Effects that are not to be tried, or that by the first round leave too much beside one of the others."""
+    first, names = selection.rounds[0], {one.effect.name for one in others.chosen}
+    beside = [k for k, one in enumerate(first.scores) if one.name in names]
+    least: dict[str, float] = {}
+    for one, left in zip(first.scores, np.min(first.together[:, beside], axis=1, initial=np.inf)):
+        least[one.name] = min(left, least.get(one.name, np.inf))
+    most = HOPELESS * min(least.values())
+    return *selection.without, *(name for name, left in least.items() if left > most)
 
 
 def _asked_for_pairs(selection: Selection, gap: Excess) -> AugmentedModel:
@@ -104,11 +120,13 @@ def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, 
     """The selection as if its rounds had led there."""
     states, rounds = [selection.given], []
     names = [one.effect.name for one in reached.chosen]
+    if not names:
+        return selection
     for k, one in enumerate(reached.chosen):
         known = k < len(selection.rounds) and [had.effect.name for had in selection.reached.chosen[:k]] == names[:k]
         done = selection.rounds[k] if known else one_round(states[k], gap, tuple(selection.without))
         place = next((place for place, score in enumerate(done.scores) if _alike(score, one)), None)
-        if place is None or len(names) == 1 and done.rejected[place]:  # beside fewer effects it is not to be had
+        if place is None:  # beside fewer effects nothing excites it
             return selection
         best, others = done.scores[place], done.rivals
         if best is not done.best:
