@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import pytest
 from injected import commissioned, drives, entry, plain_model, recorded
+from plants import changed
 
 from rdpi.gap import beside, candidates
 from rdpi.gap.augmented import AugmentedModel
@@ -74,3 +75,11 @@ def test_an_effect_that_brings_nothing_beside_the_others_is_dropped() -> None:
     assert sorted(names(found)) == ["delay", "gain_change"]
     assert len(found.states) == 3 and found.states[-1] is found.reached
     assert [done.best.name for done in found.rounds[:2]] == names(found)
+
+
+def test_a_disturbance_that_was_found_first_stays() -> None:
+    """The first round does not tell what is left beside it."""
+    runs = [changed(run, displacement_um=run.displacement_um + 0.4 * run.time_s)
+            for run in recorded(plain_model(), drives(), DELAY)]
+    found = decide(AugmentedModel.given(commissioned(), runs, []), passport.read(commissioned())).selection
+    assert names(found)[:2] == ["thermal_drift", "delay"]

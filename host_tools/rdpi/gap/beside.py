@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import BadInput
 from . import thresholds
 from .augmented import AugmentedModel
 from .candidates import Candidate
@@ -76,14 +77,16 @@ def _lacking(given: AugmentedModel, state: AugmentedModel, place: int) -> Augmen
 
 
 def _hopeless(selection: Selection, others: AugmentedModel) -> tuple[str, ...]:
-    """Effects that are not to be tried, or that by the first round leave too much beside one of the others."""
+    """Effects that are not to be tried, or that by the first round leave too much beside one of the others; it does not
+    tell that of disturbances.
+    """
     first, names = selection.rounds[0], {one.effect.name for one in others.chosen}
     beside = [k for k, one in enumerate(first.scores) if one.name in names]
     least: dict[str, float] = {}
     for one, left in zip(first.scores, np.min(first.together[:, beside], axis=1, initial=np.inf)):
         least[one.name] = min(left, least.get(one.name, np.inf))
     most = HOPELESS * min(least.values())
-    return *selection.without, *(name for name, left in least.items() if left > most)
+    return *selection.without, *(name for name, left in least.items() if most < left < np.inf)
 
 
 def _asked_for_pairs(selection: Selection, gap: Excess) -> AugmentedModel:
@@ -94,7 +97,10 @@ def _asked_for_pairs(selection: Selection, gap: Excess) -> AugmentedModel:
     if not clear or min((_squares(state) for state in selection.states[1:2]), default=np.inf) < enough:
         return reached
     for one, other in _promising(first):
-        pair = given.accept(one.candidate).accept(other.candidate)
+        try:
+            pair = given.accept(one.candidate).accept(other.candidate)
+        except BadInput:  # numbers beyond the library's
+            continue
         if _squares(pair) < (1 - thresholds.RIVAL_MARGIN) * _squares(reached):
             reached = pair
     without = [_squares(_lacking(given, reached, place)) for place in range(len(reached.chosen))]
@@ -108,7 +114,7 @@ def _promising(first: Round) -> Iterator[tuple[Score, Score]]:
     for at in np.argsort(first.together, axis=None):
         i, j = divmod(int(at), count)
         one, other = first.scores[i], first.scores[j]
-        if i < j and one.name != other.name and not (one.was_there or other.was_there) and np.isfinite(first.together[i, j]):
+        if i < j and one.name != other.name and np.isfinite(first.together[i, j]):
             yield one, other
             found += 1
             if found == PAIRS:
