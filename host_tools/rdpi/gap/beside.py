@@ -46,12 +46,11 @@ def settled(selection: Selection, gap: Excess) -> Selection:
             reached, rivals = _accepting(selection.given, others.chosen), {}
             continue
         if done.best.name != name:
-            there, before = others.accept(done.best.candidate), _squares(reached)
-            if _squares(there) < (1 - thresholds.RIVAL_MARGIN) * before:
+            there = others.accept(done.best.candidate)
+            if _squares(there) < (1 - thresholds.RIVAL_MARGIN) * _squares(reached):
                 rivals = {}
-            if _squares(there) < (1 + thresholds.RIVAL_MARGIN) * before:
-                reached, name = there, done.best.name
-        rivals[name] = _others(done, name)
+            reached, name = there, done.best.name
+        rivals[name] = done.rivals
     if len(reached.chosen) == 1:  # of single ones, the first round has told the best
         reached, rivals = selection.states[1] if len(selection.states) > 1 else selection.given, {}
     return _rewritten(selection, reached, rivals, gap)
@@ -134,23 +133,20 @@ def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, 
         place = next((place for place, score in enumerate(done.scores) if _alike(score, one)), None)
         if place is None:  # beside fewer effects nothing excites it
             return selection
-        best, others = done.scores[place], done.rivals
-        if best is not done.best:
-            others = _others(done, best.name)
+        best, beside = done.scores[place], rivals.get(one.effect.name, ())
+        if best is done.best:  # beside what only makes up for the model's own error, too little seems to be a rival
+            names_known = {rival.name for rival in done.rivals}
+            beside = (*done.rivals, *(rival for rival in beside if rival.name not in names_known))
+        else:
             best = replace(best, candidate=one)
             done = replace(done, scores=_with(done.scores, place, best), rejected=_with(done.rejected, place, None),
                            best=best)
-        rounds.append(replace(done, rivals=rivals.get(best.name, others)))
+        rounds.append(replace(done, rivals=beside))
         states.append(states[k].accept(one))
     if names == [one.effect.name for one in selection.reached.chosen]:
         rounds += selection.rounds[len(names):]
     return replace(selection, reached=reached, accepted=reached, rounds=tuple(rounds),
                    states=(*states[:-1], reached))
-
-
-def _others(done: Round, name: str) -> tuple[Score, ...]:
-    """The best of a round and its rivals, this effect apart."""
-    return tuple(one for one in (done.best, *done.rivals) if one is not None and one.name != name)
 
 
 def _alike(score: Score, one: Candidate) -> bool:
