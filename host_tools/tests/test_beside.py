@@ -9,7 +9,7 @@ import pytest
 from injected import commissioned, drives, entry, plain_model, recorded
 from plants import changed
 
-from rdpi.gap import beside, candidates
+from rdpi.gap import beside, candidates, thresholds
 from rdpi.gap.augmented import AugmentedModel
 from rdpi.gap.diagnosis import decide
 from rdpi.gap.selection import Excess, Selection, excess, select
@@ -83,3 +83,13 @@ def test_a_disturbance_that_was_found_first_stays() -> None:
             for run in recorded(plain_model(), drives(), DELAY)]
     found = decide(AugmentedModel.given(commissioned(), runs, []), passport.read(commissioned())).selection
     assert names(found)[:2] == ["thermal_drift", "delay"]
+
+
+def test_two_that_cancel_are_no_pair(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each larger than the gap: what they leave together says nothing."""
+    found, gap = selected()
+    first = replace(found, reached=found.states[1], accepted=found.states[1], states=found.states[:2],
+                    rounds=found.rounds[:1])
+    assert len(names(beside.settled(first, gap))) == 2
+    monkeypatch.setattr(thresholds, "CANCELS", 0.0)
+    assert len(names(beside.settled(first, gap))) == 1

@@ -22,7 +22,6 @@ from .selection import Excess, Round, Score, Selection, detection_threshold, one
 
 PAIRS = 4  # of effects, those that leave least to first order, that are fitted
 ASKED = 9  # times that an effect is searched beside the others at most
-HOPELESS = 4.0  # times the squares that the best leaves beside another one, to first order, from which one is not tried
 
 
 def settled(selection: Selection, gap: Excess) -> Selection:
@@ -84,7 +83,7 @@ def _hopeless(selection: Selection, others: AugmentedModel) -> tuple[str, ...]:
     least: dict[str, float] = {}
     for one, left in zip(first.scores, np.min(first.together[:, beside], axis=1, initial=np.inf)):
         least[one.name] = min(left, least.get(one.name, np.inf))
-    most = HOPELESS * min(least.values())
+    most = thresholds.HOPELESS * min(least.values())
     return *selection.without, *(name for name, left in least.items() if most < left < np.inf)
 
 
@@ -100,7 +99,10 @@ def _asked_for_pairs(selection: Selection, gap: Excess) -> AugmentedModel:
             pair = given.accept(one.candidate).accept(other.candidate)
         except BadInput:  # numbers beyond the library's
             continue
-        if _squares(pair) < (1 - thresholds.RIVAL_MARGIN) * _squares(reached):
+        # Two that are each larger than the gap, and cancel, make up for what the model missed anyway.
+        alone = max(_squares(_lacking(given, pair, place)) for place in (0, 1))
+        if alone < thresholds.CANCELS * _squares(given) and \
+                _squares(pair) < (1 - thresholds.RIVAL_MARGIN) * _squares(reached):
             reached = pair
     without = [_squares(_lacking(given, reached, place)) for place in range(len(reached.chosen))]
     return reached if reached is selection.reached or without[0] >= without[1] else \
@@ -150,7 +152,8 @@ def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, 
 
 
 def _alike(score: Score, one: Candidate) -> bool:
-    return (score.name, score.effect.stage, score.effect.column) == (one.effect.name, one.effect.stage, one.effect.column)
+    had, effect = score.effect, one.effect
+    return (had.name, had.stage, had.column) == (effect.name, effect.stage, effect.column)
 
 
 def _with(values: tuple[Any, ...], place: int, new: Any) -> tuple[Any, ...]:

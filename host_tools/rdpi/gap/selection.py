@@ -311,10 +311,12 @@ def _score(state: AugmentedModel, equations: NormalEquations, baseline: Baseline
 
 
 def _lost(after: np.ndarray, before: np.ndarray, run_of_block: np.ndarray) -> float:
-    """What recordings that were left out are predicted worse, as a share of what others are predicted better; squares.
+    """What recordings that were left out are predicted worse, as a share of what others are predicted better, or of the
+    least that an effect must bring; squares.
     """
     more = np.bincount(run_of_block, after - before)
-    return float(np.sum(np.maximum(more, 0.0)) / max(np.sum(np.maximum(-more, 0.0)), 1e-300))
+    gained = max(float(np.sum(np.maximum(-more, 0.0))), thresholds.LEAST_SHARE * float(np.sum(before)), 1e-300)
+    return float(np.sum(np.maximum(more, 0.0))) / gained
 
 
 def _shrink_from_command(state: AugmentedModel, one: Candidate) -> float:
