@@ -212,6 +212,11 @@ class AugmentedModel:
         return sum(map(self.grid_squares, self.chosen))
 
     @property
+    def squares(self) -> float:
+        """Sum of squares left, less what is excused."""
+        return _squares(self.residual) - self.excused()
+
+    @property
     def excused_um(self) -> float:
         """rms of the same."""
         return float(np.sqrt(self.excused() / sum(self.dataset.lengths)))

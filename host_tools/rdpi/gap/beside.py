@@ -2,14 +2,18 @@
 
 It takes each effect while those to come are missing. The first may be a mixture of two, and of two that hide each other
 none explains much. So pairs of effects are tried as well, and then each effect in turn is searched anew beside the
-others: another one takes its place if that leaves less, one that brings too little there is dropped, and its rivals are
-those that it has beside the others.
+others:
+
+* what is best there takes its place;
+* an effect that brings too little there is dropped;
+* what cannot be told from it there is a rival as well.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -39,25 +43,19 @@ def settled(selection: Selection, gap: Excess) -> Selection:
         if place is None or len(reached.chosen) < 2:
             break
         name, others = reached.chosen[place].effect.name, _lacking(selection.given, reached, place)
-        enough = _squares(others) < thresholds.FURTHER_RATIO**2 * gap.floor
-        done = None if enough else one_round(others, gap, _hopeless(selection, others))
+        done = None if gap.is_left_little(others.squares) else one_round(others, gap, _hopeless(selection, others))
         if done is None or done.best is None:
             reached, rivals = _accepting(selection.given, others.chosen), {}
             continue
         if done.best.name != name:
             there = others.accept(done.best.candidate)
-            if _squares(there) < (1 - thresholds.RIVAL_MARGIN) * _squares(reached):
+            if there.squares < (1 - thresholds.RIVAL_MARGIN) * reached.squares:
                 rivals = {}
             reached, name = there, done.best.name
         rivals[name] = done.rivals
     if len(reached.chosen) == 1:  # of single ones, the first round has told the best
         reached, rivals = selection.states[1] if len(selection.states) > 1 else selection.given, {}
     return _rewritten(selection, reached, rivals, gap)
-
-
-def _squares(state: AugmentedModel) -> float:
-    """Left, beyond what is excused."""
-    return float(np.sum(state.residual**2)) - state.excused()
 
 
 def _accepting(given: AugmentedModel, chosen: Iterable[Candidate]) -> AugmentedModel:
@@ -90,49 +88,43 @@ def _hopeless(selection: Selection, others: AugmentedModel) -> tuple[str, ...]:
 def _asked_for_pairs(selection: Selection, gap: Excess) -> AugmentedModel:
     """What was reached, or two effects together that leave clearly less."""
     given, first, reached = selection.given, selection.rounds[0], selection.reached
-    enough = thresholds.FURTHER_RATIO**2 * gap.floor
     clear = gap.ratio and first.evidence > detection_threshold(given.recordings)
-    if not clear or min((_squares(state) for state in selection.states[1:2]), default=np.inf) < enough:
+    if not clear or any(gap.is_left_little(state.squares) for state in selection.states[1:2]):
         return reached
     for one, other in _promising(first):
         try:
-            pair = given.accept(one.candidate).accept(other.candidate)
+            pair = _accepting(given, (one.candidate, other.candidate))
         except BadInput:  # numbers beyond the library's
             continue
         # Two that are each larger than the gap, and cancel, make up for what the model missed anyway.
-        alone = max(_squares(_lacking(given, pair, place)) for place in (0, 1))
-        if alone < thresholds.CANCELS * _squares(given) and \
-                _squares(pair) < (1 - thresholds.RIVAL_MARGIN) * _squares(reached):
-            reached = pair
-    without = [_squares(_lacking(given, reached, place)) for place in range(len(reached.chosen))]
-    return reached if reached is selection.reached or without[0] >= without[1] else \
-        replace(reached, chosen=reached.chosen[::-1])
+        without = [_lacking(given, pair, place).squares for place in (0, 1)]
+        if max(without) < thresholds.CANCELS * given.squares and \
+                pair.squares < (1 - thresholds.RIVAL_MARGIN) * reached.squares:
+            reached = pair if without[0] >= without[1] else replace(pair, chosen=pair.chosen[::-1])
+    return reached
 
 
-def _promising(first: Round) -> Iterator[tuple[Score, Score]]:
+def _promising(first: Round) -> list[tuple[Score, Score]]:
     """Pairs that leave least to first order."""
-    count, found = len(first.scores), 0
-    for at in np.argsort(first.together, axis=None):
-        i, j = divmod(int(at), count)
-        one, other = first.scores[i], first.scores[j]
-        if i < j and one.name != other.name and np.isfinite(first.together[i, j]):
-            yield one, other
-            found += 1
-            if found == PAIRS:
-                return
+    pairs = sorted(combinations(range(len(first.scores)), 2), key=lambda pair: first.together[pair])
+    found = [(first.scores[i], first.scores[j]) for i, j in pairs if np.isfinite(first.together[i, j])]
+    return [(one, other) for one, other in found if one.name != other.name][:PAIRS]
 
 
 def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, tuple[Score, ...]], gap: Excess
                ) -> Selection:
     """The selection as if its rounds had led there."""
-    states, rounds = [selection.given], []
-    names = [one.effect.name for one in reached.chosen]
+    states, rounds = [], []
+    names, before = ([one.effect.name for one in state.chosen] for state in (reached, selection.reached))
     if not names:
         return selection
     for k, one in enumerate(reached.chosen):
-        known = k < len(selection.rounds) and [had.effect.name for had in selection.reached.chosen[:k]] == names[:k]
-        done = selection.rounds[k] if known else one_round(states[k], gap, tuple(selection.without))
-        place = next((place for place, score in enumerate(done.scores) if _alike(score, one)), None)
+        if k < len(selection.rounds) and before[:k] == names[:k]:
+            state, done = selection.states[k], selection.rounds[k]
+        else:
+            state = states[-1].accept(reached.chosen[k - 1])
+            done = one_round(state, gap, tuple(selection.without))
+        place = next((place for place, score in enumerate(done.scores) if score.effect.is_as(one.effect)), None)
         if place is None:  # beside fewer effects nothing excites it
             return selection
         best, beside = done.scores[place], rivals.get(one.effect.name, ())
@@ -144,16 +136,10 @@ def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, 
             done = replace(done, scores=_with(done.scores, place, best), rejected=_with(done.rejected, place, None),
                            best=best)
         rounds.append(replace(done, rivals=beside))
-        states.append(states[k].accept(one))
-    if names == [one.effect.name for one in selection.reached.chosen]:
+        states.append(state)
+    if names == before:
         rounds += selection.rounds[len(names):]
-    return replace(selection, reached=reached, accepted=reached, rounds=tuple(rounds),
-                   states=(*states[:-1], reached))
-
-
-def _alike(score: Score, one: Candidate) -> bool:
-    had, effect = score.effect, one.effect
-    return (had.name, had.stage, had.column) == (effect.name, effect.stage, effect.column)
+    return replace(selection, reached=reached, accepted=reached, rounds=tuple(rounds), states=(*states, reached))
 
 
 def _with(values: tuple[Any, ...], place: int, new: Any) -> tuple[Any, ...]:

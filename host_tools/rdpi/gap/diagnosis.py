@@ -294,7 +294,7 @@ def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -
 
 def _left(selection: Selection) -> float:
     """Sum of squares left with the best of every round, beyond what they leave whatever is known of them."""
-    return max(0.0, float(np.sum(selection.reached.residual**2)) - selection.reached.excused())
+    return max(0.0, selection.reached.squares)
 
 
 def _sure(selection: Selection, gap: Excess, new: Spectrum) -> bool:

@@ -190,6 +190,10 @@ class Excess:
             return 0.0
         return float(np.log(self.ratio)) * min(1.0, thresholds.USUAL_SPREAD / max(self.spread, 1e-9))
 
+    def is_left_little(self, squares: float) -> bool:
+        """Whether what is left calls for no further effect."""
+        return squares < thresholds.FURTHER_RATIO**2 * self.floor
+
     def left(self, total: float) -> float:
         """Ratio to the passport of what is left of the squares."""
         return float(np.sqrt(total / max(self.floor, 1e-300)))
@@ -217,8 +221,7 @@ def select(given: AugmentedModel, gap: Excess, without: Sequence[str] = (),
     states, rounds = [given], []
     while len(states) <= thresholds.MOST_EFFECTS:
         state = states[-1]
-        left = float(np.sum(state.residual**2)) - state.excused()
-        if rounds and left < thresholds.FURTHER_RATIO**2 * gap.floor:
+        if rounds and gap.is_left_little(state.squares):
             break
         done = one_round(state, gap, without, progress)
         rounds.append(done)

@@ -128,7 +128,11 @@ class Effect:
 
     def replaces(self, other: Effect) -> bool:
         """Whether a chain that holds the other cannot hold this one beside it, only in its place."""
-        return not self.several and (self.name, self.stage, self.column) == (other.name, other.stage, other.column)
+        return not self.several and self.is_as(other)
+
+    def is_as(self, other: Effect) -> bool:
+        """Whether both are the same effect at the same place."""
+        return (self.name, self.stage, self.column) == (other.name, other.stage, other.column)
 
     def rings_within(self, stroke_s: float, values: Values) -> bool:
         """Whether strokes of this time show it by a ringing of its own, although they all have the same rate."""
