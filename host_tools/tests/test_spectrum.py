@@ -61,10 +61,21 @@ def test_white_noise_is_new_everywhere_unless_a_grid_excuses_it() -> None:
 
 
 def test_where_commissioning_hardly_moved_nothing_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    loud = beside(1.2 * rms(list(later())), 3, hertz=90.0)
-    assert of(loud).evidence > thresholds.SPECTRUM
+    loud = beside(1.4 * rms(list(later())), 3, hertz=90.0)
+    found = of(loud)
+    assert found.evidence > thresholds.SPECTRUM and found.known == 1.0
+    assert diagnose(commissioned(), loud).document.verdict == "unknown"
     monkeypatch.setattr(spectrum.unseen, "hardly_moved", lambda known, runs, coords, axis: axis.edges[1:] > 16)
-    assert of(loud).evidence < thresholds.SPECTRUM / 2
+    found = of(loud)
+    assert found.evidence < thresholds.SPECTRUM / 2 and found.known < 0.3
+    assert diagnose(commissioned(), loud).document.verdict == "none"
+
+
+def test_logarithms_of_a_poor_passport_count_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    loud = beside(1.2 * rms(list(later())), 3, hertz=90.0)
+    assert diagnose(commissioned(), loud).document.verdict == "unknown"
+    monkeypatch.setattr(thresholds, "USUAL_SPREAD", thresholds.USUAL_SPREAD / 4)
+    assert diagnose(commissioned(), loud).document.verdict == "none"
 
 
 @pytest.mark.parametrize("step_um, verdict", [(0.035, "effect"), (0.07, "unknown")])

@@ -298,13 +298,15 @@ def _left(selection: Selection) -> float:
 
 
 def _sure(selection: Selection, gap: Excess, new: Spectrum) -> bool:
-    """Whether the gap is one, whatever its cause."""
+    """Whether the gap is one, whatever its cause. What lies where commissioning hardly moved need not be new."""
     if gap.ratio is None:
         return False
+    known = replace(gap, ratio=gap.ratio * float(np.sqrt(max(new.known, 1e-12))))
+    detection = selection.detection - gap.evidence + known.evidence
     clear = thresholds.UNKNOWN * detection_threshold(selection.given.recordings)
     spread = max(gap.spread, thresholds.USUAL_SPREAD)
-    return bool(selection.detection > clear or np.log(gap.ratio) > thresholds.SPREADS * spread
-                or new.evidence * new.breadth > thresholds.SPECTRUM)
+    return bool(detection > clear or np.log(known.ratio) > thresholds.SPREADS * spread
+                or new.evidence * new.breadth * gap.trust > thresholds.SPECTRUM)
 
 
 def _remarks(selection: Selection, gap: Excess, verdict: str) -> list[str]:

@@ -185,10 +185,13 @@ class Excess:
     expected_um: float | None = None  # rms by the passport
 
     @property
+    def trust(self) -> float:
+        """What the passport's logarithms count, 0 to 1: those of a poor one less."""
+        return min(1.0, thresholds.USUAL_SPREAD / max(self.spread, 1e-9))
+
+    @property
     def evidence(self) -> float:
-        if not self.ratio:
-            return 0.0
-        return float(np.log(self.ratio)) * min(1.0, thresholds.USUAL_SPREAD / max(self.spread, 1e-9))
+        return float(np.log(self.ratio)) * self.trust if self.ratio else 0.0
 
     def is_left_little(self, squares: float) -> bool:
         """Whether what is left calls for no further effect."""

@@ -21,6 +21,7 @@ class Spectrum(NamedTuple):
 
     evidence: float = 0.0  # mean of ln(rms / expected), as the energy lies: the more concentrated, the larger
     everywhere: float = 1.0  # rms / expected of an octave, geometric mean of all octaves
+    known: float = 1.0  # share of the energy at octaves in which commissioning moved as well
 
     @property
     def breadth(self) -> float:
@@ -39,12 +40,14 @@ def against(known: Passport | None, runs: Sequence[Recording], left_um: Sequence
     axis = localise.along_frequency(runs, left_um, coords, known, 0.0)
     widths_hz = np.diff(axis.edges)
     lines = widths_hz * sum(len(run) * run.sample_time_s for run in runs)
-    weight = np.where(unseen.hardly_moved(known, runs, coords, axis), 0.0, lines / (lines + thresholds.FEW_LINES))
+    hardly_moved = unseen.hardly_moved(known, runs, coords, axis)
+    weight = np.where(hardly_moved, 0.0, lines / (lines + thresholds.FEW_LINES))
     expected = axis.expected_um**2 + excused_um**2 * widths_hz / np.sum(widths_hz)
     counts = (weight > 0) & (axis.rms_um > 0) & (expected > 0)
+    share = 1 - float(np.sum(axis.share[hardly_moved]))
     if not np.any(counts):
-        return Spectrum()
+        return Spectrum(known=share)
     power, weight = axis.rms_um[counts] ** 2, weight[counts]
     ratio = 0.5 * np.log(power / expected[counts])
     return Spectrum(float(power @ (weight * ratio) / np.sum(power)),
-                    float(np.exp(weight @ ratio / np.sum(weight))))
+                    float(np.exp(weight @ ratio / np.sum(weight))), share)
