@@ -71,6 +71,22 @@ def test_finds_what_hides_behind_strong_ringing() -> None:
         assert dict(one.acting.values) == pytest.approx(behind[one.acting.effect.name], rel=0.15)
 
 
+def test_where_blocks_are_left_out_no_effect_moves_further_than_its_derivatives_hold(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """At its best values none moves so far; where none may move at all, all else is fitted beside them."""
+    state = fitted("resonance").choice.found.state
+    usual = state.held_out()
+    monkeypatch.setattr(tuned, "REACH", 1e9)
+    assert np.array_equal(state.held_out(), usual)
+    monkeypatch.setattr(tuned, "REACH", 0.0)
+    found = state.held_out()
+    assert not np.array_equal(found, usual)
+    for row, folds in zip(found, state.foldings):
+        for fold in folds:
+            weights = state.solve(state.blocks[~fold], state.linear, False, state.target, state.residual)
+            assert row[fold] == pytest.approx(np.einsum("i,bij,j->b", weights, state.blocks[fold], weights))
+
+
 def test_dead_zones_without_meaning_are_left_out() -> None:
     """By itself the operator puts them below zero; the fit goes on without them, and says so."""
     ringing = entry("resonance", f0_hz=60.0, damping=0.01), entry("lag", time_constant_s=0.002)

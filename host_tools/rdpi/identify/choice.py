@@ -70,11 +70,11 @@ class Judged:
         if not further and late and all(one in self.state.at_ends for one in late):
             return False
         share, errors = tuned.FURTHER_GAIN if further else tuned.FIRST_GAIN
-        share = max([share, *(one.effect.least_gain for one in beside)])
+        gained, before = np.sum(gain, axis=1), np.sum(other.held_out, axis=1)
         certain = np.mean(gain / both, axis=1) > errors * np.std(gain / both, axis=1, ddof=1) / np.sqrt(gain.shape[1])
-        matters = np.maximum(share * np.sum(other.held_out, axis=1),
-                             tuned.CHAIN_LEAST**2 * self.state.setting.samples)
-        return bool(np.all(certain & (np.sum(gain, axis=1) > matters)))
+        matters = gained > np.maximum(share * before, tuned.CHAIN_LEAST**2 * self.state.setting.samples)
+        least = max((one.effect.least_gain for one in beside), default=0.0)
+        return bool(np.all(certain & matters) and np.sum(gained) > least * np.sum(before))
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,7 +47,8 @@ class Linearised:
         self.free = [(place, name) for place, one in enumerate(hypothesis.acting) for name in one.effect.fitted]
         self.own_start = at
         self.own = at + np.arange(len(self.free))
-        at += len(self.free)
+        self.whole = at + len(self.free) + np.arange(len(hypothesis.acting))  # of each effect that acts, all of it
+        at += len(self.free) + len(hypothesis.acting)
         self.join_columns = []
         for one in self.joins:
             self.join_columns.append((at, np.arange(at + 1, at + 1 + len(one.effect.fitted))))
@@ -92,6 +93,7 @@ class Linearised:
         segments = setting.segments(target[at])
         columns = [counted, counted * share[:, None], -segments[:, 1:]]
         columns += [self._derivative(acting, place, name, change)[:, None] for place, name in self.free]
+        columns += [change(list(self.hypothesis.lacking(one).acting), one.effect.ahead)[:, None] for one in acting]
         for join in self.joins:
             new = [*acting, join]
             there = change(effects.in_order(new), join.effect.ahead)
@@ -274,6 +276,8 @@ class Linearised:
     def held_out(self, rated: bool | None = None, join: int | None = None) -> np.ndarray:
         """Squares in each block by what was fitted without it, (foldings, blocks); with a rate law, with an effect that
         joins.
+
+        No effect that acts moves further than its derivatives hold.
         """
         rated = self.hypothesis.rated if rated is None else rated
         n, m = len(self.found.rest), len(self.found.pieces)
@@ -285,9 +289,28 @@ class Linearised:
         result = np.zeros((len(self.foldings), len(self.blocks)))
         for row, folds in zip(result, self.foldings):
             for fold in folds:
-                weights = self.solve(self.blocks[~fold], used.astype(int), rated, target, self.residual)
+                weights = self._solve_within_reach(self.blocks[~fold], used.astype(int), rated, target)
                 row[fold] = np.maximum(np.einsum("i,bij,j->b", weights, self.blocks[fold], weights), 0.0)
         return result
+
+    def _solve_within_reach(self, kept: np.ndarray, used: np.ndarray, rated: bool, target: np.ndarray) -> np.ndarray:
+        """`solve`, where effects that would move too far stop on their way and the others are fitted beside them."""
+        weights = self.solve(kept, used, rated, target, self.residual)
+        stopped, target = [], target.copy()
+        for place, one in enumerate(self.hypothesis.acting):
+            own = [self.own_start + j for j, (at, _) in enumerate(self.free) if at == place]
+            move = weights[own]
+            energy = tuned.REACH**2 * self._all[self.whole[place], self.whole[place]]
+            moved = float(move @ self._all[np.ix_(own, own)] @ move)
+            if not one.effect.linear and moved > energy:
+                stopped += own
+                target[own] = -move * np.sqrt(energy / moved)
+        return self.solve(kept, np.setdiff1d(used, stopped), rated, target, self.residual) if stopped else weights
+
+    @cached_property
+    def _all(self) -> np.ndarray:
+        """Of all blocks."""
+        return np.sum(self.blocks, axis=0)
 
     def errors(self) -> list[dict[str, float]]:
         """Standard errors of the parameters of each effect that acts; none for one at a bound.
