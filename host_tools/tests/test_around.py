@@ -150,6 +150,8 @@ def test_effects_by_name() -> None:
     """Exactly these, and none."""
     forced = fitted("delay", effects="lag,creep,relaxation,resonance,input_curve")
     assert {one.acting.effect.name for one in forced.choice.kept} == set(PUT) - {"delay"}
+    (warned,) = (text for text in fitted("input_curve", effects="creep").warnings if "operator alone" in text)
+    assert warned.startswith("with creep ") and not any("operator alone" in text for text in forced.warnings)
     none = fitted("delay", effects="none")
     assert none.choice is None and none.model.effects == []
 

@@ -396,6 +396,14 @@ def test_hum_is_estimated_in_every_recording_and_the_zero_stays() -> None:
         assert found.predicted_um == pytest.approx(run.displacement_um - 0.25, abs=1e-9)
 
 
+@pytest.mark.parametrize("frequency_hz", [1e-3, 0.1])
+def test_a_part_of_a_slow_hum_moves_no_prediction_away(frequency_hz: float) -> None:
+    model, z = replace(bent(), effects=[entry("periodic_disturbance", frequency_hz=frequency_hz)]), shown(bent(), moving())
+    run = changed(moving(), displacement_um=z + 0.25 + 0.01 * np.random.default_rng(1).standard_normal(len(z)))
+    (found,) = chain.simulate(model, [run])
+    assert np.max(np.abs(found.predicted_um - z)) < 0.05
+
+
 @pytest.mark.parametrize("sample_time_s", [1e-5, 1e-3, 0.5])
 @pytest.mark.parametrize("samples", [1, 2, 31, 32, 33, 64, 65, 1000])
 def test_many_lags_at_once_are_the_sum_of_each(samples: int, sample_time_s: float) -> None:

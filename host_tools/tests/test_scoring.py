@@ -10,7 +10,7 @@ from test_chain import paper_model, recording
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.simulate import Prediction, chain, scoring
+from rdpi.simulate import Prediction, chain, inverse_of, scoring
 
 
 def case(command_V: np.ndarray, rate_um_per_s: float = 1.0, settled: bool = True) -> tuple[Recording, Prediction]:
@@ -70,3 +70,19 @@ def test_a_models_own_name() -> None:
     model = replace(paper_model(), where="m.json", effects=["no effect"])
     with pytest.raises(BadInput, match=r"^m\.json: effects\[0\]"):
         chain.simulate(model, [recording(np.zeros(50))])
+
+
+def test_what_makes_a_drive_doubtful() -> None:
+    model = replace(paper_model(), effects=[{"name": "cross_coupling", "parameters": {"um_per_V": 1.0}},
+                                            {"name": "delay", "parameters": {"delay_s": 0.2}}],
+                    fit={"runs": [{"file": "first.csv", "memory": "estimated"}]})
+    inverse, run = inverse_of(model), recording(np.linspace(0, 100, 50))
+    coupled, estimated, short = scoring.doubts(model, inverse, run, False)
+    assert "no column other_axis_V" in coupled and "first.csv" in estimated and "--sweep" in estimated
+    assert "50 samples" in short and "ahead" in short
+    assert len(scoring.doubts(model, inverse, run, True)) == 2
+    assert "cross_coupling is left out" in scoring.notes(model, *case(np.zeros(50)))[0]
+    whole = recording(np.linspace(0, 100, 10_000))
+    whole.columns["other_axis_V"] = np.zeros(10_000)
+    assert scoring.doubts(replace(model, fit={}), inverse, whole, False) == []
+    assert scoring.lacking(model, whole) == []

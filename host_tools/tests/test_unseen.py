@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from injected import Drives, drives, entry, plain_model, recorded
-from plants import marked
+from plants import changed, marked
 
 from rdpi.data import Recording, read_recording
 from rdpi.gap import Diagnosis, diagnose, experiment
 from rdpi.gap.augmented import AugmentedModel
 from rdpi.gap.selection import Selection
-from rdpi.identify import Options, fit
+from rdpi.identify import Options, checks, fit
 from rdpi.model import Model
 
 SLOW: Drives = (("sawtooth", {"frequencies_hz": (0.5, 2.0), "cycles": 2}, 1.0), ("minor-loops", {"levels": 4}, 1.0),
@@ -94,6 +94,8 @@ def test_the_proposed_drive_shows_frequencies(rdpi: Callable, tmp_path: Path, mo
     drive = proposed(asked_at_speed(), slowly_commissioned(), rdpi)
     (band,) = asked_at_speed().document.not_known_from_commissioning
     assert np.ptp(drive.command_V) * 0.13 <= 2.2 * band.moved_um
+    fastest = max(np.max(np.abs(np.diff(run.command_V))) * run.sample_rate_hz for run in asked_at_speed().runs)
+    assert np.max(np.abs(np.diff(drive.command_V))) * drive.sample_rate_hz < 1.01 * fastest
     played = recorded(plain_model(), [marked(drive, memory="unknown")], RIG)
     wiser = fit([*commissioning(), *played], Options(rate_independent=True)).model
     found = diagnose(wiser, asked_at_speed().runs).document
@@ -106,3 +108,11 @@ def test_the_proposed_drive_shows_positions(rdpi: Callable, tmp_path: Path, monk
     bent = recorded(plain_model(), unswept(SLOW), entry("static_nonlinearity", "sensor", cubic=0.1))
     drive = proposed(diagnose(slowly_commissioned(0.6), bent), slowly_commissioned(0.6), rdpi)
     assert np.min(drive.command_V) == 0 and np.max(drive.command_V) == 100
+
+
+def test_a_sine_that_is_upside_down_is_remarked_on() -> None:
+    """As one that is late by half a period is, which it may be."""
+    (sine,) = recorded(plain_model(), unswept((("sine", {"frequencies_hz": (20.0,), "cycles": 20}, 0.8),)), RIG)
+    notes = checks.check_against(slowly_commissioned(), [changed(sine, displacement_um=-sine.displacement_um)])
+    assert any("moves opposite to the model" in note and "sign" in note for note in notes)
+    assert not any("opposite" in note for note in checks.check_against(slowly_commissioned(), [sine]))

@@ -234,7 +234,7 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     from .. import board
     from ..data import Recording, read_recording, write_recording
     from ..model import read_model
-    from ..simulate import chain
+    from ..simulate import chain, scoring
 
     parameters = read_model(model)
     if dac_bits is not None:
@@ -255,6 +255,8 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
         low_um, high_um = chain.reachable_um(inverse.model)
         click.echo(f"note: the drive was clipped; the reachable range is {low_um:.5g} to {high_um:.5g} um, "
                    f"the reference spans {found.asked_um[0]:.5g} to {found.asked_um[1]:.5g} um")
+    for note in scoring.doubts(parameters, inverse, run, sweep):
+        click.echo(f"note: {note}")
     drive_V = found.steps.drive_V
     flagged = ", ".join(f"{found.flag_counts[name]} {name}" for name in ("guard", "range", "slew", "input")
                         + (("lead",) if inverse.chain.leads else ()))

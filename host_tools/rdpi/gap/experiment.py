@@ -86,7 +86,8 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
         top_hz = min(unknown.high, limits.sample_rate_hz / excite.SAMPLES_PER_PERIOD)
         kind, options = "chirp", {"frequencies_hz": (unknown.low / 4, top_hz), "duration_s": CHIRP_S}
         half_V = unknown.moved_um / abs(state.model.gain_um_per_V * float(state.model.slopes[-1]))
-        slew_V = (limits.slew_V_per_s or np.inf) / (2 * np.pi * top_hz)
+        fastest = max(float(np.max(np.abs(np.diff(run.command_V)))) * run.sample_rate_hz for run in state.recordings)
+        slew_V = min(limits.slew_V_per_s or np.inf, fastest) / (2 * np.pi * top_hz)
         limits = _amid(limits, min(half_V, slew_V, (limits.max_V - limits.min_V) / 2))
     try:
         columns, _ = excite.make_drive(kind, limits, **options)
@@ -112,7 +113,7 @@ def _amid(limits: excite.Limits, half_V: float) -> excite.Limits:
 
 
 def _command(limits: excite.Limits, kind: str, options: dict[str, Any]) -> str:
-    parts = ["rdpi excite", kind, "-o next.csv", f"--min-V {limits.min_V:.12g}", f"--max-V {limits.max_V:.12g}",
+    parts = ["rdpi excite", kind, "-o next.csv", f"--min-V {limits.min_V:.6g}", f"--max-V {limits.max_V:.6g}",
              f"--sample-rate {limits.sample_rate_hz:.12g}"]
     if limits.slew_V_per_s is not None:
         parts.append(f"--slew {limits.slew_V_per_s:.12g}")

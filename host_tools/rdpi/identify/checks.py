@@ -98,6 +98,9 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
         late = late_correlations(run, run.displacement_um) * np.sign(model.gain_um_per_V)
         if np.min(late) < -tuned.MIN_CORRELATION and np.max(late) < tuned.MIN_CORRELATION:
             raise BadInput(f"{run.path}: moves opposite to the model; check the sign of command and displacement")
+        if together * np.sign(model.gain_um_per_V) < -tuned.MIN_CORRELATION:
+            notes.append(f"{run.path} moves opposite to the model, as one that is late by half a period does; if its "
+                         "sign was changed, the diagnosis means nothing")
         gain = float(np.ptp(run.displacement_um) / np.ptp(run.command_V))
         times = max(gain / usual, usual / gain)
         if times > tuned.OTHER_UNITS:

@@ -108,6 +108,10 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if options.effects != around.NONE:
         chosen = around.identify(plain, runs, options, lambda share: progress(0.3 + 0.3 * share))
         chain_of_rig = around.entries(chosen)
+        if chosen.found.rms_um > chosen.plain.rms_um:
+            warnings.append(f"with {', '.join(one.acting.effect.name for one in chosen.kept)} the model misses more of "
+                            "what was not fitted than the operator alone; leave out what is not there, or use "
+                            "--effects auto")
         filter_s = chosen.found.state.setting.rate_filter_s
         if chain_of_rig or filter_s != plain.model.rate.filter_s:
             rated = chosen.found.hypothesis.rated and not options.rate_independent
@@ -403,7 +407,8 @@ def _remark(plant: Plant, scores: Sequence[RunScore], warnings: list[str]) -> No
         if run.memory == "estimated":
             warnings.append(f"{path}: the memory at the start is unknown; it was estimated" + (
                 "" if run.held_out else "; the fit uses this run only after the drive has erased that memory; record "
-                "right after a decaying sweep, and write # memory: reset above the columns"))
+                "right after a decaying sweep, and write # memory: reset above the columns, or cut the sweep off with "
+                "`rdpi import --drive`"))
         if stays:
             warnings.append(f"{path}: {stays} samples stay at the highest or lowest reading "
                             "while the command moves; check whether the sensor is clipped")

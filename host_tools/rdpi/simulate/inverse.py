@@ -112,7 +112,7 @@ class Inverse:
                 d = chain.delay_s
                 lead = led + d * s + (chain.lead_s * d + d**2 / 2) * s**2
             row = frequency, float(abs(1 - late)), float(abs(1 - late * lead))
-            if max(row[1:]) > LARGEST_ERROR:
+            if rows and max(row[1:]) > LARGEST_ERROR:
                 break
             rows.append(row)
         return rows

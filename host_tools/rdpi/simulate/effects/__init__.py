@@ -49,6 +49,7 @@ PARAMETERS = {one.name: one for effect in CATALOGUE.values() for one in effect.p
 _ORDER = list(CATALOGUE)
 GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
 LEAST_SLOPE_RATIO = 0.02
+MUCH_CONSTANT = 0.5  # of a constant, that disturbances make up for
 
 
 class Acting(NamedTuple):
@@ -173,11 +174,14 @@ def disturbed(effects: Sequence[Acting], predicted_um: np.ndarray, run: Recordin
     columns = [one.effect.columns(run, one.values, model) for one in effects if one.effect.disturbance]
     if not columns or run.displacement_um is None:
         return predicted_um
-    design = np.column_stack([np.ones(len(run)), *columns])
-    found = np.linalg.lstsq(design, run.displacement_um - predicted_um, rcond=None)[0]
-    if not any(one.effect.moves_zero for one in effects):
+    design, one = np.column_stack(columns), np.ones(len(run))
+    kept = any(effect.effect.moves_zero for effect in effects)
+    if not kept and one @ design @ np.linalg.lstsq(design, one, rcond=None)[0] > MUCH_CONSTANT * len(run):
+        design = design - np.mean(design, axis=0)  # a part of a period: its size is not to be balanced by a constant
+    found = np.linalg.lstsq(np.column_stack([one, design]), run.displacement_um - predicted_um, rcond=None)[0]
+    if not kept:
         found[0] = 0.0
-    return predicted_um + design @ found
+    return predicted_um + found[0] + design @ found[1:]
 
 
 def _acting(entry: Any, where: str) -> Acting:
