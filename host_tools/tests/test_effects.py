@@ -647,6 +647,7 @@ BAD_EFFECTS: dict[str, tuple[object, str]] = {
     "true": (entry("gain_change", factor=True), r"factor is true; must be a number"),
     "a list": (entry("gain_change", factor=[1.1]), r"factor is \[1.1\]; must be a number"),
     "text as value": (entry("gain_change", factor={"value": "1.1"}), r'factor is "1.1"; must be a number'),
+    "an object without a value": (entry("delay", delay_s={"valu": 0.1}), r"\(delay\): delay_s has no value"),
     "a misspelt parameter": (entry("delay", dely_s=0.5), r'\(delay\): no delay_s in its parameters, but "dely_s"; they '
                              r"are delay_s \(s\)"),
     "one of several misspelt": (entry("rail_saturation", V_min=0.0, Vmax=60.0),
@@ -681,6 +682,13 @@ def test_malformed_effects(folder: Path, rdpi: Callable, case: str) -> None:
 def test_keys_that_this_version_does_not_know(parameters: dict) -> None:
     bent_by = replace(bent(), effects=[{"name": "delay", "later": 1, "parameters": parameters}])
     assert [one.values for one in effects.acting(bent_by)] == [{"delay_s": 0.1}]
+
+
+@pytest.mark.parametrize("wrong", [None, {}, [entry("delay", delay_s={1})], [entry("delay", delay_s=np.array([0.1]))]],
+                         ids=["None", "object", "set", "array"])
+def test_effects_that_were_put_in_by_hand(wrong: object) -> None:
+    with pytest.raises(BadInput, match="effects"):
+        effects.acting(replace(bent(), effects=wrong))
 
 
 # --- what recordings excite ------------------------------------------------------------------------------------------

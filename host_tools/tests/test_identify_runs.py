@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fitted import NOISE_UM, STATIC, moving_runs, percent, static_fit, static_run, visited
 from plants import changed, marked, quasi_static, rate_of, slopes_um_per_V, stack, thresholds_um, waves
 
 from rdpi.errors import BadInput
+from rdpi.identify import thresholds as tuned
 from rdpi.identify.identify import Options, fit
 from rdpi.simulate import chain
 
@@ -23,6 +26,15 @@ def test_sample_rates_and_lengths_mix() -> None:
     assert max(run.score.rms_um for run in result.scores) < 1.3 * NOISE_UM
     alone = [fit([run], STATIC).model for run in runs[:2]]
     assert percent(slopes_um_per_V(alone[0]), slopes_um_per_V(alone[1])) < 1.5
+
+
+def test_a_short_run_sampled_two_hundred_times_as_fast_takes_part() -> None:
+    """Thinned, it keeps enough samples for all that looks at them."""
+    slow = static_run(rate_hz=200.0, cycles=1, name="short.csv")
+    short = marked(changed(slow, time_s=slow.time_s / 1000), sample_rate_hz="200000")
+    setting = fit([static_run(rate_hz=1000.0), short]).choice.plain.state.setting
+    assert len(setting.runs[1]) == len(short), "as long as its strokes are fast"
+    assert len(short) > len(setting.thinned(1.0).runs[1]) >= tuned.CHOICE_LEAST
 
 
 @pytest.mark.slow
@@ -57,7 +69,9 @@ def test_a_small_run_beside_a_large_one() -> None:
 
 def test_a_run_counts_once() -> None:
     """Neither twice in the fit, nor fitted and held out."""
-    for runs, held_out in (([static_run(), static_run()], []), ([static_run()], [static_run()])):
+    other = replace(static_run(), digest="of another comment line")
+    for runs, held_out in (([static_run(), static_run()], []), ([static_run()], [static_run()]),
+                           ([static_run(), other], [])):
         with pytest.raises(BadInput, match=r"^run\.csv: given twice"):
             fit(runs, STATIC, held_out)
 

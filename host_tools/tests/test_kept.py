@@ -216,7 +216,8 @@ def test_a_copy_that_is_not_as_it_was(what: str, folder: Path, rdpi: Callable) -
 @pytest.mark.parametrize("wrong", [
     {"samples": 10**8}, {"samples": "many"}, {"every": 0}, {"every": 1.5}, {"every": True}, {"file": 3},
     {"sample_rate_hz": -1},
-    {"step_um": None}, {"digest": ""}])
+    {"step_um": None}, {"step_um": 10**400}, {"step_um": 1e300}, {"step_um": 1e-320}, {"sample_rate_hz": 10**400},
+    {"sample_rate_hz": 1e-300}, {"source_digest": ["x"]}, {"source_digest": {}}, {"digest": ""}])
 def test_entries_that_no_fit_wrote(wrong: dict, folder: Path) -> None:
     model = read_model("model.json")
     model.kept = [{**one, **wrong} for one in model.kept if "sine" in one["source"]]

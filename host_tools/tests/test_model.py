@@ -295,6 +295,18 @@ def test_round_trip(model: Model, tmp_path_factory: pytest.TempPathFactory) -> N
     assert path.read_bytes() == first
 
 
+@pytest.mark.parametrize("effects", [[{"name": "delay", "parameters": {"delay_s": float("nan")}}],
+                                     [{"name": "delay", "parameters": {"delay_s": np.array([0.001])}}]])
+def test_what_no_file_can_hold_replaces_none(effects: list, tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    write_model(path, random_model(1))
+    before, wrong = path.read_bytes(), random_model(2)
+    wrong.effects = effects
+    with pytest.raises(BadInput, match="not written"):
+        write_model(path, wrong)
+    assert path.read_bytes() == before
+
+
 def test_unknown_keys_are_kept(written: Callable, tmp_path: Path) -> None:
     document = copy.deepcopy(GOOD)
     document["colour"] = {"hue": [1, None, "x"]}

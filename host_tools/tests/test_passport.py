@@ -330,6 +330,14 @@ def test_a_malformed_passport_is_refused(path: str, value: object, key: str) -> 
     assert str(error.value).startswith(f"m.json: {key}") and "fit the model again" in str(error.value)
 
 
+@pytest.mark.parametrize("offset_um", ["x", [], 10**400, float("nan"), True])
+def test_an_offset_that_is_no_number(offset_um: object) -> None:
+    known = plain().to_json()
+    known["runs"] = [{**run, "offset_um": offset_um} for run in known["runs"]]
+    with pytest.raises(BadInput, match=r"passport\.runs\[0\]\.offset_um: must be a number"):
+        passport.read(with_passport(known))
+
+
 def test_every_key_is_needed() -> None:
     """Take out one key after another: refused by its name, not by a traceback."""
 

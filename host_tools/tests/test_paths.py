@@ -41,7 +41,7 @@ def test_outputs_that_can_be_written() -> None:
 
 @pytest.mark.parametrize(("outputs", "options", "message"), [
     (["missing/new.csv"], {}, "missing/new.csv: "),
-    (["made/"], {}, "made/: "),
+    (["made/"], {}, "made/: "), (["runs"], {}, "runs: is a directory"),
     (["made/", "made/log.json"], {"folders": ["made/"]}, "made/log.json: "),
     (["run.csv/gap.json"], {"made": "run.csv"}, "run.csv: "),
     (["new.csv", "./run.csv"], {"inputs": ["run.csv"]}, "./run.csv: would be written over an input"),

@@ -33,6 +33,8 @@ def check_outputs(outputs: Sequence[str], inputs: Collection[str] = (), made: st
         check_made(made, outputs)
     for k, name in enumerate(outputs):
         _check_folder(name, made, folders)
+        if os.path.isdir(name) and name not in folders:
+            raise BadInput(f"{name}: is a directory; give another name")
         for other in (*inputs, *outputs[:k]):
             if os.path.realpath(name) == os.path.realpath(other) and os.path.basename(name) and not is_device(name):
                 kind = "an input" if other in inputs else "another output"

@@ -96,7 +96,7 @@ class Setting:
         itself if none was. Fast strokes take `shortest_s`.
         """
         enough_hz = max(tuned.CHOICE_HZ, tuned.CHOICE_STROKE / shortest_s)
-        steps = [max(1, int(run.sample_rate_hz / enough_hz)) for run in self.runs]
+        steps = [max(1, min(int(run.sample_rate_hz / enough_hz), len(run) // tuned.CHOICE_LEAST)) for run in self.runs]
         if max(steps) == 1:
             return self
         runs = [replace(run, metadata={**run.metadata, "sample_rate_hz": repr(run.sample_rate_hz / step)},

@@ -275,7 +275,8 @@ def checked_options(options: Options) -> Options:
     arguments.one_of(options.rate_source, SOURCES, "rate_source")
     if options.thresholds_um is not None:
         _check_thresholds(arguments.series(options.thresholds_um, "thresholds_um", finite=False))
-    around.wanted(options.effects)
+    names = around.wanted(options.effects)
+    options = replace(options, effects=around.AUTO if names is None else tuple(names) or around.NONE)
     if options.actuator is not None:
         arguments.of_kind(options.actuator, str, "actuator")
     if not 0 <= options.operators <= 128:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..data import MIN_SAMPLES, Recording, filled, make_folder, read_recording, sample_times, thinned, write_recording
+from ..data import MIN_SAMPLES, RATES_HZ, Recording, filled, make_folder, read_recording, sample_times, thinned, write_recording
 from ..errors import BadInput
 from ..model import Model, beside, records
 from ..simulate import signals
@@ -24,7 +24,7 @@ from .checks import same_drives
 EVERY = (2, 4, 8, 16)  # tried in turn
 WINDOW = 64  # samples over which an error is judged: an edge must not hide in a long recording
 DIGITS = 7  # of a column's range that a thinned copy holds; noise is far above
-LARGEST_EVERY, MOST_SAMPLES = 1000, 1e9  # of a file that was not damaged
+LARGEST_EVERY, MOST_SAMPLES, STEPS_UM = 1000, 1e9, (1e-12, 1e9)  # of a file that was not damaged
 NAMED = 5  # files in a message
 
 
@@ -128,10 +128,12 @@ def _rounded(values: np.ndarray) -> np.ndarray:
 def _whole(model: Model, one: records.KeptRun, where: str) -> Recording:
     """The recording that a copy was made of. Raises BadInput for a copy that is not there or not as it was written."""
     for name, kind in (("file", str), ("digest", str), ("samples", int), ("every", int),
-                       ("sample_rate_hz", (int, float)), ("step_um", (int, float))):
+                       ("sample_rate_hz", (int, float)), ("step_um", (int, float)), ("source_digest", str)):
         if not isinstance(getattr(one, name), kind) or isinstance(getattr(one, name), bool):
             raise BadInput(f"{where}.{name}: is not as `rdpi fit` writes it")
-    if not (1 <= one.every <= LARGEST_EVERY and 1 <= one.samples <= MOST_SAMPLES and one.sample_rate_hz > 0):
+    if not (1 <= one.every <= LARGEST_EVERY and 1 <= one.samples <= MOST_SAMPLES
+            and RATES_HZ[0] <= one.sample_rate_hz <= RATES_HZ[1] and (one.step_um == 0 or STEPS_UM[0] <= one.step_um
+                                                                      <= STEPS_UM[1])):
         raise BadInput(f"{where}: is not as `rdpi fit` writes it")
     run = read_recording(str(beside(model, one.file)))
     if run.digest != one.digest:

@@ -33,7 +33,10 @@ def read(model: Model) -> Passport | None:
     if not isinstance(known.item("runs"), list):
         known.refuse("runs", "must be a list")
     for k, run in enumerate(known.item("runs")):
-        _Checked(run, f"{model.where}: passport.runs[{k}]").number("step_um")
+        of_run = _Checked(run, f"{model.where}: passport.runs[{k}]")
+        of_run.number("step_um")
+        if of_run.get("offset_um") is not None:
+            of_run.number("offset_um", -LARGEST)
     for name in AXES:
         axis = known.section("axes").section(name)
         edges = axis.numbers("edges", low=-np.inf)
@@ -92,10 +95,10 @@ class _Checked:
     def section(self, name: str) -> _Checked:
         return _Checked(self.item(name), f"{self._place}.{name}")
 
-    def number(self, name: str) -> None:
+    def number(self, name: str, low: float = 0.0) -> None:
         value = self.item(name)
-        if type(value) not in (int, float) or not 0 <= value <= LARGEST:
-            self.refuse(name, f"must be a number from 0 to {LARGEST:g}")
+        if type(value) not in (int, float) or not low <= value <= LARGEST:
+            self.refuse(name, f"must be a number from {low:g} to {LARGEST:g}")
 
     def numbers(self, name: str, length: int | None = None, low: float = 0.0) -> np.ndarray:
         values = self.item(name)

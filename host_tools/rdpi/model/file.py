@@ -48,7 +48,11 @@ def write_model(path: str | os.PathLike[str], model: Model) -> None:
     """Validate and write atomically. What is kept beside the old file is found from the new one."""
     model.validate(str(path))
     moved = replace(model, kept=_seen_from(Path(path).parent, model))
-    atomic_write(path, json.dumps(moved.to_json(), indent=1, allow_nan=False) + "\n")
+    try:
+        text = json.dumps(moved.to_json(), indent=1, allow_nan=False)
+    except (TypeError, ValueError) as error:  # a part that the caller filled in
+        raise BadInput(f"{path}: not written: {error}; a model holds numbers, texts, lists and objects") from None
+    atomic_write(path, text + "\n")
 
 
 def _seen_from(folder: Path, model: Model) -> Any:

@@ -71,7 +71,7 @@ def acting(model: Model) -> list[Acting]:
     """
     arguments.of_kind(model, Model, "model")
     found: list[Acting] = []
-    for k, entry in enumerate(model.effects):
+    for k, entry in enumerate(arguments.of_kind(model.effects, list, f"{model.where}: effects")):
         where = f"{model.where}: effects[{k}]"
         one = _acting(entry, where)
         if (same := replaced(found, one.effect)) is not None:
@@ -205,13 +205,16 @@ def _acting(entry: Any, where: str) -> Acting:
     values = {}
     for parameter in kind.parameters:
         value = given.get(parameter.name, parameter.absent)
-        value = value.get("value") if isinstance(value, dict) else value
+        if isinstance(value, dict):
+            if "value" not in value:
+                raise BadInput(f"{where}: {parameter.name} has no value")
+            value = value["value"]
         if value is None:
             value = parameter.absent
         low, high = parameter.ends
         if isinstance(value, bool) or not isinstance(value, (int, float)) or \
                 not (low <= value <= high or value in (parameter.low, parameter.high)):
-            raise BadInput(f"{where}: {parameter.name} is {json.dumps(value)[:40]}; must be a number, "
+            raise BadInput(f"{where}: {parameter.name} is {json.dumps(value, default=repr)[:40]}; must be a number, "
                            f"{low:g} to {high:g} {parameter.unit}")
         values[parameter.name] = float(value)
     if (complaint := kind.refusal(values)) is not None:
