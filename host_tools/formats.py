@@ -21,7 +21,8 @@ INTRODUCTION = """\
 <!-- Written by host_tools/formats.py. Do not edit: change the dataclasses and run it again. -->
 # File formats
 
-This page describes the JSON documents of rdpi. A recording is a CSV file, which `rdpi --help` describes.
+This page describes the JSON documents of rdpi. A recording is a CSV file, which the [README](README.md)
+describes.
 
 * Every document has a JSON schema (draft 2020-12). The Python package holds the schemas, in the places named below.
 * A reader accepts keys that it does not know. When rdpi reads a model and writes it again, it keeps them.

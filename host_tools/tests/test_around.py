@@ -13,7 +13,7 @@ from plants import changed, stack
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.identify import Options, fit, summary
+from rdpi.identify import Options, fit, rate_slopes, summary
 from rdpi.identify import thresholds as tuned
 from rdpi.identify.around import lines
 from rdpi.identify.hypothesis import Setting
@@ -144,6 +144,16 @@ def test_what_is_told() -> None:
     told = "\n".join(lines(found.choice))
     assert "around the operator: delay, lag, resonance" in told
     assert all(f"{name}: " in told for name in TOGETHER)
+
+
+def test_slopes_of_bands_are_those_of_the_operator() -> None:
+    """Of the recordings as they are, a lag would make them fall with the rate."""
+    found = fitted("lag")
+    again = rate_slopes(found.model, put("lag"))
+    assert again.rate_um_per_s == pytest.approx(found.rate_slopes.rate_um_per_s, rel=0.1)
+    assert again.slopes == pytest.approx(found.rate_slopes.slopes, abs=0.05, nan_ok=True)
+    as_they_are = rate_slopes(replace(found.model, effects=[]), put("lag"))
+    assert np.nanmax(np.abs(as_they_are.slopes - again.slopes)) > 0.2
 
 
 def test_effects_by_name() -> None:

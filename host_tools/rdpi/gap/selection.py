@@ -396,7 +396,7 @@ def _why_rejected(one: Score, further: bool, clear: bool, born_in: float) -> str
     if one.was_there:
         return "was already in the earlier recordings"
     if not clear and min(one.gain, one.refitted_shrink) < born_in:
-        return "the gap is no larger than the passport expects"
+        return "the gap is not clearly larger than the passport expects"
     return None
 
 

@@ -34,7 +34,9 @@ def _frequencies(known: Passport, runs: Sequence[Recording], coords: Sequence[lo
         return []
     then, now = _moved(known, runs, coords, spectrum)
     ends = np.flatnonzero(np.diff(np.r_[False, new, False])).reshape(-1, 2)
-    return [NotKnown(axis="frequency_hz", low=float(spectrum.edges[low]), high=float(spectrum.edges[high]), unit="Hz",
+    highest_hz = max(run.sample_rate_hz for run in runs) / 2
+    return [NotKnown(axis="frequency_hz", low=float(spectrum.edges[low]),
+                     high=min(float(spectrum.edges[high]), highest_hz), unit="Hz",
                      share=float(np.sum(spectrum.share[low:high])), moved_um=float(np.max(now[low:high])),
                      commissioned_um=float(np.max(then[low:high]))) for low, high in ends]
 
@@ -86,7 +88,7 @@ def _positions(known: Passport, squares: np.ndarray, coords: Sequence[localise.C
 
 def remark(one: NotKnown) -> str:
     """A part of the gap that is not known from commissioning, for people."""
-    moved = "commissioning did not go there" if one.moved_um is None else \
+    moved = "commissioning did not go" if one.moved_um is None else \
         f"commissioning moved by {one.commissioned_um:.2g} um and these recordings by {one.moved_um:.2g} um"
     return (f"{100 * one.share:.0f} % of the gap lies at {one.low:.4g} to {one.high:.4g} {one.unit}, where {moved}; what "
             "the model misses there is not known from commissioning and need not be new")

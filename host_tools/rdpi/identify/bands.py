@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..data import Recording
 from ..model import Model, operators
+from ..simulate import chain, effects
 from . import thresholds as tuned
 from .document import RateBand
 from .regression import Columns, Run, prepare, prior, smoothing_times_s
@@ -31,9 +33,21 @@ class RateSlopes(NamedTuple):
 
 def rate_slopes(model: Model, runs: Sequence[Recording]) -> RateSlopes:
     """The slopes that each band of rate has when fitted alone, thresholds and saturation those of `model`."""
-    prepared = prepare(runs, model.gain_um_per_V, model.offset_V, model.thresholds_um, model.rate.source,
+    prepared = prepare(_of_operator(model, runs), model.gain_um_per_V, model.offset_V, model.thresholds_um, model.rate.source,
                        model.rate.window_s, model.rate.filter_s, smoothing_times_s(runs), model.swept)
     return slopes_of_bands(model, prepared)
+
+
+def _of_operator(model: Model, runs: Sequence[Recording]) -> list[Recording]:
+    """The recordings as the operator alone would have made them, without the model's effects."""
+    acting = effects.acting(model)
+    if not acting:
+        return list(runs)
+    driven = [replace(run, columns={**run.columns, "command_V": effects.driven(acting, run.command_V, run, model)})
+              for run in runs]
+    alone = [one.predicted_um for one in chain.simulate(replace(model, effects=[], operator_alone=None), driven)]
+    return [replace(run, columns={**run.columns, "displacement_um": run.displacement_um - (
+        effects.displaced(acting, z_um, run, model) - z_um)}) for run, z_um in zip(driven, alone)]
 
 
 def slopes_of_bands(model: Model, runs: Sequence[Run]) -> RateSlopes:

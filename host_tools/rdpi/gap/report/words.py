@@ -341,7 +341,7 @@ def why(document: GapDocument) -> list[str]:
         lines.append(f"{len(tried(document))} effects were tried. {'These hold' if several else 'This one holds'} on "
                      f"{unseen_parts(document)} {'they were' if several else 'it was'} not fitted to.")
     elif verdict == "none":
-        lines.append("No effect is needed: none of those tried gains more than chance gives.")
+        lines.append("No effect is needed: what is left is not clearly more than was to be expected.")
     else:
         lines.append("Either the cause is not among the effects that rdpi knows, or these recordings do not contain "
                      "what would show it.")

@@ -56,13 +56,15 @@ function ticks(given, place, ends) {
    what lies between where fewer than two of them are seen. */
 function ticked(axis, low, high, room) {
   const steps = [1, 2, 5, 10].map(digit => digit * 10 ** Math.floor(Math.log10((high - low) / room)));
-  const step = Math.max(axis.whole ? 1 : 0, steps.find(one => (high - low) / one <= room)), start = Math.ceil(low / step);
-  const even = Array.from({length: room + 2}, (_, k) => +((start + k) * step).toPrecision(12));
+  const step = Math.max(axis.whole ? 1 : 0, steps.find(one => (high - low) / one <= room));
+  const finer = steps.filter(one => one < step && (!axis.whole || one >= 1)).reverse();  // where step meets one value
+  const even = [step, ...finer].map(by => Array.from(
+    {length: Math.ceil((high - low) / by) + 1}, (_, k) => +((Math.ceil(low / by) + k) * by).toPrecision(12)));
   const first = Math.floor(Math.log10(low)), powers = axis.type === "log" ?
     Array.from({length: Math.floor(Math.log10(high)) - first + 1}, (_, k) => first + k) : [];
   const offered = [[1], [1, 2, 5], [1, 2, 3, 4, 5, 6, 7, 8, 9]].map(
     digits => powers.flatMap(power => digits.map(digit => +`${digit}e${power}`)));
-  const customValues = [...offered, even].map(values => values.filter(value => low <= value && value <= high)).find(
+  const customValues = [...offered, ...even].map(values => values.filter(value => low <= value && value <= high)).find(
     values => values.length > 1) ?? [];
   return {axisTick: {customValues}, axisLabel: {customValues, showMinLabel: true, showMaxLabel: true}};
 }
