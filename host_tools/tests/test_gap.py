@@ -725,7 +725,7 @@ def test_earlier_recordings_may_be_longer_and_more() -> None:
 
 def test_an_earlier_recording_is_not_the_same_one() -> None:
     now = twice()[1]
-    with pytest.raises(BadInput, match=r"given twice \(the same data\); a run counts once"):
+    with pytest.raises(BadInput, match=r"given twice \(the same bytes\); a run counts once"):
         diagnose(with_creep(), now, earlier=now)
 
 

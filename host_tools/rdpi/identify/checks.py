@@ -58,7 +58,8 @@ def reversals(command: np.ndarray, share: float, first: int = 0) -> int:
 
 def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> None:
     """Each run once, all of one actuator: same sign, same zero, about as many um per volt (small loops have fewer)."""
-    _check_once([*runs, *hold_out], " and cannot be both fitted and held out")
+    _check_once([run.digest or id(run) for run in (*runs, *hold_out)], [*runs, *hold_out],
+                " and cannot be both fitted and held out")
     gains = [float(np.ptp(run.displacement_um) / np.ptp(run.command_V)) for run in runs]
     low, high = int(np.argmin(gains)), int(np.argmax(gains))
     if gains[high] > tuned.GAIN_SPREAD * gains[low]:
@@ -77,12 +78,11 @@ def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> 
                            "runs separately")
 
 
-def _check_once(runs: Sequence[Recording], why: str = "") -> None:
-    """Raise BadInput if command and displacement of a run are there twice, whatever else its file says."""
-    marks = [hash(run.command_V.tobytes() + run.displacement_um.tobytes()) for run in runs]
+def _check_once(marks: Sequence[object], runs: Sequence[Recording], why: str = "") -> None:
+    """Raise BadInput if a mark is there twice."""
     for run, mark in zip(runs, marks):
         if marks.count(mark) > 1:
-            raise BadInput(f"{run.path}: given twice (the same data); a run counts once{why}")
+            raise BadInput(f"{run.path}: given twice (the same bytes); a run counts once{why}")
 
 
 def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
@@ -91,7 +91,7 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     widest = max(runs, key=lambda run: float(np.ptp(run.command_V)))
     for run in runs:
         check_run(run, related=run is widest)  # what shakes the actuator may drown its small movements
-    _check_once(runs)
+    _check_once([hash(run.command_V.tobytes() + run.displacement_um.tobytes()) for run in runs], runs)
     usual = abs(model.gain_um_per_V) * float(model.slopes[-1])
     for run in runs:
         together = correlation(run)
@@ -148,7 +148,8 @@ def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list
 
     Raises BadInput for a run that has none, or one that lacks what effects follow.
     """
-    _check_once([*runs, *earlier])
+    _check_once([hash(run.command_V.tobytes() + run.displacement_um.tobytes()) for run in (*runs, *earlier)],
+                [*runs, *earlier])
     found = []
     for run in runs:
         alike = [one for one in earlier if abs(one.sample_time_s / run.sample_time_s - 1) < RATE_TOLERANCE]
