@@ -302,7 +302,8 @@ class Linearised:
             move = weights[own]
             energy = tuned.REACH**2 * self._all[self.whole[place], self.whole[place]]
             moved = float(move @ self._all[np.ix_(own, own)] @ move)
-            if not one.effect.linear and moved > energy:
+            straight = one.effect.linear or one.effect.late_by  # a delay takes its time x the slope away
+            if moved > energy and not straight:
                 stopped += own
                 target[own] = -move * np.sqrt(energy / moved)
         return self.solve(kept, np.setdiff1d(used, stopped), rated, target, self.residual) if stopped else weights
