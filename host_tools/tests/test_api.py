@@ -9,6 +9,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -200,6 +201,33 @@ NONSENSE: dict[str, tuple[str, Callable[[], Any]]] = {
            "no name": ("run: columns: must be a str", {"columns": {"time_s": T, "command_V": T, 3: T}}),
            "time that stands": ("run, sample 1: time_s repeats", {"columns": {"time_s": 0 * T, "command_V": T}}),
            "time that jumps": ("not uniform", {"columns": {"time_s": T**2 + T, "command_V": T}})}.items()}}
+
+
+BY_HAND: dict[str, tuple[str, Any]] = {
+    "none": ("effects: must be a list, got None", None),
+    "set for a name": (r"effects\[0\] is a set, which", [{"name": {"delay"}}]),
+    "arrays for a stage": ("stage is a ndarray; must be one of", [{"name": "delay", "stage": np.zeros(2)}]),
+    "set for a column": ("column is a set;", [{"name": "cross_coupling", "column": {1}, "parameters": {}}]),
+    "bytes for a key": ("but a bytes; they are", [{"name": "delay", "parameters": {b"delay_s": 1.0}}]),
+    "array for a value": ("delay_s is a ndarray; must", [{**entry("delay"), "parameters": {"delay_s": np.zeros(1)}}]),
+    "long whole number": ("delay_s is a int; must", [entry("delay", delay_s=10**5000)])}
+
+
+@pytest.mark.parametrize("what", BY_HAND)
+def test_effects_that_are_no_json_are_refused(what: str, tmp_path: Path) -> None:
+    message, effects = BY_HAND[what]
+    model = rdpi.Model(replace(commissioned()))
+    model.parameters.effects = effects
+    drive_V = 50 + 40 * np.sin(60 * T)
+    run = Recording.from_arrays(T, drive_V, 0.13 * drive_V)
+    for use in (lambda: model.predict(run), lambda: model.header(tmp_path / "params.h"),
+                lambda: model.compensate(REFERENCE, 1e-3), lambda: rdpi.diagnose(model, [run])):
+        with pytest.raises(rdpi.BadInput, match=message):
+            use()
+    (tmp_path / "model.json").write_text("another")
+    with pytest.raises(rdpi.BadInput):
+        model.save(tmp_path / "model.json")
+    assert (tmp_path / "model.json").read_text() == "another"
 
 
 @pytest.mark.parametrize("name", NONSENSE)
