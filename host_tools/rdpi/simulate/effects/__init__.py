@@ -207,7 +207,8 @@ def _acting(entry: Any, where: str) -> Acting:
         value = given.get(parameter.name, parameter.absent)
         if isinstance(value, dict):
             if "value" not in value:
-                raise BadInput(f"{where}: {parameter.name} has no value")
+                raise BadInput(f'{where}: {parameter.name} has no value; give it as "value", '
+                               "or the number in place of the object")
             value = value["value"]
         if value is None:
             value = parameter.absent
