@@ -238,6 +238,12 @@ def test_nonsense_is_refused_by_name(name: str) -> None:
         do()
 
 
+def test_names_of_effects_may_be_drawn_one_after_the_other(there: Path) -> None:
+    runs = [rdpi.read_recording(name) for name in ("slow.csv", "fast.csv")]
+    found = rdpi.fit(runs, effects=(name for name in ["delay"]))
+    assert [one["name"] for one in found.parameters.effects] == ["delay"]
+
+
 def test_numbers_of_numpy_are_as_good_as_pythons(there: Path) -> None:
     """Also whole numbers that are floats; the fixed point of 16 bits would overflow in NumPy's integers."""
     plain: dict[str, Any] = {"operators": 4, "deadzones": 0, "dac_bits": 16, "min_V": -5.0, "max_V": 105.0}
