@@ -9,6 +9,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -202,12 +203,45 @@ NONSENSE: dict[str, tuple[str, Callable[[], Any]]] = {
            "time that jumps": ("not uniform", {"columns": {"time_s": T**2 + T, "command_V": T}})}.items()}}
 
 
+BY_HAND: dict[str, tuple[str, Any]] = {
+    "none": ("effects: must be a list, got None", None),
+    "set for a name": (r"effects\[0\] is a set, which", [{"name": {"delay"}}]),
+    "arrays for a stage": ("stage is a ndarray; must be one of", [{"name": "delay", "stage": np.zeros(2)}]),
+    "set for a column": ("column is a set;", [{"name": "cross_coupling", "column": {1}, "parameters": {}}]),
+    "bytes for a key": ("but a bytes; they are", [{"name": "delay", "parameters": {b"delay_s": 1.0}}]),
+    "array for a value": ("delay_s is a ndarray; must", [{**entry("delay"), "parameters": {"delay_s": np.zeros(1)}}]),
+    "long whole number": ("delay_s is a int; must", [entry("delay", delay_s=10**5000)])}
+
+
+@pytest.mark.parametrize("what", BY_HAND)
+def test_effects_that_are_no_json_are_refused(what: str, tmp_path: Path) -> None:
+    message, effects = BY_HAND[what]
+    model = rdpi.Model(replace(commissioned()))
+    model.parameters.effects = effects
+    drive_V = 50 + 40 * np.sin(60 * T)
+    run = Recording.from_arrays(T, drive_V, 0.13 * drive_V)
+    for use in (lambda: model.predict(run), lambda: model.header(tmp_path / "params.h"),
+                lambda: model.compensate(REFERENCE, 1e-3), lambda: rdpi.diagnose(model, [run])):
+        with pytest.raises(rdpi.BadInput, match=message):
+            use()
+    (tmp_path / "model.json").write_text("another")
+    with pytest.raises(rdpi.BadInput):
+        model.save(tmp_path / "model.json")
+    assert (tmp_path / "model.json").read_text() == "another"
+
+
 @pytest.mark.parametrize("name", NONSENSE)
 def test_nonsense_is_refused_by_name(name: str) -> None:
     message, do = NONSENSE[name]
     with warnings.catch_warnings(), pytest.raises(rdpi.BadInput, match=message):
         warnings.simplefilter("error")
         do()
+
+
+def test_names_of_effects_may_be_drawn_one_after_the_other(there: Path) -> None:
+    runs = [rdpi.read_recording(name) for name in ("slow.csv", "fast.csv")]
+    found = rdpi.fit(runs, effects=(name for name in ["delay"]))
+    assert [one["name"] for one in found.parameters.effects] == ["delay"]
 
 
 def test_numbers_of_numpy_are_as_good_as_pythons(there: Path) -> None:

@@ -647,7 +647,7 @@ BAD_EFFECTS: dict[str, tuple[object, str]] = {
     "true": (entry("gain_change", factor=True), r"factor is true; must be a number"),
     "a list": (entry("gain_change", factor=[1.1]), r"factor is \[1.1\]; must be a number"),
     "text as value": (entry("gain_change", factor={"value": "1.1"}), r'factor is "1.1"; must be a number'),
-    "an object without a value": (entry("delay", delay_s={"valu": 0.1}), r"\(delay\): delay_s has no value"),
+    "an object without a value": (entry("delay", delay_s={"valu": 0.1}), r"\(delay\): delay_s has no value; give it"),
     "a misspelt parameter": (entry("delay", dely_s=0.5), r'\(delay\): no delay_s in its parameters, but "dely_s"; they '
                              r"are delay_s \(s\)"),
     "one of several misspelt": (entry("rail_saturation", V_min=0.0, Vmax=60.0),

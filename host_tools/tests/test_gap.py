@@ -729,6 +729,12 @@ def test_an_earlier_recording_is_not_the_same_one() -> None:
         diagnose(with_creep(), now, earlier=now)
 
 
+def test_a_model_whose_effects_are_no_objects_beside_earlier_recordings() -> None:
+    before, now = twice()
+    with pytest.raises(BadInput, match=r"effects\[0\] is 3, which this version cannot simulate"):
+        diagnose(replace(with_creep(), effects=[3]), now, earlier=before)
+
+
 # --- what it refuses, what it remarks --------------------------------------------------------------------------------
 
 @pytest.mark.parametrize(("change", "message"), [

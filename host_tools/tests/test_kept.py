@@ -225,6 +225,14 @@ def test_entries_that_no_fit_wrote(wrong: dict, folder: Path) -> None:
     assert not found and len(notes) == 1 and "left out" in notes[0]
 
 
+@pytest.mark.parametrize("digest", [["x"], {}])
+def test_a_digest_that_is_no_text_leaves_out_its_copy_alone(digest: object, folder: Path) -> None:
+    model = read_model("model.json")
+    model.kept = [{**one, "source_digest": digest} if "sine" in one["source"] else one for one in model.kept]
+    found, notes = kept.earlier(model, [read_recording(LATE[0])])
+    assert len(found) == 1 and "left out" in " ".join(notes)
+
+
 @pytest.mark.parametrize("wrong", [3, "kept", [3], [{}], {}])
 def test_a_key_that_is_no_list_of_entries(wrong: object, folder: Path, rdpi: Callable) -> None:
     document = json.loads(Path("model.json").read_text())

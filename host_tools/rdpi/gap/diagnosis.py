@@ -193,6 +193,7 @@ def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], ea
     for name in arguments.listed(without, str, "without"):
         arguments.one_of(name, CATALOGUE, "without")
     arguments.of_kind(model, Model, "model").validate()
+    effects.acting(model)  # before anything else reads them
     notes, known = checks.check_against(model, runs), passport.read(model)
     if earlier:
         notes += [f"earlier, {note}" for note in checks.check_against(model, earlier) if any(

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ..data import MIN_SAMPLES, RATES_HZ, Recording, filled, make_folder, read_recording, sample_times, thinned, write_recording
+from ..data import (MIN_SAMPLES, RATES_HZ, Recording, filled, make_folder, read_recording, sample_times, thinned,
+                    write_recording)
 from ..errors import BadInput
 from ..model import Model, beside, records
 from ..simulate import signals
@@ -76,13 +77,13 @@ def earlier(model: Model, runs: Sequence[Recording]) -> tuple[list[Recording], l
         except BadInput as error:
             notes.append(f"a recording that was kept with the model is left out: {error}; put it back beside the model "
                          "file, or fit again with --keep")
-    same = {run.digest for run in runs if run.digest} & {
-        one.get("source_digest") for one in model.kept if isinstance(one, dict)} if found else set()
+    sources = [one.get("source_digest") for one in model.kept if isinstance(one, dict)] if found else []
+    same = [run.path for run in runs if run.digest and run.digest in sources]
     try:
         if not found:
             return [], notes
         if same:
-            raise BadInput(", ".join(run.path for run in runs if run.digest in same) + ": was kept itself")
+            raise BadInput(f"{', '.join(same)}: was kept itself")
         used = same_drives(runs, found)
     except BadInput as error:
         return [], [*notes, f"the recordings that were kept with the model are not used: {error}"]

@@ -187,16 +187,16 @@ def disturbed(effects: Sequence[Acting], predicted_um: np.ndarray, run: Recordin
 def _acting(entry: Any, where: str) -> Acting:
     if not isinstance(entry, dict) or str(entry.get("name")) not in CATALOGUE:
         name = entry.get("name") if isinstance(entry, dict) else entry
-        raise BadInput(f"{where} is {json.dumps(name)[:40]}, which this version cannot simulate; it knows "
+        raise BadInput(f"{where} is {_text(name)}, which this version cannot simulate; it knows "
                        f"{', '.join(CATALOGUE)}")
     kind = CATALOGUE[entry["name"]]
     where += f" ({kind.name})"
     stage = entry.get("stage", kind.stages[0])
-    if stage not in kind.stages:
-        raise BadInput(f"{where}: stage is {json.dumps(stage)[:40]}; must be one of {', '.join(kind.stages)}")
+    if not isinstance(stage, str) or stage not in kind.stages:
+        raise BadInput(f"{where}: stage is {_text(stage)}; must be one of {', '.join(kind.stages)}")
     options = {"column": entry["column"]} if kind.of_column and "column" in entry else {}
     if options and (complaint := kind.wrong_column(entry["column"])) is not None:
-        raise BadInput(f"{where}: column is {json.dumps(entry['column'])[:40]}; {complaint}")
+        raise BadInput(f"{where}: column is {_text(entry['column'])}; {complaint}")
     given = entry.get("parameters", {})
     if not isinstance(given, dict):
         raise BadInput(f"{where}: parameters must be an object")
@@ -207,19 +207,28 @@ def _acting(entry: Any, where: str) -> Acting:
         value = given.get(parameter.name, parameter.absent)
         if isinstance(value, dict):
             if "value" not in value:
-                raise BadInput(f"{where}: {parameter.name} has no value")
+                raise BadInput(f'{where}: {parameter.name} has no value; give it as "value", '
+                               "or the number in place of the object")
             value = value["value"]
         if value is None:
             value = parameter.absent
         low, high = parameter.ends
         if isinstance(value, bool) or not isinstance(value, (int, float)) or \
                 not (low <= value <= high or value in (parameter.low, parameter.high)):
-            raise BadInput(f"{where}: {parameter.name} is {json.dumps(value, default=repr)[:40]}; must be a number, "
+            raise BadInput(f"{where}: {parameter.name} is {_text(value)}; must be a number, "
                            f"{low:g} to {high:g} {parameter.unit}")
         values[parameter.name] = float(value)
     if (complaint := kind.refusal(values)) is not None:
         raise BadInput(f"{where}: {complaint}")
     return Acting(kind(stage, **options), values)
+
+
+def _text(value: Any) -> str:
+    """Short enough for a message: JSON, or what a caller of Python functions gave instead."""
+    try:
+        return json.dumps(value)[:40]
+    except (TypeError, ValueError):
+        return arguments.shown(value)
 
 
 def _misnamed(entry: dict[str, Any], given: dict[str, Any], kind: type[Effect]) -> str | None:
@@ -235,7 +244,7 @@ def _misnamed(entry: dict[str, Any], given: dict[str, Any], kind: type[Effect]) 
     if not missing or not strange and not beside and len(missing) < len(own):
         return None
     known = ", ".join(f"{parameter.name} ({parameter.unit})" for parameter in kind.parameters)
-    found = json.dumps([*strange, *beside])[1:-1]
+    found = ", ".join(map(_text, [*strange, *beside]))
     return (f"no {' and no '.join(missing)} in its parameters"
             + (f", but {found[:80]}{' beside them' if beside and not strange else ''}" if found else "")
             + f"; they are {known}")
