@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from fitted import moving_runs, static_run
-from injected import COMMISSIONING, FURTHER, NOISE_UM, RATE_HZ, drives, entry, plain_model, recorded
+from injected import COMMISSIONING, FURTHER, LIMITS, NOISE_UM, RATE_HZ, drives, entry, plain_model, recorded
 from plants import changed, stack
 
 from rdpi.data import Recording
@@ -210,6 +210,22 @@ def test_thinned_recordings_choose_and_whole_ones_are_fitted(monkeypatch: pytest
         assert one.acting.effect.name == other.acting.effect.name
         assert one.acting.values == pytest.approx(other.acting.values, rel=0.02)
         assert all(low < one.acting.values[name] < high for name, (low, high) in one.ci95.items())
+
+
+def test_whole_recordings_that_miss_more_than_thinned_ones_are_no_reason_to_warn(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no effect was kept, there is none to leave out."""
+    monkeypatch.setattr(tuned, "CHOICE_HZ", RATE_HZ)
+    monkeypatch.setattr(tuned, "CHOICE_STROKE", 2.0)
+    skipped = np.random.default_rng(3)  # thinning takes every second sample: the others are noisier
+    runs = []
+    for run in recorded(plain_model(), drives(COMMISSIONING[:2], replace(LIMITS, sample_rate_hz=2 * RATE_HZ))):
+        z = run.displacement_um.copy()
+        z[1::2] += 0.01 * skipped.standard_normal(len(z[1::2]))
+        runs.append(changed(run, displacement_um=z))
+    found = fit(runs)
+    assert not found.choice.kept and found.choice.found.rms_um > found.choice.plain.rms_um
+    assert not any("operator alone" in text for text in found.warnings)
 
 
 def test_a_short_recording_beside_a_long_one_hides_nothing() -> None:

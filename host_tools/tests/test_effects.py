@@ -398,7 +398,8 @@ def test_hum_is_estimated_in_every_recording_and_the_zero_stays() -> None:
 
 @pytest.mark.parametrize("frequency_hz", [1e-3, 0.1])
 def test_a_part_of_a_slow_hum_moves_no_prediction_away(frequency_hz: float) -> None:
-    model, z = replace(bent(), effects=[entry("periodic_disturbance", frequency_hz=frequency_hz)]), shown(bent(), moving())
+    model = replace(bent(), effects=[entry("periodic_disturbance", frequency_hz=frequency_hz)])
+    z = shown(bent(), moving())
     run = changed(moving(), displacement_um=z + 0.25 + 0.01 * np.random.default_rng(1).standard_normal(len(z)))
     (found,) = chain.simulate(model, [run])
     assert np.max(np.abs(found.predicted_um - z)) < 0.05

@@ -287,9 +287,9 @@ def record_(port: str, outputs: tuple[str, ...], baud: int, duration_s: float | 
 @click.option("--no-sweep", is_flag=True, help="Leave out the decaying sweep at the start.")
 @click.option("--frequencies", "frequencies_hz", type=Numbers(), metavar="HZ,HZ,...",
               help="sawtooth, sine: one wave at each, default 1,2,5,10,20 Hz. commission: its triangles, default "
-                   "1,5,10,20,40 Hz. multisine: its lines, default about 16 from 0.5 to 50 Hz, of whole periods. chirp: first "
-                   "and last frequency, default 1,500 Hz. startup: one frequency, default 20 Hz. Defaults are lower if --slew or "
-                   "--sample-rate requires it.")
+                   "1,5,10,20,40 Hz. multisine: its lines, default about 16 from 0.5 to 50 Hz, of whole periods. "
+                   "chirp: first and last frequency, default 1,500 Hz. startup: one frequency, default 20 Hz. Defaults "
+                   "are lower if --slew or --sample-rate requires it.")
 @click.option("--rates", "rates_V_per_s", type=Numbers(), metavar="V/S,V/S,...",
               help="sawtooth, commission: rates instead of frequencies, V/s. minor-loops: rates at which the "
                    "pattern is repeated, V/s; default: the rate that crosses the whole range in 0.5 s.")

@@ -12,7 +12,7 @@ from ..data import Recording, excite
 from ..errors import BadInput
 from ..identify import localise, passport
 from ..model import Passport
-from ..simulate import effects
+from ..simulate import effects, signals
 from ..simulate.effects import Acting, Effect
 from . import candidates, thresholds
 from .augmented import AugmentedModel
@@ -86,7 +86,7 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
         top_hz = min(unknown.high, limits.sample_rate_hz / excite.SAMPLES_PER_PERIOD)
         kind, options = "chirp", {"frequencies_hz": (unknown.low / 4, top_hz), "duration_s": CHIRP_S}
         half_V = unknown.moved_um / abs(state.model.gain_um_per_V * float(state.model.slopes[-1]))
-        fastest = max(float(np.max(np.abs(np.diff(run.command_V)))) * run.sample_rate_hz for run in state.recordings)
+        fastest = signals.fastest_V_per_s(state.recordings)
         slew_V = min(limits.slew_V_per_s or np.inf, fastest) / (2 * np.pi * top_hz)
         limits = _amid(limits, min(half_V, slew_V, (limits.max_V - limits.min_V) / 2))
     try:
@@ -113,7 +113,7 @@ def _amid(limits: excite.Limits, half_V: float) -> excite.Limits:
 
 
 def _command(limits: excite.Limits, kind: str, options: dict[str, Any]) -> str:
-    parts = ["rdpi excite", kind, "-o next.csv", f"--min-V {limits.min_V:.6g}", f"--max-V {limits.max_V:.6g}",
+    parts = ["rdpi excite", kind, "-o next.csv", f"--min-V {limits.min_V:.12g}", f"--max-V {limits.max_V:.12g}",
              f"--sample-rate {limits.sample_rate_hz:.12g}"]
     if limits.slew_V_per_s is not None:
         parts.append(f"--slew {limits.slew_V_per_s:.12g}")

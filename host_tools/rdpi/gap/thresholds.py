@@ -8,6 +8,7 @@ Sources:
   tune      chosen on the tuning set of tests/withheld (`check.py --set tune`): its 'none' controls and single effects
   coverage  so that intervals stated as 90 % cover 90 % of the tuning set
   rigs      chosen on tests/rigs (`appears.py`, `circle.py`), a family left out in turn
+  picma     chosen on ../shared/data/picma_p885, nothing injected (`check.py --set measured`)
   judged    set when the search was written; no set is on record
 """
 
@@ -21,7 +22,7 @@ USUAL_SPREAD = 0.2  # [ln] scatter of a passport; a poorer one's ratio counts le
 SHRINK_WEIGHT = 1.0  # [1] of the best shrink in the evidence, beside the logarithm of the ratio to the passport; tune
 UNKNOWN = 1.25  # [detection] times the evidence for a gap, from which one without a name is reported; tune
 SPREADS = 2.5  # [spread] of the passport by which ln(ratio) must exceed 0 for the same; tune
-SPECTRUM = 0.4  # [ln] mean of ln(rms / passport) as the energy lies, times its breadth, for the same; rigs
+SPECTRUM = 0.4  # [ln] mean of ln(rms / passport) as the energy lies, times breadth and trust, for the same; picma
 MOST_BREADTH = 2.0  # [passport] in an octave, mean of all, as far as it counts as breadth; judged
 FEW_LINES = 4.0  # [lines] of a spectrum, by which an octave counts half; judged
 

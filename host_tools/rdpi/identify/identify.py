@@ -108,7 +108,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if options.effects != around.NONE:
         chosen = around.identify(plain, runs, options, lambda share: progress(0.3 + 0.3 * share))
         chain_of_rig = around.entries(chosen)
-        if chosen.found.rms_um > chosen.plain.rms_um:
+        if chosen.kept and chosen.found.rms_um > chosen.plain.rms_um:
             warnings.append(f"with {', '.join(one.acting.effect.name for one in chosen.kept)} the model misses more of "
                             "what was not fitted than the operator alone; leave out what is not there, or use "
                             "--effects auto")

@@ -47,8 +47,11 @@ class Linearised:
         self.free = [(place, name) for place, one in enumerate(hypothesis.acting) for name in one.effect.fitted]
         self.own_start = at
         self.own = at + np.arange(len(self.free))
-        self.whole = at + len(self.free) + np.arange(len(hypothesis.acting))  # of each effect that acts, all of it
-        at += len(self.free) + len(hypothesis.acting)
+        # Effects whose derivatives hold near by only: no linear ones, and no delay, which takes its time x the slope.
+        self.curved = [place for place, one in enumerate(hypothesis.acting)
+                       if not (one.effect.linear or one.effect.late_by)]
+        self.whole = at + len(self.free) + np.arange(len(self.curved))  # all that each of these does
+        at += len(self.free) + len(self.curved)
         self.join_columns = []
         for one in self.joins:
             self.join_columns.append((at, np.arange(at + 1, at + 1 + len(one.effect.fitted))))
@@ -93,7 +96,8 @@ class Linearised:
         segments = setting.segments(target[at])
         columns = [counted, counted * share[:, None], -segments[:, 1:]]
         columns += [self._derivative(acting, place, name, change)[:, None] for place, name in self.free]
-        columns += [change(list(self.hypothesis.lacking(one).acting), one.effect.ahead)[:, None] for one in acting]
+        columns += [change([*acting[:place], *acting[place + 1:]], acting[place].effect.ahead)[:, None]
+                    for place in self.curved]
         for join in self.joins:
             new = [*acting, join]
             there = change(effects.in_order(new), join.effect.ahead)
@@ -226,7 +230,7 @@ class Linearised:
         across = left[split:, :split]
         curvature = (left[split:, split:] - across @ np.linalg.lstsq(left[:split, :split], across.T, rcond=1e-13)[0]
                      ) * np.outer(scale, scale)
-        slope = np.sum(self.blocks, axis=0)[self.own] @ weights * scale
+        slope = self._all[self.own] @ weights * scale
         step, open_ = np.zeros(len(slope)), np.ones(len(slope), bool)
         for _ in slope:
             inside = curvature[np.ix_(open_, open_)]
@@ -297,13 +301,12 @@ class Linearised:
         """`solve`, where effects that would move too far stop on their way and the others are fitted beside them."""
         weights = self.solve(kept, used, rated, target, self.residual)
         stopped, target = [], target.copy()
-        for place, one in enumerate(self.hypothesis.acting):
+        for place, whole in zip(self.curved, self.whole):
             own = [self.own_start + j for j, (at, _) in enumerate(self.free) if at == place]
             move = weights[own]
-            energy = tuned.REACH**2 * self._all[self.whole[place], self.whole[place]]
+            energy = tuned.REACH**2 * self._all[whole, whole]
             moved = float(move @ self._all[np.ix_(own, own)] @ move)
-            straight = one.effect.linear or one.effect.late_by  # a delay takes its time x the slope away
-            if moved > energy and not straight:
+            if moved > energy:
                 stopped += own
                 target[own] = -move * np.sqrt(energy / moved)
         return self.solve(kept, np.setdiff1d(used, stopped), rated, target, self.residual) if stopped else weights

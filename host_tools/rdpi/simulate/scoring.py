@@ -21,19 +21,19 @@ def lacking(model: Model, run: Recording) -> list[str]:
 
 
 def doubts(model: Model, inverse: Inverse, run: Recording, swept: bool) -> list[str]:
-    """Why the drive for a reference may not take the actuator there: a memory that was only estimated, where no start-up
-    sweep comes first; a lead that looks beyond the reference's end; columns that the reference lacks.
+    """Why the drive for a reference may not take the actuator there: a memory that was only estimated, where no
+    start-up sweep comes first; a lead that looks beyond the reference's end; columns that the reference lacks.
     """
     found = [f"{run.path}: has no column {one.column}, so nothing is subtracted for it" for one in inverse.addends
              if one.column not in run.columns]
     fitted = model.fit.get("runs")
     first = fitted[0] if isinstance(fitted, list) and fitted else None
     if not swept and isinstance(first, dict) and first.get("memory") == "estimated":
-        found.append(f"the drive begins where the first recording of the model began, {first.get('file')}, whose memory "
-                     "was estimated; for an actuator behind its start-up sweep give --sweep")
+        found.append(f"the drive begins where the first recording of the model began, {first.get('file')}, whose "
+                     "memory was estimated; for an actuator behind its start-up sweep give --sweep")
     if (ahead := inverse.chain.preview_samples(run.sample_time_s)) >= len(run):
-        found.append(f"{run.path}: its {len(run)} samples are no more than the {ahead} that the lead looks ahead, so its "
-                     "last value is all that is tracked")
+        found.append(f"{run.path}: its {len(run)} samples are no more than the {ahead} that the lead looks ahead, so "
+                     "its last value is all that is tracked")
     return found
 
 
@@ -52,8 +52,8 @@ def table(rows: Sequence[tuple[str, Score | Tracked, str]], of: str = "the run's
 
 
 def notes(model: Model, run: Recording, prediction: Prediction) -> list[str]:
-    """Why the prediction of a run may be worse than the model: its drive, its rate, a rate that did not settle, a column
-    that it lacks.
+    """Why the prediction of a run may be worse than the model: its drive, its rate, a rate that did not settle, a
+    column that it lacks.
     """
     found = lacking(model, run)
     low_V, high_V = model.drive.min_V, model.drive.max_V

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from .. import firmware
+from ..data import Recording
 
 RATE_NOISE = 0.02  # noise allowed in a smoothed rate, as a share of the peak rate
 PROBE = 9  # samples of the cubic that separates noise from movement
@@ -18,6 +21,11 @@ def noise_um(z_um: np.ndarray) -> float:
     left = z_um - savgol_filter(z_um, PROBE, 3)
     share = 1 - savgol_coeffs(PROBE, 3)[PROBE // 2]  # variance of what is left, per variance of the noise
     return float(1.4826 * np.median(np.abs(left - np.median(left))) / np.sqrt(share))
+
+
+def fastest_V_per_s(runs: Iterable[Recording]) -> float:
+    """Of the commands of all recordings, from sample to sample."""
+    return max(float(np.max(np.abs(np.diff(run.command_V)))) / run.sample_time_s for run in runs)
 
 
 def smoothing_time_s(z_um: np.ndarray, sample_time_s: float) -> float:

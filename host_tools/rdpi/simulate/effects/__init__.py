@@ -174,12 +174,13 @@ def disturbed(effects: Sequence[Acting], predicted_um: np.ndarray, run: Recordin
     columns = [one.effect.columns(run, one.values, model) for one in effects if one.effect.disturbance]
     if not columns or run.displacement_um is None:
         return predicted_um
-    design, one = np.column_stack(columns), np.ones(len(run))
-    kept = any(effect.effect.moves_zero for effect in effects)
-    if not kept and one @ design @ np.linalg.lstsq(design, one, rcond=None)[0] > MUCH_CONSTANT * len(run):
+    design, constant = np.column_stack(columns), np.ones(len(run))
+    moves_zero = any(one.effect.moves_zero for one in effects)
+    made_up = constant @ design @ np.linalg.lstsq(design, constant, rcond=None)[0]
+    if not moves_zero and made_up > MUCH_CONSTANT * len(run):
         design = design - np.mean(design, axis=0)  # a part of a period: its size is not to be balanced by a constant
-    found = np.linalg.lstsq(np.column_stack([one, design]), run.displacement_um - predicted_um, rcond=None)[0]
-    if not kept:
+    found = np.linalg.lstsq(np.column_stack([constant, design]), run.displacement_um - predicted_um, rcond=None)[0]
+    if not moves_zero:
         found[0] = 0.0
     return predicted_um + found[0] + design @ found[1:]
 

@@ -41,5 +41,5 @@ class SlewLimit(Effect):
             folded_into, drive=replace(drive, slew_V_per_s=slew, sweep_V_per_s=sweep)))
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
-        fastest = max(float(np.max(np.abs(np.diff(run.command_V)))) / run.sample_time_s for run in residuals.runs)
+        fastest = signals.fastest_V_per_s(residuals.runs)
         return [{"V_per_s": share * fastest} for share in SHARES if fastest > 0]
