@@ -73,6 +73,23 @@ def test_a_reference_may_have_gaps_but_must_be_one() -> None:
         diagnose(commissioned(), runs, references=runs[:1])
 
 
+def test_a_reference_out_of_reach_and_a_model_without_inverse_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs, reference = recorded(plain_model(), drives(LATER), LAG), sines(5.0)
+    far = replace(reference, columns={**reference.columns, "reference_um": reference.reference_um + 5.0})
+    notes = [diagnose(commissioned(), runs, references=[one]).document.notes for one in (reference, far)]
+    assert not any("reference.csv" in note for note in notes[0])
+    (told,) = (note for note in notes[1] if note.startswith("reference.csv: "))
+    assert "% of the reference is beyond what the drive's range reaches" in told
+
+    def refused(model: Model) -> None:
+        raise BadInput("model.json: it cannot be inverted")
+
+    monkeypatch.setattr(promise, "inverse_of", refused)
+    found = diagnose(commissioned(), runs, references=[reference]).document
+    assert found.promised.tracking is None and found.verdict == "effect"
+    assert "no promise for tracking: model.json: it cannot be inverted" in found.notes
+
+
 def test_what_would_track_worse_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     runs = recorded(plain_model(), drives(LATER), LAG)
     worse = TrackingPromise(shrink=-0.5, ci90=None)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..data import RUN_COLUMNS, Recording, arguments, taken
+from ..errors import BadInput
 from ..identify import checks, localise, passport
 from ..model import Model, Passport, records
 from ..simulate import chain, effects, signals
@@ -90,7 +91,11 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
             return decision, offset, None
         improved = replace(state.model, effects=promise.entries(selection),
                            offset_um=state.model.offset_um + offset.added)
-        tracked = promise.tracking(selection, improved, known, decision.coords, references)
+        try:
+            tracked = promise.tracking(selection, improved, known, decision.coords, references)
+            said = promise.out_of_reach(improved, references)
+        except BadInput as error:
+            tracked, said = None, [f"no promise for tracking: {error}"]
         ci90 = document.promised(selection, document.equations_of(state)).ci90
         if ci90 is not None and ci90[0] < 0:
             why = "recordings that were left out may as well be predicted worse"
@@ -100,7 +105,7 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
         elif tracked is not None and tracked.shrink < -thresholds.TRACKED_WORSE:
             why = f"the inverse of the model with it is to track worse by {100 * -tracked.shrink:.0f} %"
         else:
-            return decision, offset, tracked
+            return replace(decision, notes=[*decision.notes, *said]), offset, tracked
         name, left = state.chosen[-1].effect.name, selection.rejecting_last()
         decision = replace(decision, selection=left, verdict=decision.verdict if left.accepted.chosen else "unknown",
                            notes=[*decision.notes, f"{name} would explain more of the gap, but {why}; it is left out"])

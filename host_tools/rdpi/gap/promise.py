@@ -15,7 +15,6 @@ import numpy as np
 
 from .. import firmware
 from ..data import Recording
-from ..errors import BadInput
 from ..identify import localise, passport
 from ..model import Model, Passport
 from ..simulate import chain, effects, inverse_of
@@ -45,16 +44,13 @@ def tracking(selection: Selection, improved: Model, known: Passport | None, coor
              references: Sequence[Recording]) -> TrackingPromise | None:
     """The promise for these references, column reference_um.
 
-    None without references or accepted effects, and if a model has no inverse. `known` is the passport of the model
-    that was given, `coords` are those of the recordings.
+    None without references or accepted effects. `known` is the passport of the model that was given, `coords` are those
+    of the recordings. Raises BadInput if a model has no inverse.
     """
     if not references or not selection.accepted.chosen:
         return None
     given = selection.given.model
-    try:
-        tracked = [_tracked(given, improved, known, run) for run in references]
-    except BadInput:
-        return None
+    tracked = [_tracked(given, improved, known, run) for run in references]
     runs = _recorded(selection, known, coords)
     if known is None:  # what is left is taken to grow with the movement
         size = np.mean([np.var(run.displacement_um) for run in selection.given.recordings])
@@ -70,6 +66,15 @@ def tracking(selection: Selection, improved: Model, known: Passport | None, coor
              for one in levels] + thresholds.TRACKED_SCATTER * random.standard_normal(DRAWS)
     low, high = np.percentile(drawn, (5, 95))
     return TrackingPromise(shrink=promised, ci90=(float(min(low, promised)), float(min(max(high, promised), 1.0))))
+
+
+def out_of_reach(improved: Model, references: Sequence[Recording]) -> list[str]:
+    """A remark for each reference that the actuator cannot follow within its drive's range."""
+    low_um, high_um = chain.reachable_um(inverse_of(improved).model)
+    return [f"{run.path}: {share:.0%} of the reference is beyond what the drive's range reaches, {low_um:.5g} to "
+            f"{high_um:.5g} um; the promise for tracking includes what stays out of reach there"
+            for run in references
+            if (share := float(np.mean((run.reference_um < low_um) | (run.reference_um > high_um)))) > 0]
 
 
 def entries(selection: Selection) -> list[dict[str, Any]]:

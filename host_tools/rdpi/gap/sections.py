@@ -130,7 +130,7 @@ class Promise(Document):
     tracking: TrackingPromise | None = json_key(
         "what the inverse of the improved model promises beside that of the given one, for the references of "
         "--reference; all that the model misses counts, with --earlier too; without the key, no reference was given, "
-        "no effect was accepted, or a model has no inverse", omitted=True)
+        "no effect was accepted, or a model has no inverse (a note says why)", omitted=True)
 
 
 @dataclass(kw_only=True)

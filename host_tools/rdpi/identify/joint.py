@@ -58,9 +58,20 @@ class Linearised:
             at += 1 + len(one.effect.fitted)
         self.predicted_um: list[np.ndarray] = []  # with all that acts
         self._kept: list[tuple[np.ndarray, np.ndarray, np.ndarray, Recording, np.ndarray]] = []
-        self.blocks = self._grams([self._rows(k) for k in range(len(setting.runs))])
+        self._displaced = [effects.Displaced() for _ in setting.runs]
+        for k in range(len(setting.runs)):
+            self._predict(k)
 
     # --- columns
+
+    @cached_property
+    def blocks(self) -> np.ndarray:
+        """Gram matrices, (blocks of every run, columns, columns): of the linear columns, the own parameters, what each
+        effect does that may be stopped, what may join, and seg_0.
+        """
+        grams = self._grams([self._rows(k) for k in range(len(self.setting.runs))])
+        self._displaced.clear()
+        return grams
 
     def _grams(self, rows: Sequence[np.ndarray]) -> np.ndarray:
         """Of each block, every run without its mean; in units of the stroke."""
@@ -70,21 +81,26 @@ class Linearised:
             grams += [part.T @ part for part in np.array_split(columns, BLOCKS)]
         return np.array(grams)
 
-    def _rows(self, k: int) -> np.ndarray:
+    def _predict(self, k: int) -> None:
         setting, run, found = self.setting, self.setting.runs[k], self.found
         acting, at = list(self.hypothesis.acting), setting.rows[k]
-        share = setting.shares[k][at]
         driven = setting.driven(k, acting)
         counted, v = setting.superposed(k, driven.command_V, found)
-        target, displaced = run.displacement_um, effects.Displaced()
+        target = run.displacement_um
         for _ in range(2):  # the offset is that of what F leaves
             offset = np.mean(setting.straightened(target[at], found) - v[at])
             z = setting.bent(v + offset, found)
-            shown = displaced(acting, z, driven, setting.model)
+            shown = self._displaced[k](acting, z, driven, setting.model)
             target = run.displacement_um - (shown - z)
         self.predicted_um.append(shown)
         self._kept.append((counted, target[at], z, driven, shown))
-        slope = np.r_[1.0, found.pieces][np.searchsorted(setting.corners_um, target[at])]
+
+    def _rows(self, k: int) -> np.ndarray:
+        setting, found, displaced = self.setting, self.found, self._displaced[k]
+        acting, at = list(self.hypothesis.acting), setting.rows[k]
+        share = setting.shares[k][at]
+        counted, target, z, driven, shown = self._kept[k]
+        slope = np.r_[1.0, found.pieces][np.searchsorted(setting.corners_um, target)]
 
         def change(new: Sequence[Acting], ahead: bool) -> np.ndarray:
             """Of the residual, with these in place of those that act."""
@@ -93,7 +109,7 @@ class Linearised:
             moved = setting.plays(k, setting.driven(k, new).command_V) - counted
             return moved @ found.rest + (share * (moved @ found.change) if np.any(found.change) else 0.0)
 
-        segments = setting.segments(target[at])
+        segments = setting.segments(target)
         columns = [counted, counted * share[:, None], -segments[:, 1:]]
         columns += [self._derivative(acting, place, name, change)[:, None] for place, name in self.free]
         columns += [change([*acting[:place], *acting[place + 1:]], acting[place].effect.ahead)[:, None]
@@ -151,7 +167,7 @@ class Linearised:
                           ) -> tuple[np.ndarray, np.ndarray]:
         """Of the columns `used` on these blocks, the prior of the linear ones included."""
         gram = np.sum(kept, axis=0)
-        samples = self.setting.samples * len(kept) / len(self.blocks)
+        samples = self.setting.samples * len(kept) / (BLOCKS * len(self.setting.runs))
         rows, wish = self._prior(rated)
         linear = rows.shape[1]
         left, right = gram[np.ix_(used, used)], gram[used] @ target
@@ -168,7 +184,7 @@ class Linearised:
     @property
     def target(self) -> np.ndarray:
         """seg_0 as a sum of columns."""
-        return np.eye(self.blocks.shape[1])[-1]
+        return _last(self.blocks)
 
     @cached_property
     def here(self) -> tuple[Unknowns, float, float]:
@@ -189,7 +205,7 @@ class Linearised:
         """Unknowns at the present parameters, the squares they leave, and these as a relative rms."""
         n, m, residual = len(self.found.rest), len(self.found.pieces), 3e-3
         for _ in range(3):  # the prior follows the residual
-            weights = self.solve(blocks, self.linear, self.hypothesis.rated, self.target, residual)
+            weights = self.solve(blocks, self.linear, self.hypothesis.rated, _last(blocks), residual)
             squares = max(float(np.einsum("i,bij,j->", weights, blocks, weights)), 0.0)
             residual = max(float(np.sqrt(squares / self.setting.samples)), 1e-6)
         pieces = np.clip(weights[2 * n:2 * n + m], *tuned.PIECE_RANGE)
@@ -197,7 +213,7 @@ class Linearised:
 
     def trial(self, acting: Sequence[Acting]) -> tuple[Unknowns, float]:
         """Unknowns and squares with other parameters of the same effects, where those at hand changed F(z) - z alone or
-        H alone.
+        H alone, or none changed.
         """
         before, setting, rows = self.hypothesis.acting, self.setting, []
         ahead = any(one.values != other.values for one, other in zip(acting, before) if one.effect.ahead)
@@ -210,8 +226,7 @@ class Linearised:
                 target = target - (effects.displaced(acting, z, driven, setting.model) - shown)[at]
             segments = setting.segments(target)
             share = setting.shares[k][at, None]
-            fill = np.zeros((len(at), self.blocks.shape[1] - 2 * counted.shape[1] - segments.shape[1]))
-            rows.append(np.hstack([counted, counted * share, -segments[:, 1:], fill, segments[:, :1]]))
+            rows.append(np.hstack([counted, counted * share, -segments[:, 1:], segments[:, :1]]))
         found, squares, _ = self.best(self._grams(rows))
         return found, squares
 
@@ -335,10 +350,15 @@ class Linearised:
         return result
 
 
+def _last(blocks: np.ndarray) -> np.ndarray:
+    """The last of their columns as a sum of columns."""
+    return np.eye(blocks.shape[1])[-1]
+
+
 def refined(setting: Setting, hypothesis: Hypothesis, found: Unknowns, steps: int = STEPS) -> Linearised:
     """The least squares from there on (Levenberg and Marquardt)."""
     state, damping = Linearised(setting, hypothesis, found), 1e-2
-    state = Linearised(setting, hypothesis, state.here[0])
+    state = Linearised(setting, hypothesis, state.trial(hypothesis.acting)[0])
     for _ in range(steps if state.free else 0):
         before = state.squares
         while damping <= MOST_DAMPING:
