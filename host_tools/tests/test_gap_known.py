@@ -355,6 +355,7 @@ def test_a_changed_effect_goes_through_the_file(tmp_path: Path) -> None:
      r"effects\[1\] \(lag\) is at sensor, as effects\[0\] is"),
     ([{**entry("delay", delay_s=0.001), "was": {"delay_s": -1}}], r"effects\[0\]: was \(delay\): delay_s is -1"),
     ([{**entry("delay", delay_s=0.001), "was": 0.002}], r"effects\[0\]: was \(delay\): parameters must be an object"),
+    ([{**entry("delay", delay_s=0.001), "new": [1]}], r"effects\[0\]: new: must be true or false"),
     ([{**entry("delay", delay_s=0.001), "was": {}}], r"effects\[0\]: was \(delay\): no delay_s"),
 ])
 def test_effects_that_cannot_stand(bad: list[dict], message: str) -> None:

@@ -240,3 +240,11 @@ def test_a_key_that_is_no_list_of_entries(wrong: object, folder: Path, rdpi: Cal
     result, text = gap_of(rdpi, "model.json", LATE[2])
     assert not result["paired"] and "left out" in text
     assert read_model("model.json").kept == wrong  # nothing is lost
+
+
+def test_a_model_never_replaces_what_is_kept_with_it(folder: Path, rdpi: Callable) -> None:
+    name, path = next(iter(copies().items()))
+    whole = path.read_bytes()
+    done = rdpi("gap", "model.json", f"late-{name}.csv", "-o", path)
+    assert done.exit_code == 2 and "is a recording that is kept with the model" in done.output
+    assert path.read_bytes() == whole

@@ -10,7 +10,7 @@ import numpy as np
 from .. import firmware
 from ..data import RATE_TOLERANCE, Recording
 from ..errors import BadInput
-from ..model import MAX_OFFSET, Model
+from ..model import LARGEST, MAX_OFFSET, Model
 from . import thresholds as tuned
 
 LARGEST_INPUT = 1e6  # V or um
@@ -27,6 +27,9 @@ def check_run(run: Recording, related: bool = True) -> None:
         largest = float(np.max(np.abs(values)))
         if largest > LARGEST_INPUT:
             raise BadInput(f"{run.path}: {name} reaches {largest:g}; check its unit")
+    if run.sample_rate_hz > LARGEST:
+        raise BadInput(f"{run.path}: was sampled at {run.sample_rate_hz:g} Hz, beyond the firmware's {LARGEST:g}; check "
+                       "time_s, which is in s, and sample_rate_hz")
     if np.ptp(command) < LEAST_RANGE:
         raise BadInput(f"{run.path}: command_V is constant at {command[0]:g} V; "
                        "identification needs a drive that moves: remove this run, or see `rdpi excite`")

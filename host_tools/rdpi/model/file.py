@@ -45,9 +45,15 @@ def read_model(path: str | os.PathLike[str]) -> Model:
 
 
 def write_model(path: str | os.PathLike[str], model: Model) -> None:
-    """Validate and write atomically. What is kept beside the old file is found from the new one."""
+    """Validate and write atomically. What is kept beside the old file is found from the new one.
+
+    Raises BadInput for a path that is one of the kept recordings.
+    """
     model.validate(str(path))
     moved = replace(model, kept=_seen_from(Path(path).parent, model))
+    kept = [one.get("file") for one in moved.kept if isinstance(one, dict)] if isinstance(moved.kept, list) else []
+    if os.path.realpath(path) in (os.path.realpath(Path(path).parent / file) for file in kept if isinstance(file, str)):
+        raise BadInput(f"{path}: is a recording that is kept with the model; give the model another path")
     try:
         text = json.dumps(moved.to_json(), indent=1, allow_nan=False)
     except (TypeError, ValueError) as error:  # a part that the caller filled in

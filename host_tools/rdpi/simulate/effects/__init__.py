@@ -77,6 +77,8 @@ def acting(model: Model) -> list[Acting]:
         if (same := replaced(found, one.effect)) is not None:
             raise BadInput(f"{where} ({one.effect.name}) is at {one.effect.stage}, as effects[{found.index(same)}] is; "
                            "a chain holds an effect once at a stage: remove one of them")
+        if not isinstance(entry.get("new", False), (bool, type(None))):
+            raise BadInput(f"{where}: new: must be true or false")
         if entry.get("was") is not None:
             _acting({**entry, "parameters": entry["was"]}, f"{where}: was")
         found.append(one)
