@@ -145,7 +145,8 @@ REFUSED: dict[str, tuple[Recording, str]] = {
     "picometres": (bent(displacement_um=lambda z: 1e6 * z), r"displacement_um reaches 1\.2\d*e\+07; check its unit"),
     "microvolts": (bent(command_V=lambda V: 1e6 * V), r"command_V reaches 9e\+07; check its unit"),
     "sampled faster than the firmware's numbers": (
-        replace(bent(time_s=lambda t: t * 500 / 2e7), metadata={"sample_rate_hz": "2e7"}), r"sampled at 2e\+07 Hz, beyond the firmware's 1e\+07; check"),
+        replace(bent(time_s=lambda t: t * 500 / 2e7), metadata={"sample_rate_hz": "2e7"}),
+        r"sampled at 2e\+07 Hz, beyond the firmware's 1e\+07; check"),
     "offset too large for single precision": (bent(displacement_um=lambda z: z + 9e5),
                                               r"moves by 12\.\d um at 90000\d.*subtract"),
 }
