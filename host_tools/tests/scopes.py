@@ -95,10 +95,10 @@ FAMILIES = {"usual": usual, "rough": rough}
 
 
 def off_by(found_start_s: float, found_clock: float, file: File) -> float:
-    """Largest error of the place, from the end of the sweep on, in samples of the drive."""
-    rate_hz = file.drive.sample_rate_hz
+    """Largest error of the place, from the end of the sweep on and as long as the drive moves, in samples of the drive."""
+    rate_hz, moves = file.drive.sample_rate_hz, int(np.flatnonzero(np.diff(file.drive.command_V))[-1]) + 1
     return max(abs((found_start_s - file.start_s) * rate_hz + k * (found_clock - file.clock))
-               for k in (file.first, len(file.drive) - 1))
+               for k in (file.first, moves))
 
 
 def _any_drive(random: np.random.Generator) -> tuple[Recording, int]:

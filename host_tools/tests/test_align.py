@@ -124,9 +124,12 @@ def test_a_sweep_that_was_clipped() -> None:
     assert off_by(found.start_s, found.clock, File(drive, run, 0.5, 1.0, round(sweep_s * 2000), 0, 0)) < 0.5
 
 
-def test_a_clock_that_both_share() -> None:
-    """Each sample of the drive is seen once: its place is known to half a hold, and told so."""
-    drive = drive_of()
+@pytest.mark.parametrize("kind", ["sawtooth", "commission"])
+def test_a_clock_that_both_share(kind: str) -> None:
+    """Each sample of the drive is seen once: its place is known to half a hold, and told so. A rest at the end of the
+    drive adds nothing to the doubt.
+    """
+    drive = drive_of(kind)
     for late in (0.0, 0.3, -0.4):  # of a sample
         found = align(scope(drive, 2000.0, 0.5 + late / 2000, noise=0.003), drive)
         assert 0.4 < found.doubt_s * 2000 <= MOST_DOUBT

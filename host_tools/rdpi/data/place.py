@@ -40,7 +40,7 @@ class Place(NamedTuple):
 
     first: float  # shift at the drive's first sample
     last: float  # and at its last
-    doubt: float  # half the region's width, at the sample that was asked for or at the last; inf: beyond the grid
+    doubt: float  # half the region's width, at the sample asked for or where the drive moves last; inf: beyond the grid
     gain: float
     offset_V: float
     noise: float  # rms that is left, of the drive's
@@ -50,7 +50,8 @@ def place(heard_V: np.ndarray, at: np.ndarray, drive_V: np.ndarray, needed: int,
           ) -> Place:
     """The place of a drive in the samples `heard_V`, which are supposed to lie at its indices `at`.
 
-    The doubt is that from index `needed` of the drive on. `averaged` is the recording's sample time in samples of the
+    The doubt is that from index `needed` of the drive on, as long as it moves: in a hold at its end a wrong place shifts
+    nothing. `averaged` is the recording's sample time in samples of the
     drive: a scope may give means over it. The recording's clock counts `step_s` for a sample of the drive. Hum is taken
     off where it moves the place.
     """
@@ -110,7 +111,9 @@ class _Search:
         last = len(drive_V) - 1
         middle = float(np.average(at, weights=self.steps)) if self.steps.any() else last / 2
         self.x = (at - middle) / last
-        self.ends = (needed - middle) / last, (last - middle) / last, -middle / last
+        moves = float(np.flatnonzero(np.diff(drive_V))[-1] + 1)
+        self.needed = (needed - middle) / last, (max(moves, needed) - middle) / last
+        self.ends = -middle / last, (last - middle) / last
         self.starts = np.linspace(0, len(at), min(BLOCKS, len(at)) + 1).astype(np.intp)[:-1]
         self.block_x = np.add.reduceat(self.x, self.starts) / np.diff(self.starts, append=len(at))
 
@@ -155,12 +158,12 @@ class _Search:
         return self._place(centre + (low + high) / 2, max(doubt, float(np.max(node)) / 2), grid)
 
     def _doubt(self, shifts: np.ndarray, stretches: np.ndarray) -> float:
-        return max(float(np.ptp(shifts + stretches * x)) for x in self.ends[:2]) / 2
+        return max(float(np.ptp(shifts + stretches * x)) for x in self.needed) / 2
 
     def _place(self, centre: np.ndarray, doubt: float, grid: _Grid) -> Place:
         offset_V = self.mean_V[1] + grid.offset_V - grid.gain * self.mean_V[0]
         left = np.sqrt(grid.least / len(self.at)) / max(abs(grid.gain) * float(np.std(self.drive)), 1e-300)
-        return Place(float(centre[0] + centre[1] * self.ends[2]), float(centre[0] + centre[1] * self.ends[1]),
+        return Place(float(centre[0] + centre[1] * self.ends[0]), float(centre[0] + centre[1] * self.ends[1]),
                      doubt, grid.gain, offset_V, float(left))
 
     def _grid(self, centre: np.ndarray, half: np.ndarray, nodes: int) -> _Grid:
@@ -214,7 +217,7 @@ class _Search:
         places = np.stack([np.ones_like(self.block_x), self.block_x], axis=1)
         inverse = np.linalg.pinv((knows[:, None] * places).T @ places)
         actual = inverse @ (says[:, None] ** 2 * places).T @ places @ inverse
-        ends = [np.array([1.0, x]) for x in self.ends[:2]]
+        ends = [np.array([1.0, x]) for x in self.needed]
         return max(1.0, *(float(end @ actual @ end / (end @ inverse @ end * noise2)) for end in ends))
 
 
