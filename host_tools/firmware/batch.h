@@ -119,7 +119,7 @@ typedef struct {
 typedef struct {
     uint32_t schema, digest;
     uint16_t poles, preview;
-    rdpi_real_t delay_s, lead_s, lead_s2, max_lead_um, direct;
+    rdpi_real_t delay_s, lag_s, lead_s, lead_s2, max_lead_um, direct;
     const rdpi_f32_params_t *axis;
     const rdpi_f32_pole_t *pole;
 } rdpi_f32_chain_params_t;
@@ -191,7 +191,7 @@ typedef struct {
 typedef struct {
     uint32_t schema, digest;
     uint64_t lead_ns2;
-    uint32_t delay_ns, lead_ns;
+    uint32_t delay_ns, lag_ns, lead_ns;
     int32_t max_lead, direct;
     uint16_t poles, preview;
     const rdpi_q31_params_t *axis;

@@ -1,4 +1,4 @@
-/* The lead: a filter on the reference r that makes up for what delays and rounds off behind it,
+/* The lead: a filter on the reference r that makes up for delay and resonances,
  *
  *   z(t) = r + alpha r' + beta r'', at the time t + D.
  *
@@ -9,7 +9,8 @@
  *   preview, the latest reference u is n + 1 samples ahead:  z = u - d + a (d + d') / (2 T) + b (d - d') / T^2
  *   no preview, n = 0 and f = D:                             z = u + a (3 d - d') / (2 T) + b (d - d') / T^2
  *
- * What comes after u - d or u is per_step d + per_before d'. It is limited. */
+ * What comes after u - d or u is per_step d + per_before d'. It is limited. Without resonances it is 0 unless d and d'
+ * have the same sign: a jump would overshoot. */
 #ifndef RDPI_F32_LEAD_H
 #define RDPI_F32_LEAD_H
 
@@ -48,6 +49,7 @@ static inline bool rdpi_f32_lead_init(rdpi_f32_lead_t *lead, const rdpi_f32_chai
     }
     lead->per_step = slope / 2 + bend;
     lead->per_before = slope / 2 - bend;
+    lead->rings = params->lead_s > 0 || params->lead_s2 > 0;
     lead->max_um = params->max_lead_um;
     return true;
 }
@@ -56,6 +58,12 @@ static inline bool rdpi_f32_lead_init(rdpi_f32_lead_t *lead, const rdpi_f32_chai
 static inline rdpi_real_t rdpi_f32_lead_at(const rdpi_f32_lead_t *lead, rdpi_real_t step_um)
 {
     return rdpi_f32_fma(lead->per_step, step_um, lead->per_before * lead->before_um);
+}
+
+/* Whether the reference jumps, or turns round, where there are no resonances. */
+static inline bool rdpi_f32_lead_jumps(const rdpi_f32_lead_t *lead, rdpi_real_t step_um)
+{
+    return !lead->rings && !(step_um * lead->before_um > 0);
 }
 
 /* Takes the reference `ahead_um`, `step_um` above the one before it. */

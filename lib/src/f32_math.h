@@ -43,6 +43,13 @@
 #define RDPI_F32_SHARED __attribute__((noinline, unused))
 #endif
 
+/* A condition that seldom holds: the compiler puts what follows aside. */
+#if defined(__GNUC__)
+#define RDPI_F32_RARE(condition) (__builtin_expect((condition), 0) != 0)
+#else
+#define RDPI_F32_RARE(condition) (condition)
+#endif
+
 /* a b + c, in one instruction if the core has one. Never a call of libm, which compilers make of it unless they
  * optimise. */
 static inline rdpi_real_t rdpi_f32_fma(rdpi_real_t a, rdpi_real_t b, rdpi_real_t c)

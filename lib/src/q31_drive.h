@@ -2,6 +2,7 @@
 #ifndef RDPI_Q31_DRIVE_H
 #define RDPI_Q31_DRIVE_H
 
+#include "q31_code.h"
 #include "q31_math.h"
 
 /* Whether a drive or threshold fits its format. */
@@ -72,19 +73,6 @@ static int32_t rdpi_q31_drive_of_x(const rdpi_q31_params_t *params, int32_t x)
         line++;
     }
     return rdpi_q31_in_range(params, rdpi_q31_line_drive(line, x));
-}
-
-static int64_t rdpi_q31_drive_of_code(const rdpi_q31_params_t *params, int64_t code)
-{
-    int64_t half = (int64_t)1 << (params->drive_shift - 1u);
-    return params->drive_of_code_0 + ((code * params->drive_per_code + half) >> params->drive_shift);
-}
-
-/* The code nearest to a drive inside the range. */
-static int64_t rdpi_q31_code_of_drive(const rdpi_q31_params_t *params, int32_t drive)
-{
-    int64_t half = (int64_t)1 << (params->code_shift - 1u);
-    return ((int64_t)(drive - params->drive_of_code_0) * params->codes_per_drive + half) >> params->code_shift;
 }
 
 /* The drive of the last code, at max_V: the end of the range that is not the drive of code 0. */

@@ -48,6 +48,7 @@ static inline bool rdpi_q31_lead_init(rdpi_q31_chain_t *self, const rdpi_q31_cha
     lead->per_sum = rdpi_q31_lead_factor(sum, shift, a);
     lead->per_change = rdpi_q31_lead_factor(change, shift, b);
     self->leads = params->delay_ns > 0u || params->lead_ns > 0u || params->lead_ns2 > 0u;
+    lead->rings = params->lead_ns > 0u || params->lead_ns2 > 0u;
     self->preview_samples = self->leads && params->preview > 0u ? samples + 1u : 0u;
     return shift >= 1;
 }
@@ -87,13 +88,15 @@ static inline int32_t rdpi_q31_lead_step(rdpi_q31_chain_t *self, int32_t ahead, 
     if (self->first || missed > 0u) {
         d = rdpi_q31_lead_begin(self, ahead, missed);
     }
-    int32_t step = rdpi_q31_lead_narrow(d);
-    int32_t sum = rdpi_q31_lead_narrow((int64_t)step + lead->before);
-    int32_t change = rdpi_q31_lead_narrow((int64_t)step - lead->before);
+    int32_t step = rdpi_q31_lead_narrow(d), before = lead->before;
+    int32_t sum = rdpi_q31_lead_narrow((int64_t)step + before);
+    int32_t change = rdpi_q31_lead_narrow((int64_t)step - before);
     lead->latest = ahead;
     lead->before = step;
 
+    bool jumps = !lead->rings && !((step > 0 && before > 0) || (step < 0 && before < 0));
     int64_t wish = (rdpi_q31_mul(lead->per_sum, sum) + rdpi_q31_mul(lead->per_change, change)) >> lead->shift;
+    wish = jumps ? 0 : wish;
     int32_t most = self->params->max_lead;
     int32_t added = rdpi_q31_clamp(wish, -most, most);
     *limited = added != wish;

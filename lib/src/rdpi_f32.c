@@ -10,6 +10,7 @@
 #include "f32_math.h"
 #include "f32_rate.h"
 #include "f32_saturation.h"
+#include "f32_step.h"
 
 /* rdpi_f32_forward refuses a drive that is further outside the range than this many times its width. */
 #define MAX_SPANS 16
@@ -340,9 +341,9 @@ static inline bool turns_within_code(const rdpi_f32_t *self, rdpi_real_t climb_u
 }
 
 /* The end of any step: finds the x where the output of the bank has climbed by `climb_um`, and outputs it. `quick` is
- * what the compiler knows of self->quick: true, or false if it knows nothing. */
+ * what the compiler knows of self->quick: true, or false if it knows nothing. `asks`: as in rdpi_f32_step_asking. */
 static RDPI_F32_HOT rdpi_real_t finish_step(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s,
-                                            const bool quick)
+                                            const bool quick, const bool asks)
 {
     const rdpi_f32_params_t *params = self->params;
     rdpi_f32_target_t target = rdpi_f32_bank_walk(&self->bank, params->play, params->plays, rate_um_per_s, climb_um);
@@ -352,6 +353,9 @@ static RDPI_F32_HOT rdpi_real_t finish_step(rdpi_f32_t *self, rdpi_real_t climb_
     if (drive_V != wish_V) {
         line = rdpi_f32_line_of_drive(params, drive_V);
         target.x_um = rdpi_f32_x_of_drive(line, drive_V);
+    }
+    if (asks) {
+        self->asked_um = target.x_um;
     }
 #if RDPI_NOISE_SHAPING
     if (!quick && drive_V == wish_V && shapes_noise(self)) {
@@ -372,15 +376,40 @@ static RDPI_F32_HOT rdpi_real_t finish_step(rdpi_f32_t *self, rdpi_real_t climb_
 /* The end of a step that began while `quick` was true. */
 static RDPI_F32_SELDOM rdpi_real_t finish_quick_step(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
 {
-    return finish_step(self, climb_um, rate_um_per_s, true);
+    return finish_step(self, climb_um, rate_um_per_s, true, false);
+}
+
+static RDPI_F32_SELDOM rdpi_real_t finish_quick_asking(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
+{
+    return finish_step(self, climb_um, rate_um_per_s, true, true);
+}
+
+static RDPI_F32_HOT rdpi_real_t finish_quickly(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s,
+                                               const bool asks)
+{
+    return asks ? finish_quick_asking(self, climb_um, rate_um_per_s) : finish_quick_step(self, climb_um, rate_um_per_s);
 }
 
 /* Taken while `quick` is true, if x would leave bank.edge_um: a play may engage, `line` may end, or x turns
  * round. */
-static RDPI_F32_SELDOM rdpi_real_t step_over_edge(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
+static RDPI_F32_HOT rdpi_real_t step_over_edge(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s,
+                                               const bool asks)
 {
-    return turns_within_code(self, climb_um, rate_um_per_s) ? self->drive_V
-                                                            : finish_quick_step(self, climb_um, rate_um_per_s);
+    if (turns_within_code(self, climb_um, rate_um_per_s)) {
+        return self->drive_V;
+    }
+    return finish_quickly(self, climb_um, rate_um_per_s, asks);
+}
+
+static RDPI_F32_SELDOM rdpi_real_t step_over_edge_only(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
+{
+    return step_over_edge(self, climb_um, rate_um_per_s, false);
+}
+
+static RDPI_F32_SELDOM rdpi_real_t step_over_edge_asking(rdpi_f32_t *self, rdpi_real_t climb_um,
+                                                         rdpi_real_t rate_um_per_s)
+{
+    return step_over_edge(self, climb_um, rate_um_per_s, true);
 }
 
 /* Taken while `quick` is false. Serves samples of any kind, and may make `quick` true for the next. */
@@ -403,7 +432,7 @@ static RDPI_F32_SELDOM rdpi_real_t step_without_quick(rdpi_f32_t *self, rdpi_rea
     }
     rdpi_real_t v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
     rdpi_real_t climb_um = rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um);
-    rdpi_real_t drive_V = finish_step(self, climb_um, rate_um_per_s, false);
+    rdpi_real_t drive_V = finish_step(self, climb_um, rate_um_per_s, false, true);
 #if RDPI_NOISE_SHAPING
     if (shapes_noise(self)) {
         count_missed_um(self, v_um);
@@ -414,8 +443,8 @@ static RDPI_F32_SELDOM rdpi_real_t step_without_quick(rdpi_f32_t *self, rdpi_rea
 
 /* Taken while `quick` is true, if the rate is above the guard or the reference is not inside latest_piece. References
  * that are not usable come here too. */
-static RDPI_F32_SELDOM rdpi_real_t step_over_guard_or_piece(rdpi_f32_t *self, rdpi_real_t reference_um,
-                                                            rdpi_real_t rate_um_per_s)
+static RDPI_F32_HOT rdpi_real_t step_over_guard_or_piece(rdpi_f32_t *self, rdpi_real_t reference_um,
+                                                         rdpi_real_t rate_um_per_s, const bool asks)
 {
     const rdpi_f32_params_t *params = self->params;
     self->flags = 0;
@@ -427,7 +456,18 @@ static RDPI_F32_SELDOM rdpi_real_t step_over_guard_or_piece(rdpi_f32_t *self, rd
     self->rate_estimator.z_um[0] = reference_um;
     self->latest_piece = piece;
     rdpi_real_t v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
-    return finish_quick_step(self, rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um), rate_um_per_s);
+    return finish_quickly(self, rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um), rate_um_per_s, asks);
+}
+
+static RDPI_F32_SELDOM rdpi_real_t step_over_any(rdpi_f32_t *self, rdpi_real_t reference_um, rdpi_real_t rate_um_per_s)
+{
+    return step_over_guard_or_piece(self, reference_um, rate_um_per_s, false);
+}
+
+static RDPI_F32_SELDOM rdpi_real_t step_over_any_asking(rdpi_f32_t *self, rdpi_real_t reference_um,
+                                                        rdpi_real_t rate_um_per_s)
+{
+    return step_over_guard_or_piece(self, reference_um, rate_um_per_s, true);
 }
 
 /* There are four ways into the step, and this function chooses between them:
@@ -438,8 +478,9 @@ static RDPI_F32_SELDOM rdpi_real_t step_over_guard_or_piece(rdpi_f32_t *self, rd
  * - the quick way otherwise, which is nearly always: the rest of this function.
  *
  * All four give the same bits as step_without_quick. Why the quick way may be so short stands at `quick` in rdpi_f32_t.
- * NaN fails every comparison here. Nothing is stored before the reference is known to be usable. */
-rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
+ * NaN fails every comparison here. Nothing is stored before the reference is known to be usable. `asks` is that of
+ * rdpi_f32_step_asking. */
+static RDPI_F32_HOT rdpi_real_t step(rdpi_f32_t *self, rdpi_real_t reference_um, const bool asks)
 {
     const rdpi_f32_params_t *params = self->params;
     if (!RDPI_QUICK_STEP || !self->quick) {
@@ -449,22 +490,28 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     rdpi_f32_bank_t *bank = &self->bank;
     rdpi_real_t rate_um_per_s = rdpi_f32_rate_direct(&self->rate_estimator, reference_um);
     if (!(rate_um_per_s <= params->max_um_per_s)) {
-        return step_over_guard_or_piece(self, reference_um, rate_um_per_s);
+        return asks ? step_over_any_asking(self, reference_um, rate_um_per_s)
+                    : step_over_any(self, reference_um, rate_um_per_s);
     }
     if (!rdpi_f32_piece_holds(piece, reference_um)) {
-        return step_over_guard_or_piece(self, reference_um, rate_um_per_s);
+        return asks ? step_over_any_asking(self, reference_um, rate_um_per_s)
+                    : step_over_any(self, reference_um, rate_um_per_s);
     }
     rdpi_real_t v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
     rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
     rdpi_real_t way_um = rdpi_f32_bank_way(bank, rate_um_per_s, climb_um);
     rdpi_real_t x_um = way_um + bank->y_um[0];
-    rdpi_real_t before_edge = bank->engaged == 0u ? bank->edge_um - fabs(x_um - middle_um(bank))
+    rdpi_real_t before_edge = RDPI_F32_RARE(bank->engaged == 0u) ? bank->edge_um - fabs(x_um - middle_um(bank))
                                                   : way_um * (bank->edge_um - x_um); /* > 0: x stays before it */
     self->flags = 0;
     self->rate_estimator.z_um[0] = reference_um;
     self->rate_um_per_s = rate_um_per_s;
+    if (asks) {
+        self->asked_um = x_um; /* to a part of a code, if x turns within one */
+    }
     if (!(before_edge > 0)) {
-        return step_over_edge(self, climb_um, rate_um_per_s);
+        return asks ? step_over_edge_asking(self, climb_um, rate_um_per_s)
+                    : step_over_edge_only(self, climb_um, rate_um_per_s);
     }
     const rdpi_f32_line_t *line = line_of_code(self);
     self->dac_code = (uint32_t)rdpi_f32_fma(x_um, line->codes_per_um, line->code_of_x_0);
@@ -473,6 +520,18 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     self->drive_V = rdpi_f32_fma(code, params->V_per_code, params->min_V);
     return self->drive_V;
 }
+
+rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
+{
+    return step(self, reference_um, false);
+}
+
+#if RDPI_QUICK_STEP
+rdpi_real_t rdpi_f32_step_asking(rdpi_f32_t *self, rdpi_real_t reference_um)
+{
+    return step(self, reference_um, true);
+}
+#endif
 
 void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks)
 {

@@ -8,6 +8,8 @@
 #include "f32_lead.h"
 #include "f32_math.h"
 #include "f32_saturation.h"
+#include "f32_step.h"
+#include "f32_unlag.h"
 
 /* The ways of a step. One of the first four is the usual way of a chain. */
 enum {
@@ -15,7 +17,8 @@ enum {
     LEAD,       /* the lead before it */
     CREEP,      /* creep^-1 before it */
     LEAD_CREEP, /* both */
-    GENERAL     /* as LEAD or LEAD_CREEP, with no preview, no history, or missed samples */
+    GENERAL,    /* as LEAD or LEAD_CREEP, with no preview, no history, missed samples, or no resonances */
+    LAG         /* any of these, in unlag.way, with lag^-1 behind it */
 };
 
 /* The largest magnitude of a number, as in f32_check.h. */
@@ -45,8 +48,8 @@ static bool is_number(rdpi_real_t value)
 
 static bool are_numbers(const rdpi_f32_chain_params_t *params)
 {
-    bool good = is_number(params->delay_s) && is_number(params->lead_s) && is_number(params->lead_s2) &&
-                is_number(params->max_lead_um) && is_number(params->direct);
+    bool good = is_number(params->delay_s) && is_number(params->lag_s) && is_number(params->lead_s) &&
+                is_number(params->lead_s2) && is_number(params->max_lead_um) && is_number(params->direct);
     for (size_t i = 0; i < params->poles; i++) {
         good = good && is_number(params->pole[i].share) && is_number(params->pole[i].time_constant_s);
     }
@@ -56,8 +59,8 @@ static bool are_numbers(const rdpi_f32_chain_params_t *params)
 /* Whether numbers are in their ranges, as far as that does not depend on the sample time. */
 static bool in_ranges(const rdpi_f32_chain_params_t *params)
 {
-    bool good = params->preview <= 1u && params->delay_s >= 0 && params->lead_s >= 0 && params->lead_s2 >= 0 &&
-                params->max_lead_um > 0;
+    bool good = params->preview <= 1u && params->delay_s >= 0 && params->lag_s >= 0 && params->lead_s >= 0 &&
+                params->lead_s2 >= 0 && params->max_lead_um > 0;
     for (size_t i = 0; i < params->poles; i++) {
         good = good && params->pole[i].time_constant_s > 0;
     }
@@ -76,6 +79,11 @@ static rdpi_status_t check(const rdpi_f32_chain_params_t *params)
     return in_ranges(params) ? RDPI_OK : RDPI_ERR_CHAIN;
 }
 
+static bool has_lag(const rdpi_f32_chain_t *self)
+{
+    return self->unlag.per_step > 0;
+}
+
 /* Sets up lead and creep of `self`. */
 static rdpi_status_t set_up(rdpi_f32_chain_t *self, const rdpi_f32_chain_params_t *params, rdpi_real_t sample_time_s)
 {
@@ -85,6 +93,10 @@ static rdpi_status_t set_up(rdpi_f32_chain_t *self, const rdpi_f32_chain_params_
     self->usual = (uint8_t)((leads ? LEAD : PLAIN) + (params->poles > 0u ? CREEP : PLAIN));
     if (leads && !rdpi_f32_lead_init(&self->lead, params, sample_time_s, &self->preview_samples)) {
         return RDPI_ERR_CHAIN;
+    }
+    rdpi_f32_unlag_init(&self->unlag, params, sample_time_s);
+    if (has_lag(self)) {
+        self->preview_samples += params->preview;
     }
     return rdpi_f32_creep_init(&self->creep, params, sample_time_s) ? RDPI_OK : RDPI_ERR_CHAIN;
 }
@@ -122,12 +134,27 @@ rdpi_status_t rdpi_f32_chain_init_layout(uint64_t layout, rdpi_f32_chain_t *self
 
 /* ---- memory ---- */
 
+static bool has_creep(const rdpi_f32_chain_t *self)
+{
+    return self->usual == CREEP || self->usual == LEAD_CREEP;
+}
+
+/* The next step goes where lag^-1 is behind it. After whatever has changed the way. */
+static void lead_to_lag(rdpi_f32_chain_t *self)
+{
+    if (has_lag(self) && self->way != LAG) {
+        self->unlag.way = self->way;
+        self->way = LAG;
+    }
+}
+
 /* The usual way of the lead does not serve the next reference. */
 static void end_usual(rdpi_f32_chain_t *self)
 {
     if (self->usual == LEAD || self->usual == LEAD_CREEP) {
         self->way = GENERAL;
     }
+    lead_to_lag(self);
 }
 
 static void forget_references(rdpi_f32_chain_t *self)
@@ -140,6 +167,7 @@ void rdpi_f32_chain_settle(rdpi_f32_chain_t *self)
 {
     self->way = self->usual;
     forget_references(self);
+    rdpi_f32_unlag_settle(&self->unlag, &self->axis);
     rdpi_f32_creep_settle(&self->creep, rdpi_f32_predict(&self->axis, self->axis.drive_V, 0));
 }
 
@@ -153,7 +181,8 @@ void rdpi_f32_chain_reset(rdpi_f32_chain_t *self)
 static RDPI_F32_SELDOM rdpi_real_t output_um(const rdpi_f32_chain_t *self)
 {
     const rdpi_f32_t *axis = &self->axis;
-    return rdpi_f32_predict(axis, axis->drive_V, axis->rate_um_per_s) - self->creep.settled_um;
+    rdpi_real_t drive_V = has_lag(self) ? self->unlag.followed_V : axis->drive_V;
+    return rdpi_f32_predict(axis, drive_V, axis->rate_um_per_s) - self->creep.settled_um;
 }
 
 /* The displacement after a sweep that ended in the middle of the range: all plays are there. */
@@ -171,6 +200,7 @@ void rdpi_f32_chain_swept(rdpi_f32_chain_t *self, uint32_t ticks)
     rdpi_f32_creep_t *creep = &self->creep;
     self->way = self->usual;
     forget_references(self);
+    rdpi_f32_unlag_settle(&self->unlag, &self->axis);
     rdpi_f32_creep_settle(creep, middle_um(self->axis.params));
     if (ticks > 0u) { /* the last of them is moved by the next step */
         creep->h_um = output_um(self);
@@ -186,31 +216,47 @@ static bool is_usable(rdpi_real_t reference_um)
     return fabs(reference_um) <= RDPI_MAX_REFERENCE_UM;
 }
 
+/* The operator. `lags`, which the compiler knows here and below: lag^-1 comes behind it. */
+static RDPI_F32_HOT rdpi_real_t operate(rdpi_f32_chain_t *self, rdpi_real_t h_um, const bool lags)
+{
+    return lags ? rdpi_f32_step_asking(&self->axis, h_um) : rdpi_f32_step(&self->axis, h_um);
+}
+
 /* Creep^-1 and the operator, for what the lead has made of a reference. The states move only now to the sample before:
  * so nothing has to be done after the step of the operator. */
-static RDPI_F32_SHARED rdpi_real_t move_and_step(rdpi_f32_chain_t *self, rdpi_real_t z_um)
+static RDPI_F32_SHARED rdpi_real_t move_and_step(rdpi_f32_chain_t *self, rdpi_real_t z_um, const bool lags)
 {
     rdpi_real_t adds_um = rdpi_f32_creep_move(&self->creep);
-    return rdpi_f32_step(&self->axis, rdpi_f32_creep_solve(&self->creep, adds_um, z_um));
+    return operate(self, rdpi_f32_creep_solve(&self->creep, adds_um, z_um), lags);
 }
 
 /* The operator has not output what the step before asked for: creep follows what it has. */
 static RDPI_F32_SELDOM rdpi_real_t step_after_clip(rdpi_f32_chain_t *self, rdpi_real_t z_um)
 {
     self->creep.h_um = output_um(self);
-    return move_and_step(self, z_um);
+    return move_and_step(self, z_um, has_lag(self));
+}
+
+static RDPI_F32_HOT rdpi_real_t move_or_clip(rdpi_f32_chain_t *self, rdpi_real_t z_um, const bool lags)
+{
+    bool clipped = (self->axis.flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW | RDPI_FLAG_INPUT)) != 0u;
+    return clipped ? step_after_clip(self, z_um) : move_and_step(self, z_um, lags);
 }
 
 static RDPI_F32_SELDOM rdpi_real_t step_creep(rdpi_f32_chain_t *self, rdpi_real_t z_um)
 {
-    bool clipped = (self->axis.flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW | RDPI_FLAG_INPUT)) != 0u;
-    return clipped ? step_after_clip(self, z_um) : move_and_step(self, z_um);
+    return move_or_clip(self, z_um, false);
+}
+
+static RDPI_F32_SELDOM rdpi_real_t step_creep_lag(rdpi_f32_chain_t *self, rdpi_real_t z_um)
+{
+    return move_or_clip(self, z_um, true);
 }
 
 /* A reference that cannot be used. Creep goes on where the drive is held. */
 static RDPI_F32_SELDOM rdpi_real_t refuse(rdpi_f32_chain_t *self)
 {
-    if (self->usual != LEAD) {
+    if (has_creep(self)) {
         self->creep.h_um = output_um(self);
         (void)rdpi_f32_creep_move(&self->creep);
     }
@@ -220,7 +266,10 @@ static RDPI_F32_SELDOM rdpi_real_t refuse(rdpi_f32_chain_t *self)
 
 static rdpi_real_t step_behind_lead(rdpi_f32_chain_t *self, rdpi_real_t z_um)
 {
-    return self->usual == LEAD ? rdpi_f32_step(&self->axis, z_um) : step_creep(self, z_um);
+    if (has_creep(self)) {
+        return has_lag(self) ? step_creep_lag(self, z_um) : step_creep(self, z_um);
+    }
+    return operate(self, z_um, has_lag(self));
 }
 
 /* The lead has reached its limit in this step. */
@@ -254,7 +303,7 @@ static RDPI_F32_SELDOM rdpi_real_t step_general(rdpi_f32_chain_t *self, rdpi_rea
     if (!is_usable(ahead_um)) {
         return refuse(self);
     }
-    self->way = self->params->preview != 0u ? self->usual : GENERAL;
+    self->way = self->params->preview != 0u && lead->rings ? self->usual : GENERAL;
     if (self->first || missed > RDPI_MAX_MISSED) {
         self->first = false;
         rdpi_f32_lead_take(lead, ahead_um, 0);
@@ -263,13 +312,14 @@ static RDPI_F32_SELDOM rdpi_real_t step_general(rdpi_f32_chain_t *self, rdpi_rea
     if (missed > 0u) {
         lead->before_um = step_um;
     }
-    rdpi_real_t wish_um = rdpi_f32_lead_at(lead, step_um);
+    rdpi_real_t wish_um = rdpi_f32_lead_jumps(lead, step_um) ? 0 : rdpi_f32_lead_at(lead, step_um);
     rdpi_f32_lead_take(lead, ahead_um, step_um);
     return step_limited(self, self->params->preview != 0u ? ahead_um - step_um : ahead_um, wish_um);
 }
 
 /* The usual lead, with preview. `creeps`: creep comes behind it. */
-static RDPI_F32_HOT rdpi_real_t step_usually(rdpi_f32_chain_t *self, rdpi_real_t ahead_um, bool creeps)
+static RDPI_F32_HOT rdpi_real_t step_usually(rdpi_f32_chain_t *self, rdpi_real_t ahead_um, const bool creeps,
+                                             const bool lags)
 {
     rdpi_f32_lead_t *lead = &self->lead;
     rdpi_real_t latest_um = lead->latest_um, step_um = ahead_um - latest_um;
@@ -281,12 +331,15 @@ static RDPI_F32_HOT rdpi_real_t step_usually(rdpi_f32_chain_t *self, rdpi_real_t
     if (!(fabs(add_um) <= lead->max_um)) {
         return step_limited(self, ahead_um - step_um, add_um);
     }
-    return creeps ? step_creep(self, latest_um + add_um) : rdpi_f32_step(&self->axis, latest_um + add_um);
+    if (creeps) {
+        return lags ? step_creep_lag(self, latest_um + add_um) : step_creep(self, latest_um + add_um);
+    }
+    return operate(self, latest_um + add_um, lags);
 }
 
 static RDPI_F32_SELDOM rdpi_real_t step_lead(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
 {
-    return step_usually(self, ahead_um, false);
+    return step_usually(self, ahead_um, false, false);
 }
 
 static RDPI_F32_SELDOM rdpi_real_t step_creep_alone(rdpi_f32_chain_t *self, rdpi_real_t reference_um)
@@ -296,7 +349,55 @@ static RDPI_F32_SELDOM rdpi_real_t step_creep_alone(rdpi_f32_chain_t *self, rdpi
 
 static RDPI_F32_SELDOM rdpi_real_t step_lead_creep(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
 {
-    return step_usually(self, ahead_um, true);
+    return step_usually(self, ahead_um, true, false);
+}
+
+/* All ahead of lag^-1. */
+static RDPI_F32_HOT rdpi_real_t step_before_lag(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
+{
+    unsigned way = self->unlag.way;
+    if (way == PLAIN) {
+        return operate(self, ahead_um, true);
+    }
+    if (way == LEAD || way == LEAD_CREEP) {
+        return step_usually(self, ahead_um, way == LEAD_CREEP, true);
+    }
+    if (way == CREEP) {
+        return is_usable(ahead_um) ? step_creep_lag(self, ahead_um) : refuse(self);
+    }
+    rdpi_real_t drive_V = step_general(self, ahead_um);
+    lead_to_lag(self);
+    return drive_V;
+}
+
+/* A step with lag^-1 behind it. A reference that is not usable holds what was output. */
+static RDPI_F32_SELDOM rdpi_real_t step_lag(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
+{
+    rdpi_f32_t *axis = &self->axis;
+    rdpi_f32_unlag_t *unlag = &self->unlag;
+    rdpi_real_t latest_V = axis->drive_V;
+    uint32_t latest_code = axis->dac_code;
+    unsigned missed = axis->missed;
+    rdpi_f32_unlag_give_back(unlag, axis);
+    (void)step_before_lag(self, ahead_um);
+    unlag->followed_V = axis->drive_V;
+    unlag->dac_code = axis->dac_code;
+    if ((axis->flags & RDPI_FLAG_INPUT) != 0u) {
+        axis->drive_V = latest_V;
+        axis->dac_code = latest_code;
+        return latest_V;
+    }
+    rdpi_real_t wish_V = rdpi_f32_unlag_wish(unlag, axis, self->params->preview != 0u, missed);
+    if (!rdpi_f32_unlag_output(unlag, axis, wish_V, latest_V)) {
+        flag_lead(axis);
+    }
+    return axis->drive_V;
+}
+
+/* Apart, so that no compiler makes a table of all ways, which costs the usual ones more. */
+static RDPI_F32_SELDOM rdpi_real_t step_other_ways(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
+{
+    return self->way == LAG ? step_lag(self, ahead_um) : step_general(self, ahead_um);
 }
 
 rdpi_real_t rdpi_f32_chain_step(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
@@ -311,14 +412,14 @@ rdpi_real_t rdpi_f32_chain_step(rdpi_f32_chain_t *self, rdpi_real_t ahead_um)
     if (way == LEAD_CREEP) {
         return step_lead_creep(self, ahead_um);
     }
-    return way == CREEP ? step_creep_alone(self, ahead_um) : step_general(self, ahead_um);
+    return way == CREEP ? step_creep_alone(self, ahead_um) : step_other_ways(self, ahead_um);
 }
 
 void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks)
 {
     rdpi_f32_missed(&self->axis, ticks);
     end_usual(self);
-    if (self->usual >= CREEP) {
+    if (has_creep(self)) {
         rdpi_f32_creep_wait(&self->creep, (rdpi_real_t)ticks, output_um(self));
     }
 }
@@ -332,6 +433,7 @@ bool rdpi_f32_chain_sweep(rdpi_f32_chain_t *self)
     if (!goes_on) {
         rdpi_f32_forget_sweep(&self->axis);
     }
+    rdpi_f32_unlag_settle(&self->unlag, &self->axis);
     forget_references(self);
     (void)rdpi_f32_creep_move(&self->creep);
     self->creep.h_um = output_um(self);

@@ -4,6 +4,7 @@
 #include "q31_creep.h"
 #include "q31_lead.h"
 #include "q31_saturation.h"
+#include "q31_unlag.h"
 
 /* The part of the struct that the digest covers, and after which `preview` ends it. */
 #define DIGEST_BEGIN offsetof(rdpi_q31_chain_params_t, lead_ns2)
@@ -65,7 +66,8 @@ static rdpi_status_t check_params(const rdpi_q31_chain_params_t *params)
     if (params->digest != checksum(params)) {
         return RDPI_ERR_DIGEST;
     }
-    bool fits = params->delay_ns <= RDPI_Q31_MAX_LEAD_NS && params->lead_ns <= RDPI_Q31_MAX_LEAD_NS &&
+    bool fits = params->delay_ns <= RDPI_Q31_MAX_LEAD_NS && params->lag_ns <= RDPI_Q31_MAX_LEAD_NS &&
+                params->lead_ns <= RDPI_Q31_MAX_LEAD_NS &&
                 params->lead_ns2 <= RDPI_Q31_MAX_LEAD_NS2 && params->max_lead > 0 && params->preview <= 1u;
     return fits && shares_fit(params) ? RDPI_OK : RDPI_ERR_CHAIN;
 }
@@ -80,12 +82,13 @@ rdpi_status_t rdpi_q31_chain_init_layout(uint64_t layout, rdpi_q31_chain_t *self
     if (status == RDPI_OK) {
         status = rdpi_q31_init(&self->axis, params->axis, sample_time_ns);
     }
-    if (status == RDPI_OK && !rdpi_q31_lead_init(self, params, sample_time_ns)) {
+    if (status == RDPI_OK && !(rdpi_q31_lead_init(self, params, sample_time_ns) &&
+                               rdpi_q31_unlag_init(self, params, sample_time_ns))) {
         status = RDPI_ERR_CHAIN;
     }
     if (status == RDPI_OK) {
         self->params = params;
-        self->plain = !self->leads && params->poles == 0u;
+        self->plain = !self->leads && params->lag_ns == 0u && params->poles == 0u;
         rdpi_q31_creep_init(&self->creep, params, sample_time_ns);
         rdpi_q31_chain_settle(self);
     }
@@ -95,6 +98,7 @@ rdpi_status_t rdpi_q31_chain_init_layout(uint64_t layout, rdpi_q31_chain_t *self
 void rdpi_q31_chain_settle(rdpi_q31_chain_t *self)
 {
     self->first = true;
+    rdpi_q31_unlag_settle(&self->unlag, &self->axis);
     rdpi_q31_creep_settle(&self->creep, self->params, rdpi_q31_predict(&self->axis, self->axis.drive, 0));
 }
 
@@ -121,6 +125,7 @@ static int32_t middle_of(const rdpi_q31_params_t *params)
 void rdpi_q31_chain_swept(rdpi_q31_chain_t *self, uint32_t ticks)
 {
     self->first = true;
+    rdpi_q31_unlag_settle(&self->unlag, &self->axis);
     rdpi_q31_creep_settle(&self->creep, self->params, middle_of(self->axis.params));
     self->creep.h = output(&self->axis);
     if (ticks > 0u) {
@@ -137,12 +142,34 @@ static void report_lead(rdpi_q31_t *axis)
     axis->flags |= RDPI_FLAG_LEAD;
 }
 
+/* Behind the step of the operator, before which `latest` was output. A reference that is not usable holds it. */
+static void undo_lag(rdpi_q31_chain_t *self, int32_t latest, uint32_t latest_code, unsigned missed)
+{
+    rdpi_q31_t *axis = &self->axis;
+    rdpi_q31_unlag_t *unlag = &self->unlag;
+    unlag->followed = axis->drive;
+    unlag->dac_code = axis->dac_code;
+    if ((axis->flags & RDPI_FLAG_INPUT) != 0u) {
+        axis->drive = latest;
+        axis->dac_code = latest_code;
+        return;
+    }
+    int64_t wish = rdpi_q31_unlag_wish(unlag, axis, self->params->preview > 0u, missed);
+    if (!rdpi_q31_unlag_output(unlag, axis, wish, latest)) {
+        report_lead(axis);
+    }
+}
+
 /* The step of a chain that does something. */
 static RDPI_Q31_SELDOM int32_t step_chain(rdpi_q31_chain_t *self, int32_t ahead)
 {
     rdpi_q31_t *axis = &self->axis;
     rdpi_q31_creep_t *creep = &self->creep;
     bool usable = ahead != RDPI_Q31_NO_REFERENCE, limited = false;
+    int32_t latest = axis->drive;
+    uint32_t latest_code = axis->dac_code;
+    unsigned missed = axis->missed;
+    rdpi_q31_unlag_give_back(&self->unlag, axis);
     int32_t reference = ahead;
     if (usable && self->leads) {
         reference = rdpi_q31_lead_step(self, ahead, axis->missed, &limited);
@@ -151,7 +178,7 @@ static RDPI_Q31_SELDOM int32_t step_chain(rdpi_q31_chain_t *self, int32_t ahead)
         reference = rdpi_q31_creep_solve(creep, reference);
         creep->h = reference;
     }
-    int32_t drive = rdpi_q31_step(axis, reference);
+    (void)rdpi_q31_step(axis, reference);
     if (limited) {
         report_lead(axis);
     }
@@ -159,7 +186,10 @@ static RDPI_Q31_SELDOM int32_t step_chain(rdpi_q31_chain_t *self, int32_t ahead)
         creep->h = output(axis);
     }
     rdpi_q31_creep_move(creep);
-    return drive;
+    if (self->unlag.per_step > 0) {
+        undo_lag(self, latest, latest_code, missed);
+    }
+    return axis->drive;
 }
 
 int32_t rdpi_q31_chain_step(rdpi_q31_chain_t *self, int32_t ahead)
@@ -185,6 +215,7 @@ bool rdpi_q31_chain_sweep(rdpi_q31_chain_t *self)
         rdpi_q31_forget_sweep(&self->axis);
     }
     self->first = true;
+    rdpi_q31_unlag_settle(&self->unlag, &self->axis);
     self->creep.h = output(&self->axis);
     rdpi_q31_creep_move(&self->creep);
     return goes_on;

@@ -94,6 +94,7 @@ static void random_chain(void)
     chain.pole = pole;
     chain.preview = one_in(2) ? 1 : 0;
     chain.delay_ns = one_in(2) ? (uint32_t)(T * random_between(0, 2000) / 100) : 0u;
+    chain.lag_ns = one_in(3) ? (uint32_t)(T * random_between(1, 2000) / 100) : 0u;
     chain.lead_ns = one_in(2) ? (uint32_t)(T * random_between(0, 2000) / 100) : 0u;
     chain.lead_ns2 = one_in(2) ? (uint64_t)(T * T / 10 * random_between(0, 2000)) : 0u;
     chain.max_lead = random_between(1 << 20, 1 << 28);
@@ -121,6 +122,8 @@ static struct {
     rdpi_q31_t axis;
     bool ideal;                                 /* no pole is slow */
     double per_sum, per_change, latest, before; /* the lead */
+    double asked, asked_before;                 /* lag^-1 */
+    bool no_drive;
     bool first;
     double within, h_0, h, slow, next, sum, mean; /* creep */
     lag_t lag[RDPI_MAX_POLES];
@@ -140,7 +143,7 @@ static double samples_of(int i) /* of the time constant */
 
 static void reference_settle(void)
 {
-    reference.first = true;
+    reference.first = reference.no_drive = true;
     reference.h_0 = reference.h = rdpi_q31_predict(&reference.axis, reference.axis.drive, 0);
     reference.slow = reference.next = reference.sum = reference.mean = 0;
     reference.turn = 0;
@@ -244,7 +247,8 @@ static double lead(double u, unsigned missed, double *wish)
     double before = missed > 0 ? d : reference.before;
     reference.latest = u;
     reference.before = d;
-    *wish = reference.per_sum * (d + before) + reference.per_change * (d - before);
+    bool jumps = chain.lead_ns == 0 && chain.lead_ns2 == 0 && !(d * before > 0);
+    *wish = jumps ? 0 : reference.per_sum * (d + before) + reference.per_change * (d - before);
     return (chain.preview ? u - d : u) + limited(*wish, chain.max_lead);
 }
 
@@ -279,7 +283,7 @@ static int32_t reference_step(int32_t u, double *wish)
 static rdpi_q31_chain_t axis;
 static struct {
     double worst_h, worst_late, worst_drive, squares;
-    unsigned long steps, clipped, led, held, missed, slow;
+    unsigned long steps, undone, clipped, led, held, missed, slow;
     uint32_t checksum;
 } total;
 
@@ -298,15 +302,50 @@ static void count(uint32_t flags)
     total.slow += reference.late > 0;
 }
 
+/* What is output, `latest` before it, is what lag^-1 has to make of what the operator asked for. */
+static void compare_output(int32_t latest, unsigned missed)
+{
+    double asked = (double)(axis.axis.ramp >> 32), lag = (double)chain.lag_ns / sample_time_ns, slope = 0;
+    if ((axis.axis.flags & RDPI_FLAG_INPUT) != 0) {
+        require(axis.axis.drive == latest, "not held");
+        return;
+    }
+    if (reference.no_drive || missed > RDPI_MAX_MISSED) {
+        reference.no_drive = false;
+        reference.asked = asked;
+        reference.asked_before = 0;
+        missed = 0;
+    }
+    double d = trunc((asked - reference.asked) / (1 + missed)), before = missed > 0 ? d : reference.asked_before;
+    if (d * before > 0) {
+        slope = copysign(fmin(fabs(d + before) / 2, 2 * fmin(fabs(d), fabs(before))), d);
+    }
+    reference.asked = asked;
+    reference.asked_before = d;
+    double drive = asked - (chain.preview ? d : 0) + lag * slope, slew = (double)axis.axis.slew / 4294967296.0 + 1;
+    drive = fmax(actuator.params.min_drive, fmin(drive, actuator.params.max_drive));
+    if (axis.axis.slew > 0) {
+        drive = fmax(latest - slew, fmin(drive, latest + slew));
+    }
+    require(fabs(axis.axis.drive - drive) <= 2 + lag * (1 + fabs(slope) / (1 << 28)), "the lag is not undone");
+    total.undone++;
+}
+
 static void compare(int32_t u, double reach)
 {
     double wish;
+    int32_t latest = axis.axis.drive;
+    unsigned missed = axis.axis.missed;
     int32_t drive = rdpi_q31_chain_step(&axis, u), ideal = reference_step(u, &wish);
     uint32_t flags = axis.axis.flags;
-    double late = reference.late * reach, error = fabs((double)drive - ideal);
+    bool lags = chain.lag_ns > 0;
+    double late = reference.late * reach, error = fabs((double)(lags ? axis.unlag.followed : drive) - ideal);
+    if (lags) {
+        compare_output(latest, missed);
+    }
     require(drive == axis.axis.drive, "another drive returned");
     require(drive >= actuator.params.min_drive && drive <= actuator.params.max_drive, "out of range");
-    if (fabs(fabs(wish) - chain.max_lead) > ROUNDING) {
+    if (!lags && fabs(fabs(wish) - chain.max_lead) > ROUNDING) {
         require(((flags & RDPI_FLAG_LEAD) != 0) == (fabs(wish) > chain.max_lead), "lead wrongly flagged");
     }
     if (chain.poles > 0 && ((flags | reference.axis.flags) & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) == 0) {
@@ -333,7 +372,8 @@ static void run_case(void)
     require(status == RDPI_OK, rdpi_status_text(status));
     reference_begin(number % 2 == 0);
     double samples = floor((double)chain.delay_ns / sample_time_ns + 0.5) + 1;
-    require(axis.preview_samples == (leads() && chain.preview ? samples : 0), "preview");
+    samples = (leads() ? samples : 0) + (chain.lag_ns > 0 ? 1 : 0);
+    require(axis.preview_samples == (chain.preview ? samples : 0), "preview");
     int32_t reach = 1 << random_between(26, 29), now = 0, way = 0;
     for (step_number = 0; step_number < STEPS; step_number++) {
         if (one_in(50)) {
@@ -407,13 +447,14 @@ int main(int argc, char **argv)
         run_case();
     }
     printf("checksum of all results: %08lx\n", (unsigned long)total.checksum);
-    printf("%lu steps; clipped %lu, lead limited %lu, held %lu, after missed %lu, with slow poles exact %lu\n",
-           total.steps, total.clipped, total.led, total.held, total.missed, total.slow);
+    printf("%lu steps; lag undone %lu, clipped %lu, lead limited %lu, held %lu, after missed %lu, with slow poles exact "
+           "%lu\n",
+           total.steps, total.undone, total.clipped, total.led, total.held, total.missed, total.slow);
     printf("displacement off by %.0f units at most; slow poles late by %.2f of what they may be\n", total.worst_h,
            total.worst_late);
     printf("drive, of full scale: worst 2^%.2f, rms 2^%.2f\n", log2(total.worst_drive / RDPI_Q31_MAX_DRIVE),
            log2(sqrt(total.squares / (double)total.steps) / RDPI_Q31_MAX_DRIVE));
-    require(total.clipped > total.steps / 100 && total.led > total.steps / 100 && total.held > total.steps / 1000 &&
+    require(total.undone > total.steps / 5 && total.clipped > total.steps / 100 && total.led > total.steps / 100 && total.held > total.steps / 1000 &&
                 total.missed > total.steps / 1000 && total.slow > total.steps / 10 && total.worst_late > 0.1,
             "something hardly happened");
     run_hours(argc > 1 ? strtod(argv[1], NULL) : HOURS);

@@ -9,8 +9,8 @@
 
 #include "rdpi/rdpi.h"
 
-#if RDPI_PARAMS_SCHEMA != 6
-#error "these parameters have schema 6, the library another: generate them again with its own rdpi"
+#if RDPI_PARAMS_SCHEMA != 7
+#error "these parameters have schema 7, the library another: generate them again with its own rdpi"
 #endif
 
 #define RDPI_PARAMS_PLAYS 10 /* n + 1 */
@@ -91,7 +91,7 @@ typedef char rdpi_params_memory_um_check[
     sizeof rdpi_params_memory_um == RDPI_PARAMS_PLAYS * sizeof(rdpi_real_t) ? 1 : -1];
 
 static const rdpi_f32_params_t rdpi_params = {
-    6u, /* schema */
+    7u, /* schema */
     0xD12E64F3u, /* digest of what follows */
     RDPI_PARAMS_PLAYS,
     RDPI_PARAMS_DEADZONES,
@@ -121,11 +121,12 @@ static const rdpi_f32_params_t rdpi_params = {
 
 /* The chain around it, for rdpi_f32_chain_init. */
 static const rdpi_f32_chain_params_t rdpi_chain = {
-    6u, /* schema */
-    0x04CD2019u, /* digest of what follows */
+    7u, /* schema */
+    0xD7495F87u, /* digest of what follows */
     0, /* poles */
     1, /* preview: 1: the caller knows the future, and passes it; 0: it is extrapolated */
     0.00000000f, /* delay_s: s: delay */
+    0.00000000f, /* lag_s: s: lag of the amplifier */
     0.00000000f, /* lead_s: s: alpha of the lead */
     0.00000000f, /* lead_s2: s^2: beta of the lead */
     1.00000000f, /* max_lead_um: um: the most that the lead adds */
@@ -205,7 +206,7 @@ typedef char rdpi_params_q31_memory_check[
     sizeof rdpi_params_q31_memory == RDPI_PARAMS_PLAYS * sizeof(int32_t) ? 1 : -1];
 
 static const rdpi_q31_params_t rdpi_params_q31 = {
-    6u, /* schema */
+    7u, /* schema */
     0xB2889BBEu, /* digest of what follows */
     0ull, /* slew_per_us: largest change of the output, drive units per us times 2^32; 0: unlimited */
     107605955786096ull, /* sweep_per_us: speed of the start-up sweep, likewise */
@@ -242,10 +243,11 @@ static const rdpi_q31_params_t rdpi_params_q31 = {
 
 /* The chain around it, for rdpi_q31_chain_init. */
 static const rdpi_q31_chain_params_t rdpi_chain_q31 = {
-    6u, /* schema */
-    0x4EF484F9u, /* digest of what follows */
+    7u, /* schema */
+    0xD78EA6BDu, /* digest of what follows */
     0ull, /* lead_ns2: ns^2: beta of the lead */
     0u, /* delay_ns: ns: delay */
+    0u, /* lag_ns: ns: lag of the amplifier */
     0u, /* lead_ns: ns: alpha of the lead */
     58539464, /* max_lead: the most that the lead adds */
     1073741824, /* direct: times 2^30: share of a move that comes at once */

@@ -22,6 +22,7 @@ class Chain:
     """The chain around one operator; as it is by default, it does nothing."""
 
     delay_s: float = 0.0
+    lag_s: float = 0.0  # of the amplifier
     lead_s: float = 0.0  # alpha
     lead_s2: float = 0.0  # beta
     max_lead_um: float = 1.0
@@ -30,7 +31,7 @@ class Chain:
     poles: tuple[tuple[float, float], ...] = ()  # share, time constant in s
 
     def __post_init__(self) -> None:
-        numbers = {"delay_s": self.delay_s, "lead_s": self.lead_s, "lead_s2": self.lead_s2}
+        numbers = {"delay_s": self.delay_s, "lag_s": self.lag_s, "lead_s": self.lead_s, "lead_s2": self.lead_s2}
         for name, value in numbers.items():
             if not 0 <= value < math.inf:
                 raise BadInput(f"chain: {name}: is {value:g}; must not be negative")
@@ -44,8 +45,13 @@ class Chain:
             raise BadInput("chain: poles: the time constants must be positive")
 
     @property
-    def leads(self) -> bool:
+    def leads_reference(self) -> bool:
         return self.delay_s > 0 or self.lead_s > 0 or self.lead_s2 > 0
+
+    @property
+    def leads(self) -> bool:
+        """Whether it leads the reference, or the drive."""
+        return self.leads_reference or self.lag_s > 0
 
     @property
     def acts(self) -> bool:
@@ -54,7 +60,10 @@ class Chain:
 
     def preview_samples(self, sample_time_s: float) -> int:
         """How far ahead of the present the firmware needs the reference."""
-        return math.floor(self.delay_s / sample_time_s + 0.5) + 1 if self.leads and self.preview else 0
+        if not self.preview:
+            return 0
+        ahead = math.floor(self.delay_s / sample_time_s + 0.5) + 1 if self.leads_reference else 0
+        return ahead + (self.lag_s > 0)
 
 
 def ahead(reference_um: np.ndarray, samples: int) -> np.ndarray:
@@ -72,6 +81,7 @@ class F32Chain:
     poles: int
     preview: int
     delay_s: float
+    lag_s: float
     lead_s: float
     lead_s2: float
     max_lead_um: float
@@ -85,7 +95,7 @@ def f32_chain(chain: Chain, dtype: type = np.float32) -> F32Chain:
         return float(dtype(value))
 
     return F32Chain(len(chain.poles), int(chain.preview), *(rounded(value) for value in (
-        chain.delay_s, chain.lead_s, chain.lead_s2, chain.max_lead_um, chain.direct)),
+        chain.delay_s, chain.lag_s, chain.lead_s, chain.lead_s2, chain.max_lead_um, chain.direct)),
         np.array(chain.poles, dtype).reshape(-1, 2))
 
 
@@ -95,6 +105,7 @@ class Q31Chain:
 
     lead_ns2: int
     delay_ns: int
+    lag_ns: int
     lead_ns: int
     max_lead: int
     direct: int
@@ -110,10 +121,10 @@ def q31_chain(chain: Chain, scale: Scale, where: str) -> Q31Chain:
     def refuse(key: str, what: str) -> None:
         raise BadInput(f"{where}: no fixed point: {key}: {what}")
 
-    delay_ns, lead_ns, lead_ns2 = (round(value * unit) for value, unit in (
-        (chain.delay_s, 1e9), (chain.lead_s, 1e9), (chain.lead_s2, 1e18)))
-    if max(delay_ns, lead_ns) > MAX_LEAD_NS or lead_ns2 > MAX_LEAD_NS2:
-        refuse("delay and lag", f"{chain.delay_s:.3g} s and {chain.lead_s:.3g} s; fixed point makes up for half a "
+    delay_ns, lag_ns, lead_ns, lead_ns2 = (round(value * unit) for value, unit in (
+        (chain.delay_s, 1e9), (chain.lag_s, 1e9), (chain.lead_s, 1e9), (chain.lead_s2, 1e18)))
+    if max(delay_ns, lag_ns, lead_ns) > MAX_LEAD_NS or lead_ns2 > MAX_LEAD_NS2:
+        refuse("delay and lag", f"{chain.delay_s:.3g} s and {chain.lag_s:.3g} s; fixed point makes up for half a "
                                 "second of each at most")
     direct = round(chain.direct * ONE)
     poles = tuple((round(share * ONE), max(round(time_s * 1e9), 1)) for share, time_s in chain.poles)
@@ -122,4 +133,4 @@ def q31_chain(chain: Chain, scale: Scale, where: str) -> Q31Chain:
         refuse("creep and relaxation", f"of a move, {chain.direct:.3g} comes at once and {sum(shares) / ONE:.3g} late; "
                                        "fixed point takes at least a quarter at once, and two moves in all")
     most = min(max(round(chain.max_lead_um / scale.um_per_reference), 1), INT32_MAX)
-    return Q31Chain(lead_ns2, delay_ns, lead_ns, most, direct, len(poles), int(chain.preview), poles)
+    return Q31Chain(lead_ns2, delay_ns, lag_ns, lead_ns, most, direct, len(poles), int(chain.preview), poles)

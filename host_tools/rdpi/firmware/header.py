@@ -25,7 +25,7 @@ from .parameters import INT32_MAX, Q31
 if TYPE_CHECKING:
     import jinja2
 
-SCHEMA = 6  # of the parameters as the template fills them in; the header compares it with the library's
+SCHEMA = 7  # of the parameters as the template fills them in; the header compares it with the library's
 NAME = "rdpi_params"
 
 # What the header says of the fields of rdpi_f32_params_t, in its order. Tables: type, length, columns.
@@ -59,6 +59,7 @@ CHAIN_SCALARS = {
     "poles": "",
     "preview": "1: the caller knows the future, and passes it; 0: it is extrapolated",
     "delay_s": "s: delay",
+    "lag_s": "s: lag of the amplifier",
     "lead_s": "s: alpha of the lead",
     "lead_s2": "s^2: beta of the lead",
     "max_lead_um": "um: the most that the lead adds",
@@ -67,6 +68,7 @@ CHAIN_SCALARS = {
 Q31_CHAIN_SCALARS = {
     "lead_ns2": ("ull", "ns^2: beta of the lead"),
     "delay_ns": ("u", "ns: delay"),
+    "lag_ns": ("u", "ns: lag of the amplifier"),
     "lead_ns": ("u", "ns: alpha of the lead"),
     "max_lead": ("", "the most that the lead adds"),
     "direct": ("", "times 2^30: share of a move that comes at once"),

@@ -106,12 +106,13 @@ class Inverse:
             s = 2j * math.pi * frequency
             late = np.exp(-s * chain.delay_s) / np.prod([1 + alpha * s + beta * s**2 for alpha, beta in self.lags])
             led = 1 + chain.lead_s * s + chain.lead_s2 * s**2
+            unlagged = 1 + chain.lag_s * s
             if chain.preview:
                 lead = led * np.exp(s * chain.delay_s)
             else:
                 d = chain.delay_s
                 lead = led + d * s + (chain.lead_s * d + d**2 / 2) * s**2
-            row = frequency, float(abs(1 - late)), float(abs(1 - late * lead))
+            row = frequency, float(abs(1 - late)), float(abs(1 - late * lead * unlagged))
             if rows and max(row[1:]) > LARGEST_ERROR:
                 break
             rows.append(row)
@@ -156,7 +157,7 @@ def inverse_of(model: Model, *, leave_out: Collection[str] = (), preview: bool =
         return Inverse(model.uncompensated() if alone else folded_into, Chain(), tuple(told), (), Jump(), (), alone)
     chain = _chain(folded_into, used, preview)
     addends = tuple(one.addend for one in used if one.addend is not None)
-    lags = tuple(one.lead for one in used if any(one.lead))
+    lags = tuple((one.lag_s + one.lead[0], one.lead[1]) for one in used if one.lag_s or any(one.lead))
     jump = Jump(sum(one.jump_um for one in used), jump_s)
     return Inverse(folded_into, chain, tuple(told), addends, jump, lags, False)
 
@@ -228,15 +229,14 @@ def _folded(treatment: Treatment, before: Model) -> tuple[Treatment, Model]:
 
 
 def _chain(model: Model, used: Sequence[Treatment], preview: bool) -> Chain:
-    delay_s = sum(one.delay_s for one in used)
+    delay_s, lag_s = sum(one.delay_s for one in used), sum(one.lag_s for one in used)
     lead_s = lead_s2 = 0.0
     for alpha, beta in (one.lead for one in used):
         lead_s, lead_s2 = lead_s + alpha, lead_s2 + beta + lead_s * alpha
     direct, poles = in_series([(one.direct, one.poles) for one in used])
     late_s = delay_s + lead_s + math.sqrt(lead_s2)
-    if not late_s:
-        return Chain(direct=direct, poles=poles)
-    return Chain(delay_s, lead_s, lead_s2, _most_um(model, late_s), preview, direct, poles)
+    most_um = _most_um(model, late_s) if late_s else Chain.max_lead_um
+    return Chain(delay_s, lag_s, lead_s, lead_s2, most_um, preview, direct, poles)
 
 
 def _most_um(model: Model, late_s: float) -> float:

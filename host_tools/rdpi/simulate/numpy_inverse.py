@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ..firmware import LEAD, Chain, Steps
-from ..model import Model, operators
+from ..model import Drive, Model, operators
 from .memory import middle_um
 
 
@@ -22,6 +22,7 @@ class Lead:
         self.chain, self.step_s = chain, sample_time_s
         whole = math.floor(chain.delay_s / sample_time_s + 0.5) * sample_time_s if chain.preview else 0.0
         late = chain.delay_s - whole
+        self.rings = chain.lead_s > 0 or chain.lead_s2 > 0
         self.first = chain.lead_s + late
         self.second = chain.lead_s2 + chain.lead_s * late + late**2 / 2
         self.restart()
@@ -31,7 +32,7 @@ class Lead:
 
     def step(self, ahead_um: float, missed: int) -> tuple[float, int]:
         """The reference to follow, and flags."""
-        if not self.chain.leads:
+        if not self.chain.leads_reference:
             return ahead_um, 0
         if self.before is None or missed > operators.MAX_MISSED:
             self.before, self.change = ahead_um, 0.0
@@ -43,9 +44,44 @@ class Lead:
         else:  # ... at the latest
             of, slope = ahead_um, (3 * change - changed) / 2
         wish_um = self.first * slope / self.step_s + self.second * (change - changed) / self.step_s**2
+        if not self.rings and not change * changed > 0:
+            wish_um = 0.0  # a jump
         led_um = float(np.clip(wish_um, -self.chain.max_lead_um, self.chain.max_lead_um))
         self.before, self.change = ahead_um, change
         return of + led_um, LEAD * (led_um != wish_um)
+
+
+class Unlag:
+    """x + lag x' of the drive; x' is the mean of two differences, at most twice the smaller one, and 0 unless both have
+    the same sign.
+    """
+
+    def __init__(self, chain: Chain, drive: Drive, sample_time_s: float, drive_V: float) -> None:
+        self.chain, self.drive, self.per_step, self.step_s = chain, drive, chain.lag_s / sample_time_s, sample_time_s
+        self.before_V: float | None = None
+        self.change_V, self.carried_V, self.output_V = 0.0, 0.0, drive_V
+
+    def step(self, asked_V: float, missed: int) -> tuple[float, int, int]:
+        """The drive to output, its code, and flags."""
+        if self.before_V is None or missed > operators.MAX_MISSED:
+            self.before_V, self.change_V, missed = asked_V, 0.0, 0
+        change_V = (asked_V - self.before_V) / (1 + missed)
+        changed_V = change_V if missed else self.change_V
+        self.before_V, self.change_V = asked_V, change_V
+        slope_V = 0.0
+        if change_V * changed_V > 0:
+            slope_V = min((change_V + changed_V) / 2, 2 * change_V, 2 * changed_V, key=abs)
+        wish_V = asked_V - (change_V if self.chain.preview else 0.0) + self.per_step * slope_V
+        drive = self.drive
+        limited_V = min(max(wish_V, drive.min_V), drive.max_V)
+        if drive.slew_V_per_s is not None:
+            most_V = drive.slew_V_per_s * self.step_s
+            limited_V = min(max(limited_V, self.output_V - most_V), self.output_V + most_V)
+        shaped_V = limited_V + self.carried_V
+        self.output_V, code = operators.quantise(drive, min(max(shaped_V, drive.min_V), drive.max_V))
+        if drive.noise_shaping:
+            self.carried_V = shaped_V - self.output_V if limited_V == wish_V else 0.0
+        return self.output_V, code, LEAD * (limited_V != wish_V)
 
 
 class Poles:
@@ -135,13 +171,14 @@ def step(model: Model, chain: Chain, ahead_um: np.ndarray, sample_time_s: float,
     if swept is not None:
         poles.swept(swept, start_um)
     lead, rate = Lead(chain, sample_time_s), RateOf(model, sample_time_s)
+    unlag, out_V = Unlag(chain, drive, sample_time_s, drive_V), drive_V
     carried_um = 0.0
     missed, rho, code = 0, 0.0, operators.quantise(drive, drive_V)[1]
     rows = []
     for asked_um in np.asarray(ahead_um, float):
         if not abs(asked_um) <= operators.MAX_REFERENCE_UM:
             missed += 1
-            rows.append((drive_V, rho, operators.INPUT, code))
+            rows.append((out_V, rho, operators.INPUT, code))
             continue
         led_um, flags = lead.step(asked_um, missed)
         poles.missed(missed)
@@ -158,8 +195,12 @@ def step(model: Model, chain: Chain, ahead_um: np.ndarray, sample_time_s: float,
         poles.follow(displacement(model, drive_V, rho, y) if limited & clipped else wish_um)
         y = operators.play(model.x_of(drive_V), r, y)
         carried_um = 0.0 if limited else carried_um + v - float(weights @ y)
+        out_V = drive_V
+        if chain.lag_s > 0:
+            out_V, code, led = unlag.step(ramp_V if limited else model.drive_of(x), missed)
+            flags |= led
         missed = 0
-        rows.append((drive_V, rho, flags, code))
+        rows.append((out_V, rho, flags, code))
     kinds = (np.float64, np.float64, np.uint32, np.uint32)
     columns = zip(*rows) if rows else ((),) * len(kinds)
     return Steps(*(np.array(column, kind) for column, kind in zip(columns, kinds))), y

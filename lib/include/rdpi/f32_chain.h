@@ -1,14 +1,16 @@
 /** @file
  * The chain in single precision: what stands around the operator, compensated in front of it.
  *
- *     reference_um -> lead -> creep^-1 -> rdpi_f32_step -> drive_V
+ *     reference_um -> lead -> creep^-1 -> rdpi_f32_step -> lag^-1 -> drive_V
  *
  *     static rdpi_f32_chain_t axis;
  *     rdpi_f32_chain_init(&axis, &rdpi_chain, 1.0f / 10000);   // once; rdpi_chain comes from `rdpi header`
  *     drive_V = rdpi_f32_chain_step(&axis, ahead_um);          // in the timer interrupt
  *
- * - The lead makes up for delay, lags and resonances. It is a filter on the reference.
+ * - The lead makes up for delay and resonances. It is a filter on the reference.
  * - creep^-1 makes up for creep and relaxation. It is the exact inverse of a sum of first-order lags.
+ * - lag^-1 makes up for the lag of an amplifier. It is a filter on the drive: the plays follow the drive behind the
+ *   amplifier, which does not overshoot.
  *
  * `ahead_um` is the reference axis.preview_samples samples ahead of the present one. It is the present reference if
  * preview_samples is 0.
@@ -43,7 +45,8 @@ typedef struct {
     uint16_t poles;                  /**< 0 .. RDPI_MAX_POLES */
     uint16_t preview;                /**< 1: the caller knows the future, and passes it; 0: it is extrapolated */
     rdpi_real_t delay_s;             /**< D, >= 0 */
-    rdpi_real_t lead_s;              /**< alpha: the lags and 2 damping / w of the resonances, added up; >= 0 */
+    rdpi_real_t lag_s;               /**< time constant of the amplifier's lag, >= 0 */
+    rdpi_real_t lead_s;              /**< alpha: 2 damping / w of the resonances, added up; >= 0 */
     rdpi_real_t lead_s2;             /**< beta: 1 / w^2 of the resonances and the products of all, added up; >= 0 */
     rdpi_real_t max_lead_um;         /**< the most that the lead adds to the reference; > 0 */
     rdpi_real_t direct;              /**< share of a move that comes at once, 1 without poles. It and the negative
@@ -61,7 +64,23 @@ typedef struct {
     rdpi_real_t per_before; /**< see above */
     rdpi_real_t per_step;   /**< see above */
     rdpi_real_t max_um;     /**< the most that the lead adds */
+    bool rings;             /**< there are resonances */
 } rdpi_f32_lead_t;
+
+/** Private part of rdpi_f32_chain_t: lag^-1. To the drive it adds per_step times the mean of its latest two differences,
+ * or twice the smaller one if that is less; nothing unless they have the same sign. */
+typedef struct {
+    rdpi_real_t per_step;   /**< lag_s / sample time; 0: there is no lag */
+    rdpi_real_t asked_V;    /**< what the operator asked for in the latest step */
+    rdpi_real_t before_V;   /**< how much it differed from the one before */
+    rdpi_real_t followed_V; /**< the operator's own drive, which the plays have followed */
+    rdpi_real_t carried_V;  /**< noise shaping: what the codes so far have missed */
+    rdpi_real_t codes_per_V;
+    rdpi_real_t max_step_V; /**< of the slew limit; 0: unlimited */
+    uint32_t dac_code;      /**< code of followed_V */
+    uint8_t way;            /**< in place of rdpi_f32_chain_t.way, which leads here */
+    bool first;             /**< the next drive has no history */
+} rdpi_f32_unlag_t;
 
 /** Private part of rdpi_f32_chain_t: one pole. */
 typedef struct {
@@ -102,6 +121,7 @@ typedef struct {
     const rdpi_f32_chain_params_t *params; /**< as given to init */
     rdpi_f32_lead_t lead;   /**< its state */
     rdpi_f32_creep_t creep; /**< its state */
+    rdpi_f32_unlag_t unlag; /**< of lag^-1 */
 } rdpi_f32_chain_t;
 
 /** RDPI_LAYOUT of this header. */
@@ -147,7 +167,8 @@ void rdpi_f32_chain_swept(rdpi_f32_chain_t *self, uint32_t ticks);
  * now. It never fails, as rdpi_f32_step never does. What is added to that:
  *
  * - The lead adds max_lead_um at most, and then reports RDPI_FLAG_LEAD. It looks at three references, so nothing rings
- *   on after a jump.
+ *   on after a jump. Without resonances, a jump has no lead.
+ * - lag^-1 keeps the range and the slew limit, and then reports RDPI_FLAG_LEAD. A jump of the drive has no lead.
  * - Where the drive was clipped, creep follows what was really output.
  * - A reference that is not usable holds the last drive. Creep goes on. The same holds if lead and creep bring a
  *   reference beyond RDPI_MAX_REFERENCE_UM.

@@ -3,7 +3,7 @@
  * rdpi/f32_chain.h, and gives the same bits on every machine. Nothing is divided in the step, except where samples were
  * missed, and then by 17 at most.
  *
- *     reference -> lead -> creep^-1 -> rdpi_q31_step -> drive
+ *     reference -> lead -> creep^-1 -> rdpi_q31_step -> lag^-1 -> drive
  *
  *     static rdpi_q31_chain_t axis;
  *     rdpi_q31_chain_init(&axis, &rdpi_chain_q31, 100000); // once, sample time in ns; from `rdpi header`
@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-/** The largest delay_ns and lead_ns: half a second. */
+/** The largest delay_ns, lag_ns and lead_ns: half a second. */
 #define RDPI_Q31_MAX_LEAD_NS ((uint32_t)1 << 29)
 
 /** The largest lead_ns2: a second squared. */
@@ -47,6 +47,7 @@ typedef struct {
     uint32_t digest;    /**< rdpi_q31_chain_digest of the rest, those of `axis` left out */
     uint64_t lead_ns2;  /**< beta, in ns^2; <= RDPI_Q31_MAX_LEAD_NS2 */
     uint32_t delay_ns;  /**< D; <= RDPI_Q31_MAX_LEAD_NS */
+    uint32_t lag_ns;    /**< of the amplifier; <= RDPI_Q31_MAX_LEAD_NS */
     uint32_t lead_ns;   /**< alpha; <= RDPI_Q31_MAX_LEAD_NS */
     int32_t max_lead;   /**< the most that the lead adds to the reference, reference units; > 0 */
     int32_t direct;     /**< share of a move that comes at once, times 2^30; RDPI_Q31_ONE without poles. With the
@@ -66,7 +67,20 @@ typedef struct {
     int32_t latest;     /**< the latest reference */
     int32_t before;     /**< how much it differed from the one before; saturates at +-INT32_MAX */
     uint8_t shift;      /**< 1 .. 63 */
+    bool rings;         /**< there are resonances */
 } rdpi_q31_lead_t;
+
+/** Private part of rdpi_q31_chain_t: lag^-1, as rdpi_f32_unlag_t. */
+typedef struct {
+    int32_t per_step;  /**< lag / sample time, times 2^shift; <= 2^30; 0: there is no lag */
+    int32_t asked;     /**< what the operator asked for in the latest step, not rounded to a code */
+    int32_t before;    /**< how much it differed from the one before */
+    int32_t followed;  /**< the operator's own drive */
+    int32_t carried;   /**< noise shaping: what the codes so far have missed */
+    uint32_t dac_code; /**< code of `followed` */
+    uint8_t shift;     /**< 1 .. 63 */
+    bool first;        /**< the next drive has no history */
+} rdpi_q31_unlag_t;
 
 /** Private part of rdpi_q31_chain_t: one pole. */
 typedef struct {
@@ -103,9 +117,10 @@ typedef struct {
     const rdpi_q31_chain_params_t *params; /**< as given to init */
     bool first; /**< the next reference is the first: the lead has no history */
     bool leads; /**< there is a lead */
-    bool plain; /**< there is no lead, and there are no poles: nothing to do but the step of the operator */
+    bool plain; /**< there is no lead, no lag, and there are no poles: nothing to do but the step of the operator */
     rdpi_q31_lead_t lead;   /**< its state */
     rdpi_q31_creep_t creep; /**< its state */
+    rdpi_q31_unlag_t unlag; /**< of lag^-1 */
 } rdpi_q31_chain_t;
 
 /** RDPI_LAYOUT of this header. */
@@ -128,7 +143,8 @@ rdpi_status_t rdpi_q31_chain_init_layout(uint64_t layout, rdpi_q31_chain_t *self
 /** As rdpi_f32_chain_init. `sample_time_ns` is that of rdpi_q31_init.
  *
  * Scaling and overflow: init refuses what rdpi_q31_init refuses, and with RDPI_ERR_CHAIN numbers outside what their
- * fields say. It also refuses a lead that multiplies differences of references by 2^29 or more. */
+ * fields say. It also refuses a lead that multiplies differences of references by 2^29 or more, and a lag of 2^28
+ * samples or more. */
 static inline rdpi_status_t rdpi_q31_chain_init(rdpi_q31_chain_t *self, const rdpi_q31_chain_params_t *params,
                                                 uint32_t sample_time_ns)
 {

@@ -15,7 +15,7 @@ extern "C" {
 
 /** The version of the layout of rdpi_f32_params_t and rdpi_q31_params_t. It changes whenever one of the layouts does.
  * init refuses parameters of another version. */
-#define RDPI_PARAMS_SCHEMA 6u
+#define RDPI_PARAMS_SCHEMA 7u
 
 /** The most bits of a DAC. init refuses more, because single precision does not resolve more. */
 #define RDPI_MAX_DAC_BITS 20

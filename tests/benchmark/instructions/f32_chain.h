@@ -1,5 +1,6 @@
-/* The engine under measurement: rdpi_f32_chain. With LEADS, its lead makes up for a converter that is 0.3 ms late, a lag
- * of 0.5 ms. It has POLES poles of creep, from 0.1 s on, one per decade. */
+/* The engine under measurement: rdpi_f32_chain. With LEADS, its lead makes up for a converter that is 0.3 ms late and
+ * resonances with an alpha of 0.5 ms. With LAGS, an amplifier lags by 0.5 ms. There are POLES poles of creep, from 0.1 s
+ * on, one per decade. */
 #ifndef RDPI_BENCHMARK_ENGINE_H
 #define RDPI_BENCHMARK_ENGINE_H
 
@@ -25,6 +26,7 @@ static inline bool start(state_t *self)
         params.delay_s = 0.3e-3f;
         params.lead_s = 0.5e-3f;
     }
+    params.lag_s = LAGS ? 0.5e-3f : 0;
     params.digest = rdpi_f32_chain_digest(&params);
     return rdpi_f32_chain_init(self, &params, SAMPLE_TIME_NS * 1e-9f) == RDPI_OK;
 }

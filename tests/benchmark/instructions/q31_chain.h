@@ -1,5 +1,6 @@
-/* The engine under measurement: rdpi_q31_chain. With LEADS, its lead makes up for a converter that is 0.3 ms late, a lag
- * of 0.5 ms. It has POLES poles of creep, from 0.1 s on, one per decade. */
+/* The engine under measurement: rdpi_q31_chain. With LEADS, its lead makes up for a converter that is 0.3 ms late and
+ * resonances with an alpha of 0.5 ms. With LAGS, an amplifier lags by 0.5 ms. There are POLES poles of creep, from 0.1 s
+ * on, one per decade. */
 #ifndef RDPI_BENCHMARK_ENGINE_H
 #define RDPI_BENCHMARK_ENGINE_H
 
@@ -31,6 +32,7 @@ static inline bool start(state_t *self)
         params.delay_ns = 300000;
         params.lead_ns = 500000;
     }
+    params.lag_ns = LAGS ? 500000u : 0u;
     params.digest = rdpi_q31_chain_digest(&params);
     return rdpi_q31_chain_init(self, &params, SAMPLE_TIME_NS) == RDPI_OK;
 }

@@ -32,7 +32,7 @@ class Lag(Effect):
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         lag_s = values["time_constant_s"]
-        return Treatment("compensated", f"by the lead, with {time_text(lag_s)} of its rate", lead=(lag_s, 0.0))
+        return Treatment("compensated", f"in the drive, with {time_text(lag_s)} of its rate", lag_s=lag_s)
 
     def less_sensor(self, values: Values, sensor: Sensor) -> tuple[Values, Sensor]:
         taken_s = min(values["time_constant_s"], sensor.lag_s)

@@ -33,6 +33,7 @@ class Treatment:
     text: str  # by what it is compensated, or into what it is folded, or why it is left out
     model: Model | None = None  # the operator with the effect folded in
     delay_s: float = 0.0
+    lag_s: float = 0.0  # of the amplifier
     lead: tuple[float, float] = (0.0, 0.0)  # alpha in s, beta in s^2 of 1 + alpha s + beta s^2
     direct: float = 1.0
     poles: tuple[tuple[float, float], ...] = ()  # share, time constant in s

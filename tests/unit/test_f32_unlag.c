@@ -1,0 +1,201 @@
+/* rdpi_f32_chain: lag^-1, the lead of the drive. */
+#include "unity.h"
+
+#include "rdpi/f32_chain.h"
+
+TEST_SOURCE_FILE("lib/src/rdpi_f32.c")
+TEST_SOURCE_FILE("lib/src/rdpi_f32_chain.c")
+
+#include "chain_f32.inc"
+void setUp(void); /* there, named here for the generator of the runner */
+void tearDown(void);
+
+#define LAG 4 /* samples */
+
+static void with_codes(uint8_t bits, bool shaping)
+{
+    given.params.dac_bits = bits;
+    given.params.noise_shaping = shaping;
+}
+
+static void start_with_lag(int preview)
+{
+    params.lag_s = LAG * T_S;
+    params.preview = (uint16_t)preview;
+    start();
+    TEST_ASSERT_EQUAL_UINT32(preview, chain.preview_samples);
+}
+
+/* What an amplifier with this lag makes of a drive that is held for each sample. */
+static double amplified(double before_V, double drive_V)
+{
+    return drive_V + (before_V - drive_V) * exp(-1.0 / LAG);
+}
+
+void test_a_ramp_is_led_by_the_lag(void)
+{
+    for (int preview = 0; preview < 2; preview++) {
+        setUp();
+        start_with_lag(preview);
+        for (int k = 0; k < 8; k++) {
+            double drive_V = step(0.5 * (k + preview));
+            if (k > 1) {
+                EQUAL(0.5 * k + LAG * 0.5, drive_V);
+            }
+        }
+        TEST_ASSERT_EQUAL_UINT32(0, chain.axis.clip_count);
+    }
+}
+
+void test_the_slope_is_the_mean_of_two_but_at_most_twice_the_smaller(void)
+{
+    start_with_lag(1);
+    (void)step(0);
+    (void)step(1);
+    EQUAL(1 + LAG * 1.5, step(3)); /* 1 and 2 */
+    EQUAL(3 + LAG * 4, step(11));  /* 2 and 8 */
+    EQUAL(11 + LAG * 2, step(12)); /* 8 and 1 */
+    EQUAL(12, step(11));           /* it turns round */
+    EQUAL(11 - LAG * 1.5, step(9));
+}
+
+/* A jump and the end of a ramp have no lead, so that the amplifier goes nowhere beyond them. */
+void test_an_amplifier_goes_no_further_than_the_reference(void)
+{
+    start_with_lag(1);
+    double actual_V = 0, highest_V = 0;
+    for (int k = 0; k < 60; k++) {
+        double ahead = k < 20 ? 0 : (k < 40 ? 16 : fmin(16 + 2 * (k - 40), 24));
+        actual_V = amplified(actual_V, step(ahead));
+        highest_V = fmax(highest_V, actual_V);
+    }
+    TEST_ASSERT_TRUE(highest_V <= 24 + 1e-5);
+    WITHIN(0.1, 24, actual_V);
+    TEST_ASSERT_EQUAL_UINT32(0, chain.axis.clip_count);
+}
+
+void test_plays_follow_what_the_amplifier_outputs(void)
+{
+    given.play[1] = (rdpi_f32_play_t){.r_um = 4, .slope = 2};
+    given.params.plays = 2;
+    start_with_lag(1);
+    rdpi_real_t led_um[2], plain_um[2];
+    rdpi_f32_t alone;
+    TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_f32_init(&alone, &given.params, T_S));
+    for (int k = 0; k < 100; k++) {
+        double reference_um = 20 * sin(0.1 * k);
+        (void)step(reference_um);
+        (void)rdpi_f32_step(&alone, (rdpi_real_t)reference_um);
+    }
+    rdpi_f32_get_memory(&chain.axis, led_um);
+    rdpi_f32_get_memory(&alone, plain_um);
+    EQUAL(plain_um[0], led_um[0]);
+    EQUAL(plain_um[1], led_um[1]);
+}
+
+void test_range_and_slew_are_kept_flagged_and_counted(void)
+{
+    start_with_lag(1);
+    (void)step(0);
+    (void)step(20);
+    EQUAL(64, step(40)); /* 20 + 80 */
+    TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_LEAD, chain.axis.flags);
+    TEST_ASSERT_EQUAL_UINT32(1, chain.axis.clip_count);
+    setUp();
+    given.params.slew_V_per_s = given.params.sweep_V_per_s = 1024 * 3; /* 3 V a sample */
+    start_with_lag(1);
+    (void)step(0);
+    (void)step(1);
+    EQUAL(3, step(2)); /* 1 + 4 */
+    TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_LEAD, chain.axis.flags);
+    EQUAL(6, step(3));
+    TEST_ASSERT_EQUAL_UINT32(0, chain.axis.flags);
+}
+
+void test_a_reference_that_is_not_usable_holds_what_was_output(void)
+{
+    with_codes(12, false);
+    start_with_lag(1);
+    (void)step(0);
+    (void)step(1);
+    double led_V = step(2);
+    uint32_t code = chain.axis.dac_code;
+    for (int k = 0; k < 2; k++) {
+        EQUAL(led_V, step(NAN));
+        TEST_ASSERT_EQUAL_UINT32(code, chain.axis.dac_code);
+        TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_INPUT, chain.axis.flags);
+    }
+    WITHIN(0.05, 4 + LAG, step(5)); /* two were missed: a straight line */
+}
+
+void test_after_missed_samples_the_drive_lies_on_a_straight_line(void)
+{
+    start_with_lag(1);
+    (void)step(0);
+    (void)step(1);
+    rdpi_f32_chain_missed(&chain, 3);
+    EQUAL(7 + LAG * 2, step(9));
+    rdpi_f32_chain_missed(&chain, RDPI_MAX_MISSED + 1u);
+    EQUAL(30, step(30)); /* a first one */
+}
+
+void test_what_is_output_is_a_code_and_slow_motion_has_its_lead(void)
+{
+    for (int shaping = 0; shaping <= RDPI_NOISE_SHAPING; shaping++) {
+        setUp();
+        with_codes(10, shaping != 0); /* 0.125 V */
+        start_with_lag(1);
+        double sum_V = 0, slope_V = 0.01;
+        for (int k = 0; k < 2000; k++) {
+            double drive_V = step(slope_V * (k + 1)), code_V = 128.0 / 1023;
+            EQUAL(-64 + code_V * chain.axis.dac_code, drive_V);
+            TEST_ASSERT_DOUBLE_WITHIN(code_V * (shaping ? 1.01 : 0.51), slope_V * (k + LAG * (k > 1)), drive_V);
+            sum_V += drive_V - slope_V * (k + LAG);
+        }
+        WITHIN(shaping ? 0.001 : 0.01, 0, sum_V / 2000);
+    }
+}
+
+void test_a_sweep_is_output_as_it_is(void)
+{
+    rdpi_f32_t alone;
+    start_with_lag(1);
+    for (int k = 0; k < 5; k++) {
+        (void)step(k);
+    }
+    rdpi_f32_chain_reset(&chain);
+    TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_f32_init(&alone, &given.params, T_S));
+    bool goes_on = true;
+    while (goes_on) {
+        goes_on = rdpi_f32_sweep(&alone);
+        TEST_ASSERT_EQUAL_INT(goes_on, rdpi_f32_chain_sweep(&chain));
+        EQUAL(alone.drive_V, chain.axis.drive_V);
+    }
+    EQUAL(7, step(7)); /* the first has no lead */
+}
+
+void test_creep_and_the_lead_of_the_reference_stand_ahead_of_it(void)
+{
+    params.delay_s = 2 * T_S;
+    add_pole(0, 1);
+    params.lag_s = LAG * T_S;
+    start();
+    TEST_ASSERT_EQUAL_UINT32(4, chain.preview_samples);
+    for (int k = 0; k < 10; k++) {
+        double drive_V = step(0.25 * k);
+        if (k > 3) {
+            EQUAL(0.25 * (k - 2) + LAG * 0.25, drive_V); /* one sample each */
+        }
+    }
+    (void)step(NAN);
+    rdpi_f32_chain_missed(&chain, 2);
+    EQUAL(0.25 * 11 + LAG * 0.25, step(0.25 * 13));
+}
+
+void test_init_refuses_a_lag_that_is_none(void)
+{
+    params.lag_s = -T_S;
+    refused(RDPI_ERR_CHAIN);
+    params.lag_s = NAN;
+    refused(RDPI_ERR_NOT_FINITE);
+}
