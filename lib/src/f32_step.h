@@ -5,11 +5,11 @@
 #include "f32_math.h"
 
 #if RDPI_QUICK_STEP
-/* As rdpi_f32_step, and sets asked_um. A function of its own, because the quick way of rdpi_f32_step must not pay for
+/* As rdpi_f32_step, and keeps ramp_V, the drive before it is rounded to a code. A function of its own, because the quick way of rdpi_f32_step must not pay for
  * it. */
 rdpi_real_t rdpi_f32_step_asking(rdpi_f32_t *self, rdpi_real_t reference_um);
 #else
-#define rdpi_f32_step_asking rdpi_f32_step /* the long way always sets it */
+#define rdpi_f32_step_asking rdpi_f32_step /* the long way always keeps it */
 #endif
 
 #endif

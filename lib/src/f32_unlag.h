@@ -13,7 +13,6 @@
 #ifndef RDPI_F32_UNLAG_H
 #define RDPI_F32_UNLAG_H
 
-#include "f32_drive.h"
 #include "f32_math.h"
 #include "rdpi/f32_chain.h"
 
@@ -58,10 +57,7 @@ static inline rdpi_real_t rdpi_f32_unlag_slope(rdpi_real_t a, rdpi_real_t b)
 static inline rdpi_real_t rdpi_f32_unlag_wish(rdpi_f32_unlag_t *unlag, const rdpi_f32_t *axis, bool preview,
                                               unsigned missed)
 {
-    rdpi_real_t asked_V = axis->drive_V;
-    if (axis->params->dac_bits > 0u) {
-        asked_V = rdpi_f32_drive_of_x(rdpi_f32_line_of_x(axis->params, axis->asked_um), axis->asked_um);
-    }
+    rdpi_real_t asked_V = axis->ramp_V;
     if (unlag->first || missed > RDPI_MAX_MISSED) {
         unlag->asked_V = asked_V;
         missed = 0;

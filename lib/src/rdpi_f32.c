@@ -354,15 +354,15 @@ static RDPI_F32_HOT rdpi_real_t finish_step(rdpi_f32_t *self, rdpi_real_t climb_
         line = rdpi_f32_line_of_drive(params, drive_V);
         target.x_um = rdpi_f32_x_of_drive(line, drive_V);
     }
-    if (asks) {
-        self->asked_um = target.x_um;
-    }
 #if RDPI_NOISE_SHAPING
     if (!quick && drive_V == wish_V && shapes_noise(self)) {
         target.x_um += carry_um(self, line);
         line = rdpi_f32_line_of_x(params, target.x_um);
     }
 #endif
+    if (asks) {
+        self->ramp_V = drive_V;
+    }
     rdpi_real_t side = output(self, drive_V, target, line, quick);
     if (RDPI_QUICK_STEP && !quick) {
         self->quick = next_is_quick(self);
@@ -432,7 +432,7 @@ static RDPI_F32_SELDOM rdpi_real_t step_without_quick(rdpi_f32_t *self, rdpi_rea
     }
     rdpi_real_t v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
     rdpi_real_t climb_um = rdpi_f32_bank_climb(&self->bank, rate_um_per_s, v_um);
-    rdpi_real_t drive_V = finish_step(self, climb_um, rate_um_per_s, false, true);
+    rdpi_real_t drive_V = finish_step(self, climb_um, rate_um_per_s, false, false);
 #if RDPI_NOISE_SHAPING
     if (shapes_noise(self)) {
         count_missed_um(self, v_um);
@@ -506,8 +506,8 @@ static RDPI_F32_HOT rdpi_real_t step(rdpi_f32_t *self, rdpi_real_t reference_um,
     self->flags = 0;
     self->rate_estimator.z_um[0] = reference_um;
     self->rate_um_per_s = rate_um_per_s;
-    if (asks) {
-        self->asked_um = x_um; /* to a part of a code, if x turns within one */
+    if (asks) { /* to a part of a code, if x turns within one */
+        self->ramp_V = rdpi_f32_drive_of_x(line_of_code(self), x_um);
     }
     if (!(before_edge > 0)) {
         return asks ? step_over_edge_asking(self, climb_um, rate_um_per_s)

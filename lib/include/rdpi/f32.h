@@ -203,7 +203,6 @@ typedef struct {
                                way */
     rdpi_f32_rate_t rate_estimator; /**< its state */
     rdpi_f32_bank_t bank;           /**< the plays */
-    rdpi_real_t asked_um; /**< x of the latest step before it was rounded to a code, for lag^-1 of rdpi/f32_chain.h */
 } rdpi_f32_t;
 
 /** RDPI_LAYOUT of this header. */
