@@ -725,8 +725,19 @@ def test_earlier_recordings_may_be_longer_and_more() -> None:
 
 def test_an_earlier_recording_is_not_the_same_one() -> None:
     now = twice()[1]
-    with pytest.raises(BadInput, match=r"given twice \(the same bytes\); a run counts once"):
+    with pytest.raises(BadInput, match=r"holds the samples of .*, which is to be earlier"):
         diagnose(with_creep(), now, earlier=now)
+
+
+@pytest.mark.parametrize("scale", [0.6, 1.5])
+def test_a_change_that_would_spoil_a_model_that_fits_today_is_none_of_the_actuators(scale: float) -> None:
+    """Earlier recordings in other units."""
+    before, now = twice()
+    scaled = [changed(run, displacement_um=scale * run.displacement_um) for run in before]
+    found = diagnose(with_creep(), now, earlier=scaled)
+    assert found.improved == with_creep()
+    (told,) = (note for note in found.document.notes if "the improved model is the given one" in note)
+    assert "gain_change" in told
 
 
 def test_a_model_whose_effects_are_no_objects_beside_earlier_recordings() -> None:

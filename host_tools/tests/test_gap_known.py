@@ -320,6 +320,16 @@ def test_a_change_is_told_as_one() -> None:
     assert "2.0" in page.tables(document) and "change of the signal delay" in page.tables(document).replace("\n", " ")
 
 
+def test_the_interval_of_a_change_holds_what_the_model_does_not_know() -> None:
+    """Half of the interval that the fit stated of what it held adds to that of the new value, as independent."""
+    was = HELD["delay"]["delay_s"]
+    sure, unsure = (diagnose(replace(holding("delay"), effects=[{**held("delay")[0], "parameters": {
+        "delay_s": {"value": was, "ci95": [was - half, was + half], "unit": "s"}}}]),
+        shown(("delay",), delay={"delay_s": 0.003})) for half in (0.0, 1e-4))
+    (low, high), (lower, higher) = (one.document.effects[0].parameters["delay_s"].ci95 for one in (sure, unsure))
+    assert (higher - lower) / 2 == pytest.approx(np.hypot((high - low) / 2, 1e-4), rel=1e-3)
+
+
 @pytest.mark.parametrize(("name", "now", "text"), [
     ("creep", {"percent_per_decade": 4.0}, "a change of creep from 2.0"),
     ("resonance", {"f0_hz": 48.0, "damping": 0.1}, "a change of the mechanical resonance (f0 from 60.0"),
@@ -355,6 +365,7 @@ def test_a_changed_effect_goes_through_the_file(tmp_path: Path) -> None:
      r"effects\[1\] \(lag\) is at sensor, as effects\[0\] is"),
     ([{**entry("delay", delay_s=0.001), "was": {"delay_s": -1}}], r"effects\[0\]: was \(delay\): delay_s is -1"),
     ([{**entry("delay", delay_s=0.001), "was": 0.002}], r"effects\[0\]: was \(delay\): parameters must be an object"),
+    ([entry("delay", delay_s={"value": 1, "unit": "ms"})], r"\(delay\): delay_s is in \"ms\"; give it in s"),
     ([{**entry("delay", delay_s=0.001), "new": [1]}], r"effects\[0\]: new: must be true or false"),
     ([{**entry("delay", delay_s=0.001), "was": {}}], r"effects\[0\]: was \(delay\): no delay_s"),
 ])

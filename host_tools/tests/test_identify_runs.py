@@ -74,6 +74,24 @@ def test_a_run_counts_once() -> None:
             fit(runs, STATIC, held_out)
 
 
+def test_the_same_samples_in_another_file_are_said() -> None:
+    copy = replace(static_run(), path="copy.csv", digest="sha256:other")
+    for runs, held_out in (([static_run(), copy], []), ([static_run()], [copy])):
+        (told,) = (text for text in fit(runs, STATIC, held_out).warnings if "same samples" in text)
+        assert told == "copy.csv holds the same samples as run.csv: it shows nothing more"
+
+
+def test_an_actuator_late_by_half_a_period_is_not_taken_for_inverted_in_silence() -> None:
+    run = static_run()
+    time_s = np.arange(4000) / 1e4
+    drive_V = 50 + 40 * np.sin(2 * np.pi * 200 * time_s) * (0.5 + 0.5 * np.sin(2 * np.pi * 2.5 * time_s))
+    late = changed(run, time_s=time_s, command_V=drive_V, displacement_um=0.1 * np.roll(drive_V, 24))
+    late = replace(late, metadata={**late.metadata, "sample_rate_hz": "10000"})
+    assert any("late by half a period" in text for text in fit([late], STATIC).warnings)
+    inverted = changed(run, displacement_um=12 - run.displacement_um)
+    assert not any("late by half a period" in text for text in fit([inverted], STATIC).warnings)
+
+
 # ---- memory at the start ----
 
 def test_reset() -> None:

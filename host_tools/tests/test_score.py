@@ -66,6 +66,13 @@ def test_a_bad_start_does_not_make_a_period_of_delay() -> None:
     assert tracking.track(run).delay_s == pytest.approx(0.0004, abs=2 / RATE_HZ)
 
 
+def test_a_start_that_is_late_does_not_make_a_period_of_delay() -> None:
+    """What fits all samples best is a little late, and then fits those after the start a little worse."""
+    run, late = (followed(lambda time_s: np.sin(2 * np.pi * 5 * time_s), late_s) for late_s in (0.0, 0.02))
+    run.columns["displacement_um"][:200] = late.displacement_um[:200] - 0.2
+    assert abs(tracking.track(run).delay_s) < 0.01
+
+
 def test_a_step_has_a_delay_too() -> None:
     found = tracking.track(followed(lambda time_s: np.where(time_s < 0.5, 0.0, 1.0), 0.003))
     assert found.delay_s == pytest.approx(0.003, abs=1 / RATE_HZ)

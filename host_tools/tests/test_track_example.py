@@ -160,7 +160,7 @@ def test_what_stands_around_the_actuator_is_compensated_with_the_rows_that_follo
     got = rows(done.stdout)
     firmware = engine(by.model, 1 / RATE_HZ, number, by.chain)
     assert firmware.preview_samples == 10
-    wanted = np.concatenate([reference["reference_um"][9:], np.full(9, reference["reference_um"][-1])])
+    wanted = np.concatenate([reference["reference_um"][10:], np.full(10, reference["reference_um"][-1])])
     assert [int(row["dac_code"]) for row in got] == firmware.step(wanted).dac_code.tolist()
     assert [row["reference_um"] for row in got] == nine_digits(reference["reference_um"].astype(np.float32))
 

@@ -37,10 +37,8 @@ static inline void rdpi_f32_unlag_settle(rdpi_f32_unlag_t *unlag, const rdpi_f32
 /* The operator gets its own drive back. */
 static inline void rdpi_f32_unlag_give_back(const rdpi_f32_unlag_t *unlag, rdpi_f32_t *axis)
 {
-    if (unlag->per_step > 0) {
-        axis->drive_V = unlag->followed_V;
-        axis->dac_code = unlag->dac_code;
-    }
+    axis->drive_V = unlag->followed_V;
+    axis->dac_code = unlag->dac_code;
 }
 
 /* s of two differences. */

@@ -192,6 +192,98 @@ void test_creep_and_the_lead_of_the_reference_stand_ahead_of_it(void)
     EQUAL(0.25 * 11 + LAG * 0.25, step(0.25 * 13));
 }
 
+/* What the operator asks for is known to parts of a code, whichever way the step takes: over edges of plays, reversals,
+ * the guard and pieces of the saturation. */
+void test_the_lead_follows_what_was_asked_for_and_not_codes(void)
+{
+    for (int poles = 0; poles < 2; poles++) {
+        setUp();
+        given.play[0] = (rdpi_f32_play_t){.r_um = 0, .slope = 1, .slope_rate_s_per_um = (rdpi_real_t)-1e-6};
+        given.play[1] = (rdpi_f32_play_t){.r_um = 4, .slope = (rdpi_real_t)1.25};
+        given.params.plays = 2;
+        given.saturation[1] = (rdpi_f32_deadzone_t){8, (rdpi_real_t)-0.25};
+        given.params.deadzones = 2;
+        given.params.max_um_per_s = 2000;
+        with_codes(12, false);
+        for (int k = 0; k < poles; k++) {
+            add_pole(0, 1);
+        }
+        start_with_lag(1);
+        const double code_V = 128.0 / 4095;
+        double before_V = 0, latest_V = 0;
+        for (int k = 0; k < 3000; k++) {
+            double wave = k < 1000 ? 0.7 * sin(0.02 * k) : 20 * sin(k < 2000 ? 0.02 * k : 0.3 * k);
+            double drive_V = step(wave), asked_V = (double)chain.unlag.asked_V, slope_V = 0;
+            double d = asked_V - latest_V, other = latest_V - before_V;
+            WITHIN(0.5001 * code_V, (double)chain.unlag.followed_V, asked_V);
+            if (d * other > 0) {
+                slope_V = copysign(fmin(fabs(d + other) / 2, 2 * fmin(fabs(d), fabs(other))), d);
+            }
+            if (k > 1 && chain.axis.flags == 0u) {
+                WITHIN(0.51 * code_V, latest_V + LAG * slope_V, drive_V);
+            }
+            before_V = latest_V;
+            latest_V = asked_V;
+        }
+        TEST_ASSERT_GREATER_THAN_UINT32(100, chain.axis.guard_count);
+    }
+}
+
+void test_resonances_and_creep_stand_ahead_of_it(void)
+{
+    for (int poles = 0; poles < 2; poles++) {
+        setUp();
+        params.lead_s = T_S;
+        params.lag_s = LAG * T_S;
+        for (int k = 0; k < poles; k++) {
+            add_pole(0, 1);
+        }
+        start();
+        TEST_ASSERT_EQUAL_UINT32(2, chain.preview_samples);
+        for (int k = 0; k < 10; k++) {
+            double drive_V = step(0.25 * k);
+            if (k > 3) {
+                EQUAL(0.25 * (k - 2 + 1 + LAG), drive_V);
+            }
+        }
+        params.max_lead_um = 1;
+        start();
+        (void)step(0);
+        (void)step(16);
+        TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_LEAD, chain.axis.flags);
+        EQUAL(1 + LAG * 2, step(16)); /* the limited lead makes 1, 17 and 16 of it */
+        EQUAL(17, step(16));
+    }
+}
+
+void test_creep_alone_stands_ahead_of_it(void)
+{
+    add_pole(0, 1);
+    start_with_lag(1);
+    for (int k = 0; k < 6; k++) {
+        double drive_V = step(0.25 * (k + 1));
+        if (k > 1) {
+            EQUAL(0.25 * (k + LAG), drive_V);
+        }
+    }
+    double led_V = (double)chain.axis.drive_V;
+    EQUAL(led_V, step(NAN));
+    (void)step(100); /* clipped */
+    (void)step(0.25 * 9);
+    TEST_ASSERT_EQUAL_UINT32(0, chain.axis.flags & RDPI_FLAG_RANGE);
+}
+
+void test_nothing_is_carried_over_a_clip(void)
+{
+    with_codes(8, RDPI_NOISE_SHAPING != 0);
+    start_with_lag(1);
+    (void)step(0.1);
+    (void)step(20.1);
+    (void)step(40.1);
+    TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_LEAD, chain.axis.flags);
+    EQUAL(0, chain.unlag.carried_V);
+}
+
 void test_init_refuses_a_lag_that_is_none(void)
 {
     params.lag_s = -T_S;

@@ -146,6 +146,18 @@ void test_what_is_output_is_a_code_and_slow_motion_has_its_lead(void)
     }
 }
 
+void test_nothing_is_carried_over_a_clip(void)
+{
+    actuator_q31_codes(&actuator, 8, false);
+    actuator.params.noise_shaping = RDPI_NOISE_SHAPING;
+    start_with_lag(1);
+    ahead(U);
+    ahead(MAX / 4 + U);
+    ahead(MAX / 2 + U);
+    TEST_ASSERT_EQUAL_HEX32(RDPI_FLAG_LEAD, chain.axis.flags);
+    TEST_ASSERT_EQUAL_INT32(0, chain.unlag.carried);
+}
+
 void test_a_sweep_is_output_as_it_is(void)
 {
     rdpi_q31_t alone;
@@ -169,4 +181,7 @@ void test_init_refuses_a_lag_that_does_not_fit(void)
     given.lag_ns = RDPI_Q31_MAX_LEAD_NS + 1u;
     seal();
     TEST_ASSERT_EQUAL_INT(RDPI_ERR_CHAIN, rdpi_q31_chain_init(&chain, &given, T_NS));
+    given.lag_ns = RDPI_Q31_MAX_LEAD_NS; /* of 2^29 samples of 1 ns */
+    TEST_ASSERT_EQUAL_INT(RDPI_ERR_CHAIN, init_for(1));
+    TEST_ASSERT_EQUAL_INT(RDPI_OK, init_for(4));
 }

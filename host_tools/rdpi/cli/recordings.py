@@ -185,6 +185,8 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
         for index, source in enumerate(sources):
             recording, lines = import_recording(source, request)
             if played is not None:
+                if memory is None:  # a file's own is that of its first sample
+                    recording.metadata.pop("memory", None)
                 recording, found = beside_drive(recording, played)
                 lines += found
             imported.append((recording, lines))

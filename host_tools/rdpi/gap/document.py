@@ -58,7 +58,9 @@ def _effects(selection: Selection, final: NormalEquations | None) -> list[Accept
     for one, done in zip(selection.accepted.chosen, selection.rounds):
         widths = {}
         if not one.per_run:
-            widths = dict(zip(one.fitted, errors[at:at + len(one.fitted)]))
+            own = _own_widths(selection, one)
+            widths = {name: float(np.hypot(error, own.get(name, 0.0)))
+                      for name, error in zip(one.fitted, errors[at:at + len(one.fitted)])}
             at += len(one.fitted)
         score = done.best
         shrink, ends = score.shrink, score.shrink_ci
@@ -72,6 +74,19 @@ def _effects(selection: Selection, final: NormalEquations | None) -> list[Accept
             shrink=shrink, shrink_ci95=ends, confidence=_confidence(done),
             confusable_with=list(dict.fromkeys(rival.name for rival in selection.rivals(done)))))
     return found
+
+
+def _own_widths(selection: Selection, one: Candidate) -> dict[str, float]:
+    """How sure the model is of what it holds in its place: half of each interval. What else the model lacks of it moves a
+    changed value as far.
+    """
+    place = effects.place(selection.given.model, one.effect)
+    if place is None:
+        return {}
+    stated = selection.given.model.effects[place].get("parameters", {})
+    return {name: (ends[1] - ends[0]) / 2 for name, value in stated.items()
+            if isinstance(value, dict) and isinstance(ends := value.get("ci95"), (list, tuple)) and len(ends) == 2
+            and all(isinstance(end, (int, float)) and np.isfinite(end) for end in ends)}
 
 
 def _parameters(one: Candidate, widths: dict[str, float]) -> dict[str, records.EffectParameter]:
@@ -114,7 +129,8 @@ def _candidates(selection: Selection) -> list[CandidateEntry]:
         elif one is first.best or not accepted and one in first.rivals:
             rejected = "explains a part of the gap, but leaves too much to be its cause"
         elif rejected is None and one not in first.rivals:
-            rejected = f"{first.best.name} explains more of the gap"
+            more = "more of the gap" if first.best.shrink >= one.shrink else "as much of the gap in a simpler way"
+            rejected = f"{first.best.name} explains {more}"
         result[one.name] = CandidateEntry(
             name=one.name, stage=one.candidate.effect.stage, shrink=one.shrink, shrink_ci95=one.shrink_ci,
             refitted_shrink=one.refitted_shrink,
@@ -146,10 +162,10 @@ def _gap(selection: Selection, noise_um: float) -> GapFigures:
     stroke = max(float(np.ptp(run.displacement_um)) for run in selection.given.recordings)
     return GapFigures(rms_um=before, percent_of_stroke=100 * before / stroke, noise_floor_um=noise_um,
                       explained_um=float(np.sqrt(max(before**2 - after**2, 0.0))), remaining_um=after,
-                      whole_um=_whole(selection))
+                      whole_um=whole(selection))
 
 
-def _whole(selection: Selection) -> BeforeAfter | None:
+def whole(selection: Selection) -> BeforeAfter | None:
     """rms of what the displacement misses in all, without and with the effects, where the gap is a change only."""
     state = selection.accepted
     if not state.earlier:

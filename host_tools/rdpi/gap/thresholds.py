@@ -44,6 +44,7 @@ CANCELS = 1.5  # [of the squares] of the gap, that one of a pair leaves alone: t
 UNEXPLAINED = 0.75  # [passport] left, times the share of the excess not explained, from which the gap is unknown; rigs
 LEFT_EVERYWHERE = 1.7  # [passport] left in an octave, mean of all, from which the gap is unknown; rigs
 LEFT_SHARE = 0.2  # [of the excess] ... if as much is not explained; rigs
+FITS_TODAY = 0.2  # [change] rms that a model misses in all: it fits today, and a change is of what was earlier; judged
 NOISE_GRID = 1.5  # [step] times the passport's grid of readings, from which a coarser one is new; tune
 STILL_THERE = 0.5  # [of the energy] of a disturbance in the earlier recordings, from which it is not new; tune
 OWN_MOTION = 2.0  # [amplitude] of a line, from which a recording moves at its frequency itself; judged

@@ -85,7 +85,19 @@ def _check_once(marks: Sequence[object], runs: Sequence[Recording], why: str = "
     """Raise BadInput if a mark is there twice."""
     for run, mark in zip(runs, marks):
         if marks.count(mark) > 1:
-            raise BadInput(f"{run.path}: given twice (the same bytes); a run counts once{why}")
+            raise BadInput(f"{run.path}: given twice; a run counts once{why}")
+
+
+def same_samples(runs: Sequence[Recording]) -> list[str]:
+    """A remark for each recording whose command and displacement another one has already shown."""
+    seen: dict[bytes, str] = {}
+    found = []
+    for run in runs:
+        samples = run.command_V.tobytes() + run.displacement_um.tobytes()
+        if samples in seen:
+            found.append(f"{run.path} holds the same samples as {seen[samples]}: it shows nothing more")
+        seen.setdefault(samples, run.path)
+    return found
 
 
 def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
@@ -151,10 +163,14 @@ def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list
 
     Raises BadInput for a run that has none, or one that lacks what effects follow.
     """
-    _check_once([hash(run.command_V.tobytes() + run.displacement_um.tobytes()) for run in (*runs, *earlier)],
-                [*runs, *earlier])
     found = []
     for run in runs:
+        for one in earlier:
+            both = min(len(run), len(one))
+            if all(np.array_equal(run.columns[name][:both], one.columns[name][:both])
+                   for name in ("command_V", "displacement_um")):
+                raise BadInput(f"{run.path}: holds the samples of {one.path}, which is to be earlier; give the later "
+                               "recording and the earlier one")
         alike = [one for one in earlier if abs(one.sample_time_s / run.sample_time_s - 1) < RATE_TOLERANCE]
         if not alike:
             raise BadInput(f"{run.path}: no earlier recording has its {run.sample_rate_hz:g} samples per second")
@@ -177,7 +193,8 @@ def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list
 def _apart(run: Recording, other: Recording) -> float:
     """Largest distance of two commands as far as both go, as a share of the range, and the share that one lacks."""
     both = min(len(run), len(other))
-    apart = float(np.max(np.abs(other.command_V[:both] - run.command_V[:both])) / np.ptp(run.command_V))
+    span_V = max(float(np.ptp(run.command_V)), LEAST_RANGE)
+    apart = float(np.max(np.abs(other.command_V[:both] - run.command_V[:both]))) / span_V
     return apart + 1 - both / len(run)
 
 

@@ -19,7 +19,8 @@ from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES,
 from ..simulate import chain, signals
 from . import around, localise, passport
 from . import thresholds as tuned
-from .checks import LARGEST_INPUT, check_run, check_together, correlation, stays_at_an_end
+from .checks import (LARGEST_INPUT, check_run, check_together, correlation, late_correlations, same_samples,
+                     stays_at_an_end)
 from .bands import RateSlopes, slopes_of_bands
 from .choice import Choice
 from .document import FitDocument
@@ -99,7 +100,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     for run in (*runs, *hold_out):
         check_run(run)
     check_together(runs, hold_out)
-    warnings: list[str] = []
+    warnings = same_samples([*runs, *hold_out])
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
     frame = Frame.of(runs, options, warnings)
 
@@ -162,7 +163,11 @@ class Frame:
         low_um = min(float(np.min(run.displacement_um)) for run in runs)
         high_um = max(float(np.max(run.displacement_um)) for run in runs)
         stroke = max(float(np.ptp(run.displacement_um)) for run in runs)
-        sign = 1.0 if correlation(max(runs, key=lambda run: np.ptp(run.command_V))) > 0 else -1.0
+        widest = max(runs, key=lambda run: np.ptp(run.command_V))
+        sign = 1.0 if correlation(widest) > 0 else -1.0
+        if sign < 0 and np.max(late_correlations(widest, widest.displacement_um)) > tuned.MIN_CORRELATION:
+            warnings.append(f"{widest.path}: the displacement moves opposite to the command, as one that is late by half "
+                            "a period does; if the actuator is not inverted, record a slower drive")
         widest_V = max(float(np.ptp(run.command_V)) for run in runs)
         gain = sign * stroke / widest_V
         return cls(gain, low_V if gain > 0 else high_V,  # x >= 0, as one-sided dead zones need it

@@ -10,6 +10,7 @@ from ..data import Recording, check_sizes
 from ..errors import BadInput
 
 COLUMNS = "time_s", "reference_um", "displacement_um"
+AROUND = 50  # samples by which a bad start may move the delay that fits best
 LONGEST = 0.1  # of a recording, looked for as a delay
 ALIKE, NOTHING = 1.02, 1e-6  # delays fit as well whose squares differ by less, relative or of the reference's square
 WORST = 1e6  # rms error in stroke: a percentage beyond is a mistake
@@ -57,16 +58,19 @@ def _delay(reference: np.ndarray, displacement: np.ndarray) -> tuple[float, floa
     near = np.flatnonzero(squares <= ALIKE * squares.min() + slack)  # a period later, say
     at = _lowest_from(int(near[np.argmin(np.abs(shifts[near]))]), squares)
     short = _lowest_from(most, squares)
-    if abs(shifts[short]) < abs(shifts[at]):  # on the same samples? A start that is bad may be left out
+    if abs(shifts[short]) < abs(shifts[at]):  # on the same samples: a start that is bad is left out
         first, last = max(shifts[at], shifts[short], 0), count + min(shifts[at], shifts[short], 0)
-        left = [np.var(displacement[first:last] - reference[first - shift:last - shift])
-                for shift in (shifts[short], shifts[at])]
-        at = short if left[0] <= ALIKE * left[1] + slack else at
+        around = np.arange(max(short - AROUND, 0), min(short + AROUND + 1, len(shifts)))
+        around = around[(first >= shifts[around]) & (last - shifts[around] <= count)]
+        same = [float(np.var(displacement[first:last] - reference[first - shift:last - shift]))
+                for shift in (*shifts[around], shifts[at])]
+        best = int(np.argmin(same[:-1]))  # a bad start moves the low, too
+        at = int(around[best]) if same[best] <= ALIKE * same[-1] + slack else at
     if not 0 < at < len(shifts) - 1:
         return float(shifts[at]), float(squares[at])
     left, middle, right = squares[at - 1:at + 2]
     bend = left - 2 * middle + right
-    step = 0.5 * (left - right) / bend if bend > 0 else 0.0
+    step = float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend > 0 else 0.0
     return float(shifts[at] + step), max(float(middle - 0.25 * (left - right) * step), 0.0)
 
 

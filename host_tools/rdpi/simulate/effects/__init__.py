@@ -212,6 +212,10 @@ def _acting(entry: Any, where: str) -> Acting:
             if "value" not in value:
                 raise BadInput(f'{where}: {parameter.name} has no value; give it as "value", '
                                "or the number in place of the object")
+            unit = value.get("unit", known := kind(stage, **options).unit(parameter))
+            if unit != known:
+                raise BadInput(f"{where}: {parameter.name} is in {_text(unit)}; give it in {known}, the unit of every "
+                               "model file")
             value = value["value"]
         if value is None:
             value = parameter.absent
