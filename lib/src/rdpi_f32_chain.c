@@ -272,10 +272,10 @@ static rdpi_real_t step_behind_lead(rdpi_f32_chain_t *self, rdpi_real_t z_um)
     return operate(self, z_um, has_lag(self));
 }
 
-/* The lead has reached its limit in this step. */
+/* A lead has reached its limit in this step. A sample counts once, whatever clipped it. */
 static void flag_lead(rdpi_f32_t *axis)
 {
-    bool counted = (axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) != 0u;
+    bool counted = (axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW | RDPI_FLAG_LEAD)) != 0u;
     axis->flags |= RDPI_FLAG_LEAD;
     if (!counted && axis->clip_count < UINT32_MAX) {
         axis->clip_count++;

@@ -133,10 +133,10 @@ void rdpi_q31_chain_swept(rdpi_q31_chain_t *self, uint32_t ticks)
     }
 }
 
-/* The lead was limited. A sample counts once, whatever clipped it. */
+/* A lead was limited. A sample counts once, whatever clipped it. */
 static void report_lead(rdpi_q31_t *axis)
 {
-    if ((axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) == 0u && axis->clip_count < UINT32_MAX) {
+    if ((axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW | RDPI_FLAG_LEAD)) == 0u && axis->clip_count < UINT32_MAX) {
         axis->clip_count++;
     }
     axis->flags |= RDPI_FLAG_LEAD;

@@ -11,6 +11,7 @@ static void fit_numbers(rdpi_q31_chain_params_t *params, rdpi_q31_pole_t *pole, 
     int32_t share = poles > 0u ? RDPI_Q31_ONE / (int32_t)poles : 0;
     params->lead_ns2 %= RDPI_Q31_MAX_LEAD_NS2 + 1u;
     params->lead_ns %= RDPI_Q31_MAX_LEAD_NS + 1u;
+    params->lag_ns %= RDPI_Q31_MAX_LEAD_NS + 1u;
     params->delay_ns %= RDPI_Q31_MAX_LEAD_NS + 1u;
     params->max_lead = params->max_lead == INT32_MIN ? 1 : abs(params->max_lead) | 1;
     params->preview %= 2u;
@@ -31,7 +32,7 @@ static void check_chain(const rdpi_q31_chain_t *self, const axis_t *before)
     check_state(&after);
     if (led) {
         bool clipped = (after.flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) != 0u;
-        CHECK(self->leads && (after.flags & RDPI_FLAG_INPUT) == 0u);
+        CHECK((self->leads || self->params->lag_ns > 0u) && (after.flags & RDPI_FLAG_INPUT) == 0u);
         after.clip_count -= clipped ? 0u : 1u;
     }
     check_counts(before, &after);

@@ -37,13 +37,14 @@ static void chain_step(rdpi_f32_chain_t *self, number_t reference)
     }
 }
 
-/* Nothing rings on: without creep, a reference at rest reaches the operator as it is after three samples. */
+/* Nothing rings on: without creep and lag, a reference at rest reaches the operator as it is after three samples. (Behind
+ * lag^-1 the drive goes on while the operator's does: its rate may be filtered.) */
 static void chain_rest(rdpi_f32_chain_t *self, number_t reference)
 {
     for (int k = 0; k < 3; k++) {
         chain_step(self, reference);
     }
-    if (self->params->poles == 0 && usable_reference(reference)) {
+    if (self->params->poles == 0 && self->params->lag_s <= 0 && usable_reference(reference)) {
         rdpi_f32_t axis = self->axis;
         CHECK(rdpi_f32_chain_step(self, reference) == rdpi_f32_step(&axis, reference));
         CHECK(self->axis.flags == axis.flags);
@@ -114,6 +115,7 @@ static void any_chain(const rdpi_f32_params_t *axis, number_t sample_time_s, dou
     params.poles = take_u8() % (RDPI_MAX_POLES + 2);
     params.preview = how % 4 == 0 ? take_u16() : how % 2;
     params.delay_s = take_any();
+    params.lag_s = take_any();
     params.lead_s = take_any();
     params.lead_s2 = take_any();
     params.max_lead_um = take_any();
@@ -140,6 +142,7 @@ static void valid_chain(const rdpi_f32_params_t *axis, number_t sample_time_s, d
     params.poles = how & 1 ? take_u8() % (RDPI_MAX_POLES + 1) : 0;
     params.preview = how >> 1 & 1;
     params.delay_s = (number_t)(how & 4 ? T * pow(10, take_between(-2, 6)) : 0);
+    params.lag_s = (number_t)(how & 32 ? T * pow(10, take_between(-2, 6)) : 0);
     params.lead_s = (number_t)(how & 8 ? T * pow(10, take_between(-2, 6)) : 0);
     params.lead_s2 = (number_t)(how & 16 ? T * T * pow(10, take_between(-2, 6)) : 0);
     params.max_lead_um = (number_t)pow(10, take_between(-6, 7));

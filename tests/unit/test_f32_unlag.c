@@ -18,12 +18,17 @@ static void with_codes(uint8_t bits, bool shaping)
     given.params.noise_shaping = shaping;
 }
 
-static void start_with_lag(int preview)
+static void start_with(uint32_t preview_samples)
 {
     params.lag_s = LAG * T_S;
-    params.preview = (uint16_t)preview;
     start();
-    TEST_ASSERT_EQUAL_UINT32(preview, chain.preview_samples);
+    TEST_ASSERT_EQUAL_UINT32(preview_samples, chain.preview_samples);
+}
+
+static void start_with_lag(int preview)
+{
+    params.preview = (uint16_t)preview;
+    start_with((uint32_t)preview);
 }
 
 /* What an amplifier with this lag makes of a drive that is held for each sample. */
@@ -251,9 +256,23 @@ void test_resonances_and_creep_stand_ahead_of_it(void)
         (void)step(0);
         (void)step(16);
         TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_LEAD, chain.axis.flags);
+        TEST_ASSERT_EQUAL_UINT32(1, chain.axis.clip_count);
         EQUAL(1 + LAG * 2, step(16)); /* the limited lead makes 1, 17 and 16 of it */
         EQUAL(17, step(16));
     }
+}
+
+void test_a_sample_that_both_leads_limit_counts_once(void)
+{
+    params.lead_s = T_S;
+    params.max_lead_um = 1;
+    start_with(2);
+    (void)step(0);
+    (void)step(20);
+    (void)step(40);
+    (void)step(60);
+    TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_LEAD, chain.axis.flags);
+    TEST_ASSERT_EQUAL_UINT32(3, chain.axis.clip_count);
 }
 
 void test_creep_alone_stands_ahead_of_it(void)

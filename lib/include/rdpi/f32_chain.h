@@ -75,7 +75,7 @@ typedef struct {
     rdpi_real_t before_V;   /**< how much it differed from the one before */
     rdpi_real_t followed_V; /**< the operator's own drive, which the plays have followed */
     rdpi_real_t carried_V;  /**< noise shaping: what the codes so far have missed */
-    rdpi_real_t codes_per_V;
+    rdpi_real_t codes_per_V; /**< DAC codes in a V; 0 without codes */
     rdpi_real_t max_step_V; /**< of the slew limit; 0: unlimited */
     uint32_t dac_code;      /**< code of followed_V */
     uint8_t way;            /**< in place of rdpi_f32_chain_t.way, which leads here */
