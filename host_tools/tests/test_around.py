@@ -13,13 +13,15 @@ from plants import changed, stack
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.identify import Options, fit, rate_slopes, summary
+from rdpi.identify import Options, choice, fit, rate_slopes, summary
 from rdpi.identify import thresholds as tuned
 from rdpi.identify.around import lines
-from rdpi.identify.hypothesis import Setting
+from rdpi.identify.hypothesis import Hypothesis, Setting
 from rdpi.identify.identify import Fit
+from rdpi.identify.joint import Linearised
 from rdpi.model import Model
 from rdpi.simulate import ALL, chain, inverse_of
+from rdpi.simulate.effects import Acting
 
 # Smaller than a sample of 1 ms, one sample, and several.
 PUT: dict[str, dict[str, float]] = {
@@ -69,6 +71,19 @@ def test_finds_what_hides_behind_strong_ringing() -> None:
     assert [one.acting.effect.name for one in found.choice.kept] == list(behind)
     for one in found.choice.kept:
         assert dict(one.acting.values) == pytest.approx(behind[one.acting.effect.name], rel=0.15)
+
+
+def test_a_resonance_that_rings_out_of_step_is_found_again_behind_what_is_late() -> None:
+    """From a frequency a little off, no step leads to both; from the delay one does."""
+    behind = {"delay": {"delay_s": 0.0045}, "resonance": {"f0_hz": 40.0, "damping": 0.012}}
+    found = fit(recorded(plain_model(), drives(COMMISSIONING), *(entry(name, **behind[name]) for name in behind))).choice
+    delay, resonance = (one.acting.effect for one in found.kept)
+    wrong = Hypothesis((Acting(resonance, {"f0_hz": 39.0, "damping": 0.007}),))
+    state = Linearised(found.plain.state.setting, wrong, found.plain.state.found)
+    again = choice._late_first(found.plain, choice.Judged(state, state.held_out()), [delay, resonance], False)
+    assert [one.effect.name for one in again.hypothesis.acting] == list(behind)
+    for one in again.hypothesis.acting:
+        assert dict(one.values) == pytest.approx(behind[one.effect.name], rel=0.1)
 
 
 def test_where_blocks_are_left_out_no_effect_moves_further_than_its_derivatives_hold(

@@ -6,7 +6,8 @@ one-standard-error rule, Breiman et al. 1984; two errors where the actuator woul
 matter. Of hypotheses that nothing tells apart the one with the fewest parameters is taken.
 
 The search goes forward from the plain operator, then backward. It goes backward once more from all effects together,
-because two of them may hide a third: a resonance is found where it is only if delay and lag are there.
+because two of them may hide a third: a resonance is found where it is only if delay and lag are there. Where there is a
+resonance, it also goes forward from each of these two.
 """
 
 from __future__ import annotations
@@ -110,6 +111,7 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     """The best hypothesis of these effects and, if wanted, a rate law; `candidates` start with the simplest."""
     plain = judged(setting, Hypothesis(), unknowns)
     now = _pruned(_grown(plain, candidates, rate_law, lambda share: progress(0.5 * share)), rate_law)
+    now = _late_first(plain, now, candidates, rate_law)
     progress(0.6)
     full = _full(now, candidates)
     if full.beats(now):
@@ -212,6 +214,26 @@ def _grown(now: Judged, candidates: Sequence[Effect], rate_law: bool, progress: 
     while (better := _joined(now, candidates, rate_law)) is not None:
         now, rounds = better, rounds + 1
         progress(rounds / (1 + len(candidates)))
+    return now
+
+
+def _late_first(plain: Judged, now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged:
+    """What grows from an effect that is late by a time, where a resonance was found: if that leaves less.
+
+    A resonance that is found first rings out of step by what comes late. It then has a frequency a little off, from which
+    no step leads to both.
+    """
+    rings = [one.effect for one in now.hypothesis.acting if one.effect.rings]
+    if not rings:
+        return now
+    both = []
+    for _, late in _to_first_order(plain.state, [one for one in candidates if one.comes_late]).values():
+        state = judged(plain.state.setting, late, plain.state.found).state
+        both += [judged(state.setting, one, state.found) for _, one in _to_first_order(state, rings).values()]
+    for other in [one for one in both if one.left < tuned.OUT_OF_STEP * now.left]:
+        other = _pruned(_grown(other, candidates, rate_law), rate_law)
+        if other.beats(now) or other.left < now.left and other.hypothesis.size <= now.hypothesis.size:
+            now = other
     return now
 
 

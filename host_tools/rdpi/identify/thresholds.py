@@ -37,6 +37,7 @@ CHAIN_LAW = 0.1  # [1] of the rate law's prior, beside effects: what holds the l
 FIRST_GAIN = 0.25, 2.0  # [of the squares, errors] the first that comes late, or a rate law; rigs
 FURTHER_GAIN = 0.05, 1.0  # [of the squares, errors] beside one that comes late, and effects of other kinds; rigs
 REACH = 0.5  # [of what an effect does] by which it moves at most where blocks are left out; judged
+OUT_OF_STEP = 2.0  # [squares] of the best, that a resonance behind what is late leaves, from which more may grow; rigs
 CHAIN_EXCHANGE = 0.95  # [squares] held out, that an effect in the place of another leaves at most; judged
 CHAIN_LEAST = 3e-4  # [stroke] rms that it must take away; judged
 CHAIN_WIDEN = 2.4  # [width] by which intervals of its parameters are widened; rigs

@@ -88,6 +88,7 @@ class Effect:
     least_gain: ClassVar[float] = 0.0  # share of the squares that it must take away, where it makes up for other misfit
     comes_late: ClassVar[bool] = False  # the displacement comes late by it, as it does by others of its kind
     late_by: ClassVar[str | None] = None  # the parameter that is the time by which slow movements come late
+    rings: ClassVar[bool] = False  # at a frequency of its own
     disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
     starts_memory: ClassVar[bool] = False  # acts by where the plays start, and by nothing else
     moves_zero: ClassVar[bool] = False  # the zero is estimated along with it

@@ -30,6 +30,7 @@ class Resonance(Effect):
     title = "mechanical resonance"
     what = "the moved mass rings on the actuator's stiffness"
     remedy = "stay below a third of f0 or shape the reference; stiffen or lighten the mechanics"
+    rings = True
     needs = "steps, chirps or multisines that reach its frequency"
     article = "a"
     stages = ("mechanics",)
