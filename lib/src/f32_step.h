@@ -9,7 +9,10 @@
  * it. */
 rdpi_real_t rdpi_f32_step_asking(rdpi_f32_t *self, rdpi_real_t reference_um);
 #else
-#define rdpi_f32_step_asking rdpi_f32_step /* the long way always keeps it */
+static inline rdpi_real_t rdpi_f32_step_asking(rdpi_f32_t *self, rdpi_real_t reference_um)
+{
+    return rdpi_f32_step(self, reference_um); /* the long way always keeps it */
+}
 #endif
 
 #endif
