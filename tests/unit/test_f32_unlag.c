@@ -161,6 +161,18 @@ void test_what_is_output_is_a_code_and_slow_motion_has_its_lead(void)
     }
 }
 
+void test_codes_of_a_drive_at_rest_are_right_in_the_mean_with_noise_shaping(void)
+{
+    with_codes(10, RDPI_NOISE_SHAPING != 0);
+    start_with_lag(1);
+    double sum_V = 0;
+    for (int k = 0; k < 1002; k++) {
+        double drive_V = step(0.03); /* a quarter of a code */
+        sum_V += k > 1 ? drive_V - 0.03 : 0;
+    }
+    WITHIN(RDPI_NOISE_SHAPING ? 0.001 : 0.0626, 0, sum_V / 1000);
+}
+
 void test_a_sweep_is_output_as_it_is(void)
 {
     rdpi_f32_t alone;

@@ -146,6 +146,20 @@ void test_what_is_output_is_a_code_and_slow_motion_has_its_lead(void)
     }
 }
 
+void test_codes_of_a_drive_at_rest_are_right_in_the_mean_with_noise_shaping(void)
+{
+    actuator_q31_codes(&actuator, 10, false);
+    actuator.params.noise_shaping = RDPI_NOISE_SHAPING;
+    start_with_lag(1);
+    const int32_t code = MAX / 1023 * 2, wish = code / 4;
+    double sum = 0;
+    for (int k = 0; k < 1002; k++) {
+        ahead(wish);
+        sum += k > 1 ? chain.axis.drive - (double)wish : 0;
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(code * (RDPI_NOISE_SHAPING ? 0.01 : 0.51), 0, sum / 1000);
+}
+
 void test_nothing_is_carried_over_a_clip(void)
 {
     actuator_q31_codes(&actuator, 8, false);
