@@ -5,14 +5,9 @@
 #include "f32_math.h"
 
 #if RDPI_QUICK_STEP
-/* As rdpi_f32_step, and keeps ramp_V, the drive before it is rounded to a code. A function of its own, because the quick way of rdpi_f32_step must not pay for
- * it. */
+/* As rdpi_f32_step, and keeps ramp_V, the drive before it is rounded to a code. A function of its own, because the quick
+ * way of rdpi_f32_step must not pay for it. */
 rdpi_real_t rdpi_f32_step_asking(rdpi_f32_t *self, rdpi_real_t reference_um);
-#else
-static inline rdpi_real_t rdpi_f32_step_asking(rdpi_f32_t *self, rdpi_real_t reference_um)
-{
-    return rdpi_f32_step(self, reference_um); /* the long way always keeps it */
-}
 #endif
 
 #endif

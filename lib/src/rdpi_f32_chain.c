@@ -219,7 +219,14 @@ static bool is_usable(rdpi_real_t reference_um)
 /* The operator. `lags`, which the compiler knows here and below: lag^-1 comes behind it. */
 static RDPI_F32_HOT rdpi_real_t operate(rdpi_f32_chain_t *self, rdpi_real_t h_um, const bool lags)
 {
-    return lags ? rdpi_f32_step_asking(&self->axis, h_um) : rdpi_f32_step(&self->axis, h_um);
+#if RDPI_QUICK_STEP
+    if (lags) {
+        return rdpi_f32_step_asking(&self->axis, h_um);
+    }
+#else
+    (void)lags; /* the long way always keeps what was asked for */
+#endif
+    return rdpi_f32_step(&self->axis, h_um);
 }
 
 /* Creep^-1 and the operator, for what the lead has made of a reference. The states move only now to the sample before:
