@@ -411,8 +411,8 @@ def _remark(plant: Plant, scores: Sequence[RunScore], warnings: list[str]) -> No
     for run in scores:
         path, stays = run.recording.path, stays_at_an_end(run.recording)
         if run.memory == "estimated":
-            warnings.append(f"{path}: the memory at the start is unknown; it was estimated" + (
-                "" if run.held_out else "; the fit uses this run only after the drive has erased that memory; record "
+            warnings.append(f"{path}: the memory at the start is unknown; the prediction starts from an estimate" + (
+                "" if run.held_out else ", and the fit leaves out what comes before the drive has erased it; record "
                 "right after a decaying sweep, and write # memory: reset above the columns, or cut the sweep off with "
                 "`rdpi import --drive`"))
         if stays:

@@ -86,7 +86,7 @@ def earlier(model: Model, runs: Sequence[Recording]) -> tuple[list[Recording], l
             raise BadInput(f"{', '.join(same)}: was kept itself")
         used = same_drives(runs, found)
     except BadInput as error:
-        return [], [*notes, f"the recordings that were kept with the model are not used: {error}"]
+        return [], [*notes, f"the recordings that were kept with the model are not used: {str(error).partition('; ')[0]}"]
     names = list(dict.fromkeys(run.path for run in used))
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return used, [f"as with --earlier, compared with recordings that were kept with the model: "
