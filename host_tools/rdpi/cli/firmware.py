@@ -220,7 +220,7 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
      4  the drive was clipped by its slew limit
      8  the reference was not usable; the drive was held
     16  first sample after one or more that were not usable
-    32  the lead would have added more to the reference than its limit
+    32  a lead was limited: what it adds to the reference, or, for a lag, to the drive
 
     If REFERENCE.csv has a column command_V, DRIVE.csv keeps it as recorded_V, and the command compares the computed
     drive with it.

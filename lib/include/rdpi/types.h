@@ -118,8 +118,8 @@ enum {
     RDPI_FLAG_INPUT = 8u,  /**< the input was not usable: the last drive was held and no state changed */
     RDPI_FLAG_MISSED = 16u, /**< samples were missed or refused before this one. Its rate counts their time, for up to
                                  RDPI_MAX_MISSED samples */
-    RDPI_FLAG_LEAD = 32u /**< of a chain: the lead would have added more than max_lead, and was clipped to it; counted in
-                              clip_count */
+    RDPI_FLAG_LEAD = 32u /**< of a chain: the lead would have added more than max_lead, or lag^-1 more than range and slew
+                              allow, and was clipped; counted in clip_count */
 };
 
 /** A status as a short English sentence, never NULL. Callable from any context. */
