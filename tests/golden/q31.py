@@ -311,7 +311,7 @@ def replay(lib: ctypes.CDLL, actuator: Actuator) -> list[tuple[int, ...]]:
     """Rows missed, reference, drive, rate, dac_code, flags."""
     arrays = {name: (ctypes.c_int32 * len(actuator.flat(name)))(*actuator.flat(name)) for name in ARRAYS}
     pointers = {name: ctypes.cast(array, ctypes.POINTER(ctypes.c_int32)) for name, array in arrays.items()}
-    params, axis = Params(schema=6, digest=actuator.digest(), **actuator.numbers, **pointers), Axis()
+    params, axis = Params(schema=7, digest=actuator.digest(), **actuator.numbers, **pointers), Axis()
     status = lib.init(ctypes.byref(axis), ctypes.byref(params), ctypes.c_uint32(actuator.sample_time_ns))
     if status != 0:
         sys.exit(f"{actuator.name}: rdpi_q31_init returns {status}")

@@ -213,7 +213,7 @@ def _acting(entry: Any, where: str) -> Acting:
                 raise BadInput(f'{where}: {parameter.name} has no value; give it as "value", '
                                "or the number in place of the object")
             unit = value.get("unit", known := kind(stage, **options).unit(parameter))
-            if unit != known:
+            if unit not in (known, parameter.unit):
                 raise BadInput(f"{where}: {parameter.name} is in {_text(unit)}; give it in {known}, the unit of every "
                                "model file")
             value = value["value"]
