@@ -603,8 +603,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_effects_go_through_the_file(folder: Path) -> None:
     units = {(name, stage, one.name): effects.CATALOGUE[name](stage).unit(one) for name, stage in PLACES
              for one in effects.CATALOGUE[name].parameters}
-    entries = [{**entry(name, stage, **{key: {"value": value, "ci95": None, "unit": units[name, stage, key]} if value else value
-                                        for key, value in SIZES[name].items()}), "note": "kept"}
+    entries = [{**entry(name, stage, **{
+        key: {"value": value, "ci95": None, "unit": units[name, stage, key]} if value else value
+        for key, value in SIZES[name].items()}), "note": "kept"}
                for name, stage in PLACES]
     model = replace(bent(), effects=entries)
     write_model("model.json", model)
