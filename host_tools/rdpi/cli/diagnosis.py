@@ -140,8 +140,8 @@ def gap(model: str, runs: tuple[str, ...], output: str | None, report: str | Non
     if output is not None:
         added = [one.name if one.was is None else f"{one.name} changed" for one in document.effects]
         undecided = ", one of those that explain the gap" if document.verdict == "ambiguous" else ""
-        kept_as_it_is = not added or found.improved.effects == parameters.effects
-        click.echo(f"{output}: the model " + ("unchanged" if kept_as_it_is else f"with {', '.join(added)}{undecided}"))
+        changed = found.improved.effects != parameters.effects
+        click.echo(f"{output}: the model " + (f"with {', '.join(added)}{undecided}" if changed else "unchanged"))
     for line in missed:
         click.echo(f"rdpi: {line}", err=True)
     return document.to_json()

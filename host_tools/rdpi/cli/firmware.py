@@ -257,7 +257,7 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
                    f"the reference spans {found.asked_um[0]:.5g} to {found.asked_um[1]:.5g} um")
     for note in scoring.doubts(parameters, inverse, run, sweep):
         click.echo(f"note: {note}")
-    if not sweep and recorded == ():
+    if not sweep and recorded == () and scoring.estimated_start(parameters) is None:
         click.echo("the drive follows on the start-up sweep: where no firmware plays it, play `rdpi excite startup` first")
     drive_V = found.steps.drive_V
     flagged = ", ".join(f"{found.flag_counts[name]} {name}" for name in ("guard", "range", "slew", "input")

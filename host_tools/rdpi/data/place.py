@@ -51,9 +51,8 @@ def place(heard_V: np.ndarray, at: np.ndarray, drive_V: np.ndarray, needed: int,
     """The place of a drive in the samples `heard_V`, which are supposed to lie at its indices `at`.
 
     The doubt is that from index `needed` of the drive on, as long as it moves: in a hold at its end a wrong place shifts
-    nothing. `averaged` is the recording's sample time in samples of the
-    drive: a scope may give means over it. The recording's clock counts `step_s` for a sample of the drive. Hum is taken
-    off where it moves the place.
+    nothing. `averaged` is the recording's sample time in samples of the drive: a scope may give means over it. The
+    recording's clock counts `step_s` for a sample of the drive. Hum is taken off where it moves the place.
     """
     for _ in range(HUMS):
         found = _placed(heard_V, at, drive_V, needed, averaged)

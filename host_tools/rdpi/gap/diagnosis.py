@@ -108,11 +108,11 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
             return decision, offset, None
         improved = replace(state.model, effects=promise.entries(selection),
                            offset_um=state.model.offset_um + offset.added)
+        tracked, said = None, []
         try:
             tracked = promise.tracking(selection, improved, known, decision.coords, references)
-            said = promise.out_of_reach(improved, references)
         except BadInput as error:
-            tracked, said = None, [f"no promise for tracking: {error}"]
+            said = [f"no promise for tracking: {error}"]
         ci90 = document.promised(selection, document.equations_of(state)).ci90
         if ci90 is not None and ci90[0] < 0:
             why = "recordings that were left out may as well be predicted worse"
@@ -122,6 +122,8 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
         elif tracked is not None and tracked.shrink < -thresholds.TRACKED_WORSE:
             why = f"the inverse of the model with it is to track worse by {100 * -tracked.shrink:.0f} %"
         else:
+            if tracked is not None:
+                said = promise.out_of_reach(improved, references)
             return replace(decision, notes=[*decision.notes, *said]), offset, tracked
         name, left = state.chosen[-1].effect.name, selection.rejecting_last()
         decision = replace(decision, selection=left, verdict=decision.verdict if left.accepted.chosen else "unknown",

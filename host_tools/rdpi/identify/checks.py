@@ -90,14 +90,19 @@ def _check_once(marks: Sequence[object], runs: Sequence[Recording], why: str = "
 
 def same_samples(runs: Sequence[Recording]) -> list[str]:
     """A remark for each recording whose command and displacement another one has already shown."""
-    seen: dict[bytes, str] = {}
+    seen: dict[int, str] = {}
     found = []
     for run in runs:
-        samples = run.command_V.tobytes() + run.displacement_um.tobytes()
-        if samples in seen:
-            found.append(f"{run.path} holds the same samples as {seen[samples]}: it shows nothing more")
-        seen.setdefault(samples, run.path)
+        mark = _mark(run)
+        if mark in seen:
+            found.append(f"{run.path} holds the same samples as {seen[mark]}: it shows nothing more")
+        seen.setdefault(mark, run.path)
     return found
+
+
+def _mark(run: Recording) -> int:
+    """The same for recordings of the same command and displacement."""
+    return hash(run.command_V.tobytes() + run.displacement_um.tobytes())
 
 
 def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
@@ -106,7 +111,7 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     widest = max(runs, key=lambda run: float(np.ptp(run.command_V)))
     for run in runs:
         check_run(run, related=run is widest)  # what shakes the actuator may drown its small movements
-    _check_once([hash(run.command_V.tobytes() + run.displacement_um.tobytes()) for run in runs], runs)
+    _check_once([_mark(run) for run in runs], runs)
     usual = abs(model.gain_um_per_V) * float(model.slopes[-1])
     for run in runs:
         together = correlation(run)

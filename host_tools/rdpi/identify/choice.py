@@ -77,6 +77,10 @@ class Judged:
         least = max((one.effect.least_gain for one in beside), default=0.0)
         return bool(np.all(certain & matters) and np.sum(gained) > least * np.sum(before))
 
+    def is_better(self, other: Judged) -> bool:
+        """Whether it beats the other, or leaves less with no more parameters."""
+        return self.beats(other) or self.left < other.left and self.hypothesis.size <= other.hypothesis.size
+
 
 @dataclass(frozen=True, eq=False)
 class Kept:
@@ -116,7 +120,7 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     full = _full(now, candidates)
     if full.beats(now):
         full = _pruned(full, rate_law)
-        now = full if full.beats(now) or now.hypothesis.size >= full.hypothesis.size and full.left < now.left else now
+        now = full if full.is_better(now) else now
     progress(0.8)
     now, compared = _exchanged(now, candidates)
     for _ in candidates:  # what was exchanged may show more
@@ -232,8 +236,7 @@ def _late_first(plain: Judged, now: Judged, candidates: Sequence[Effect], rate_l
         both += [judged(state.setting, one, state.found) for _, one in _to_first_order(state, rings).values()]
     for other in [one for one in both if one.left < tuned.OUT_OF_STEP * now.left]:
         other = _pruned(_grown(other, candidates, rate_law), rate_law)
-        if other.beats(now) or other.left < now.left and other.hypothesis.size <= now.hypothesis.size:
-            now = other
+        now = other if other.is_better(now) else now
     return now
 
 

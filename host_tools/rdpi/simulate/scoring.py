@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from ..data import Recording
 from ..model import Model
@@ -20,15 +21,20 @@ def lacking(model: Model, run: Recording) -> list[str]:
             for one in effects.acting(model) if one.effect.column and one.effect.column not in run.columns]
 
 
+def estimated_start(model: Model) -> dict[str, Any] | None:
+    """The first recording of the model, if its memory was only estimated: the model begins there."""
+    fitted = model.fit.get("runs")
+    first = fitted[0] if isinstance(fitted, list) and fitted else None
+    return first if isinstance(first, dict) and first.get("memory") == "estimated" else None
+
+
 def doubts(model: Model, inverse: Inverse, run: Recording, swept: bool) -> list[str]:
     """Why the drive for a reference may not take the actuator there: a memory that was only estimated, where no
     start-up sweep comes first; a lead that looks beyond the reference's end; columns that the reference lacks.
     """
     found = [f"{run.path}: has no column {one.column}, so nothing is subtracted for it" for one in inverse.addends
              if one.column not in run.columns]
-    fitted = model.fit.get("runs")
-    first = fitted[0] if isinstance(fitted, list) and fitted else None
-    if not swept and isinstance(first, dict) and first.get("memory") == "estimated":
+    if not swept and (first := estimated_start(model)) is not None:
         found.append(f"the drive begins where the first recording of the model began, {first.get('file')}, whose "
                      "memory was estimated; for an actuator behind its start-up sweep give --sweep")
     if (ahead := inverse.chain.preview_samples(run.sample_time_s)) >= len(run):
