@@ -20,7 +20,9 @@ from plants import changed, marked, recording
 from rdpi.data import Recording, excite, sample_times
 from rdpi.errors import BadInput
 from rdpi.identify import Options, fit
-from rdpi.gap import Diagnosis, diagnose
+from rdpi.gap import Diagnosis, diagnose, experiment, thresholds
+from rdpi.gap.augmented import AugmentedModel
+from rdpi.gap.selection import Selection
 from rdpi.model import Memory, Model
 from rdpi.simulate import chain, effects
 from rdpi.simulate.effects import CATALOGUE, STAGES
@@ -472,6 +474,43 @@ def test_recordings_that_cannot_tell_and_the_one_that_can() -> None:
     assert both.document.verdict == "effect" and name_of(both) == "delay"
 
 
+def proposed_drive(command: str) -> Recording:
+    """Without its sweep, as it is recorded."""
+    _, _, kind, *words = command.split()
+    given = dict(zip(words[::2], words[1::2]))
+    options = {name: given[f"--{word}"] for name, word in excite.OPTION_NAMES.items() if f"--{word}" in given}
+    columns, metadata = excite.make_drive(kind, excite.Limits(float(given["--min-V"]), float(given["--max-V"]), sample_rate_hz=RATE_HZ), **{
+        name: int(value) if name in ("levels", "cycles") else float(value) for name, value in options.items()})
+    swept = columns["time_s"] >= float(metadata.get("sweep_s", 0.0))
+    return recording(columns["command_V"][swept], None, RATE_HZ, f"{kind}.csv")
+
+
+def test_no_recording_is_proposed_that_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the end nothing is left to propose, whether the gap has a name or not."""
+    monkeypatch.setattr(thresholds, "RIVAL_MARGIN", 1e9)  # nothing is ever told apart
+    monkeypatch.setattr(experiment, "CANNED", (("startup", {}), ("chirp", {"duration_s": 5.0})))
+    delayed, runs, kinds = entry("delay", delay_s=0.003), sines(entry("delay", delay_s=0.003)), []
+    while (proposed := diagnose(commissioned(), runs).document.next_experiment) is not None:
+        drive = proposed_drive(proposed.command)
+        kinds.append(drive.path)
+        runs += recorded(plain_model(), [marked(drive, memory="unknown")], delayed)
+        assert len(kinds) < 3
+    assert sorted(kinds) == ["chirp.csv", "startup.csv"]
+
+
+def test_what_is_proposed_where_nothing_has_a_name() -> None:
+    """One drive after the other; of any clock, with its sweep or without."""
+    found = diagnose(commissioned(), later())
+    state, kinds = AugmentedModel.given(commissioned(), found.runs, []), []
+    while (proposed := experiment.propose(Selection(state, state, state, (), frozenset(), (state,)), "unknown")) is not None:
+        drive = proposed_drive(proposed.command)
+        kinds.append(drive.path)
+        slower = marked(recording(np.interp(np.arange(0, drive.time_s[-1], 1.1 / RATE_HZ), drive.time_s, drive.command_V),
+                                  None, RATE_HZ / 1.1, drive.path), memory="unknown")
+        state = AugmentedModel.given(commissioned(), [*state.recordings, *recorded(plain_model(), [slower])], [])
+    assert kinds == ["steps.csv", "chirp.csv", "minor-loops.csv"]
+
+
 def test_one_recording_gives_no_interval_and_says_so() -> None:
     document = diagnosed("one recording").document
     assert document.effects[0].name == "delay" and document.effects[0].shrink_ci95 is None
@@ -688,12 +727,31 @@ def test_a_mended_model_has_no_change_left() -> None:
     assert again.verdict == "none" and not any("also acted in the earlier" in note for note in again.notes)
 
 
-def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
-    """The displacement follows the command as ever; what monitor_V shows would make it late."""
+def shown_filtered(runs: list[Recording]) -> list[Recording]:
+    """With the monitor of an amplifier that does not lag, behind a filter that does."""
     lag = effects.acting(replace(plain_model(), effects=[entry("lag", "amplifier", time_constant_s=0.003)]))
-    runs = [changed(run, monitor_V=effects.driven(lag, run.command_V, run, plain_model())) for run in later()]
-    found = diagnose(commissioned(), runs)
-    assert found.document.verdict == "none" and found.improved.digest() == commissioned().digest()
+    return [changed(run, monitor_V=effects.driven(lag, run.command_V, run, plain_model())) for run in runs]
+
+
+@pytest.mark.parametrize(("make", "why"), [
+    (shown_filtered, "follows the command and not the monitor"),
+    (lambda runs: [changed(run, monitor_V=0.8 * run.command_V) for run in runs], "check its gain and time"),
+    (lambda runs: [changed(run, monitor_V=np.roll(run.command_V, -10)) for run in runs], "check its gain and time")])
+def test_a_monitor_that_the_displacement_does_not_follow_is_left_out(make: Callable, why: str) -> None:
+    """What the column shows does not drive the actuator; without it, the gain that changed is found."""
+    assert diagnose(commissioned(), make(later())).improved.digest() == commissioned().digest()
+    document = diagnose(commissioned(), make(later(entry("gain_change", factor=1.05)))).document
+    assert document.effects[0].name == "gain_change"
+    assert document.effects[0].parameters["factor"].value == pytest.approx(1.05, abs=0.005)
+    assert any("monitor_V is left out" in note and why in note for note in document.notes)
+
+
+def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
+    """Beside a large gap the monitor is believed until what it shows makes that larger."""
+    runs = [changed(run, displacement_um=run.displacement_um + np.random.default_rng(k).normal(0, 0.2, len(run)))
+            for k, run in enumerate(later())]
+    found = diagnose(commissioned(), shown_filtered(runs))
+    assert found.document.verdict == "unknown" and found.improved.digest() == commissioned().digest()
     assert any("the monitor is late" in note for note in found.document.notes)
 
 

@@ -182,13 +182,14 @@ def test_a_monitor_shows_a_second_instance_behind_it() -> None:
     assert [entry_["stage"] for entry_ in found.improved.effects] == ["timing", "sensor"]
 
 
-@pytest.mark.parametrize(("delay_s", "verdict"), [(0.002, "none"), (0.003, "unknown")])
+@pytest.mark.parametrize(("delay_s", "verdict"), [(0.002, "none"), (0.003, "effect")])
 def test_a_monitor_that_does_not_show_what_the_model_holds_ahead_of_it(delay_s: float, verdict: str) -> None:
-    """The model took the sensor's delay for that of the timing. From the command it is right, and stays as it is."""
+    """The model took the sensor's delay for that of the timing. From the command it is right, and is asked from there."""
     runs = shown(["delay"], stage="sensor", delay={"delay_s": delay_s})
     document = diagnose(holding("delay"), monitored(runs)).document
     assert document.verdict == verdict
-    assert any(note.startswith("monitor_V does not show delay at stage timing (delay_s 0.002 s)")
+    assert [one.parameters["delay_s"].value for one in document.effects] == pytest.approx([0.003] * (delay_s > 0.002), 0.02)
+    assert any("monitor_V is left out" in note and "it does not show delay at stage timing (delay_s 0.002 s)" in note
                for note in document.notes)
 
 

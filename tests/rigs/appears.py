@@ -18,6 +18,8 @@ models predict NEW recordings, other waveforms after a sweep, as `rdpi simulate`
 Under the table stand the rows of targets that the tool is to reach: singles are one effect of APPEARS of rho 1 or more,
 and "all" are these. A track alone: one of the references, predicted with the zero included, by more than 5 % worse.
 `--poor` shows a tracked profile and a sine only. `--nones` lets nothing happen several times, with other drives.
+`--follow` plays the recording that an "ambiguous" verdict proposes, on the rig as it is then, from any past, and asks
+again with it beside the first ones; so many times. Settled: the first name is right and has no rival left.
 
 The zero moves with the effects "zero" and "delay, zero" only. Thresholds that are chosen on all families but one are
 scored on that one: `--except`, `--families`, as in README.md. What stands after `--` goes to `rdpi gap`; `--earlier`
@@ -27,7 +29,9 @@ there needs no path: the field recordings are made before the effect as well.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import shlex
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -140,8 +144,10 @@ def pooled(values: Sequence[float]) -> float:
 
 
 def cases(job: tuple[str, int], effects: Sequence[str], rate_hz: float, scale: float, options: Sequence[str],
-          chain: str = "auto", shown: Sequence[str] = SEEN, nones: int = 1) -> list[dict[str, Any]]:
-    """One rig, commissioned once, and each effect that appears on it; `chain`: option --effects of `rdpi fit`."""
+          chain: str = "auto", shown: Sequence[str] = SEEN, nones: int = 1, follow: int = 0) -> list[dict[str, Any]]:
+    """One rig, commissioned once, and each effect that appears on it; `chain`: option --effects of `rdpi fit`;
+    `follow`: proposed recordings to play.
+    """
     family, seed = job
     rig, found = make_rig(family, seed), []
     with tempfile.TemporaryDirectory(prefix="rigs-") as where:
@@ -157,14 +163,15 @@ def cases(job: tuple[str, int], effects: Sequence[str], rate_hz: float, scale: f
                     "commissioned_um": offsets}
             try:
                 found.append(case | ask(rig, APPEARS[name][1](rig, random), folder, model, random, rate_hz, scale,
-                                        options, shown, seed + OTHER * again))
+                                        options, shown, seed + OTHER * again, follow))
             except measure.Refused as refusal:
                 found.append(case | {"failed": str(refusal)})
     return found
 
 
 def ask(before: Rig, after: Rig, folder: Path, model: Path, random: np.random.Generator, rate_hz: float, scale: float,
-        options: Sequence[str], shown: Sequence[str] = SEEN, seed: int | None = None) -> dict[str, Any]:
+        options: Sequence[str], shown: Sequence[str] = SEEN, seed: int | None = None, follow: int = 0
+        ) -> dict[str, Any]:
     """What `rdpi gap` says of the rig as it is after the effect appeared, and what both models miss of it."""
     seed, starts = before.seed if seed is None else seed, ["swept"] * len(shown)
     if random.random() < 1 / 3:
@@ -183,9 +190,8 @@ def ask(before: Rig, after: Rig, folder: Path, model: Path, random: np.random.Ge
     floor = pooled([spread(run) for run in missed(model, then)])
     old, better = missed(model, new), missed(improved, new)
     same, same_better = missed(model, fresh), missed(improved, fresh)
-    first = gap["effects"][:1]
-    return {"verdict": gap["verdict"], "paired": gap["paired"], "detection": gap["detection"], "names": [one["name"] for one in gap["effects"]],
-            "rivals": first[0]["confusable_with"] if first else [], "ratio": gap["passport"]["ratio"],
+    return {**said(gap), "then": followed(after, folder, model, seen, gap, rate_hz, follow),
+            "paired": gap["paired"], "detection": gap["detection"], "ratio": gap["passport"]["ratio"],
             "left": gap["passport"]["ratio"] * gap["gap"]["remaining_um"] / gap["gap"]["rms_um"],
             "rho": pooled([np.std(b - a) for a, b in zip(was, now)]) / floor, "promised": gap["promised"]["shrink"],
             "ci90": gap["promised"]["ci90"],
@@ -198,6 +204,32 @@ def ask(before: Rig, after: Rig, folder: Path, model: Path, random: np.random.Ge
             "new": [[run["rms_um"], run["offset_um"]] for run in better]}
 
 
+def said(gap: dict[str, Any]) -> dict[str, Any]:
+    """The verdict, the names, and the rivals of the first of them."""
+    first = gap["effects"][:1]
+    return {"verdict": gap["verdict"], "names": [one["name"] for one in gap["effects"]],
+            "rivals": first[0]["confusable_with"] if first else []}
+
+
+def followed(rig: Rig, folder: Path, model: Path, seen: Sequence[Path], gap: dict[str, Any], rate_hz: float, most: int
+             ) -> list[dict[str, Any]]:
+    """What was proposed, and what `rdpi gap` says with that beside all before, as long as its verdict is "ambiguous"."""
+    runs, found, document = [*seen], [], folder / "then.json"
+    while gap["verdict"] == "ambiguous" and len(found) < most:
+        if not gap["next_experiment"]:
+            return [*found, {"command": None, "verdict": "nothing proposed", "names": [], "rivals": []}]
+        _, *words = shlex.split(gap["next_experiment"]["command"])
+        with contextlib.chdir(folder):
+            measure.rdpi(*words)
+        drive_V = measure.columns_of(folder / words[words.index("-o") + 1])["command_V"]
+        runs.append(folder / f"proposed-{len(found)}.csv")
+        record(replace(rig, runs=20 + len(found)), runs[-1], drive_V, rate_hz, "unknown")
+        measure.rdpi("gap", model, *runs, "--json", document)
+        gap = json.loads(document.read_text())
+        found.append({"command": " ".join(words), **said(gap)})
+    return found
+
+
 # --- tables ----------------------------------------------------------------------------------------------------------
 
 def right(case: dict[str, Any]) -> bool:
@@ -206,6 +238,17 @@ def right(case: dict[str, Any]) -> bool:
 
 def in_set(case: dict[str, Any]) -> bool:
     return bool(case["names"]) and bool({case["names"][0], *case["rivals"]} & set(APPEARS[case["effect"]][0]))
+
+
+def settled(case: dict[str, Any], times: int) -> bool:
+    """Whether so many proposed recordings, or fewer, told which effect it is."""
+    return any(right(case | then) and not then["rivals"] for then in case["then"][:times])
+
+
+def again(case: dict[str, Any]) -> bool:
+    """Whether a recording was proposed that had been given already."""
+    commands = [then["command"] for then in case["then"]]
+    return len(set(commands)) < len(commands)
 
 
 def worse(case: dict[str, Any]) -> list[float]:
@@ -259,6 +302,7 @@ def targets(found: Sequence[dict[str, Any]]) -> list[str]:
                                                                and case["rho"] >= NAMEABLE]
     pairs = [case for case in done if case["effect"] in PAIRS and case["rho"] >= NAMEABLE]
     improved = [case for case in done if case["names"]]
+    open_ = [case for case in loud if case["then"]]
 
     def both(case: dict[str, Any]) -> bool:
         said = {*case["names"], *case["rivals"]}
@@ -297,7 +341,10 @@ def targets(found: Sequence[dict[str, Any]]) -> list[str]:
                   lambda case: case["ratio"] > MUCH_WORSE),
             detected(1, 3, ">= .97"), detected(3, np.inf, ">= .995"),
             share("pairs: first name right", ">= .92", pairs, right),
-            share("pairs: both in names and rivals", ">= .75", pairs, both)]
+            share("pairs: both in names and rivals", ">= .75", pairs, both),
+            share("ambiguous: the proposed recording settles it", ">= .85", open_, lambda case: settled(case, 1)),
+            share("  as many as were followed do", "", open_, lambda case: settled(case, len(case["then"]))),
+            share("  one is proposed again", "0", open_, again)]
 
 
 def table(found: Sequence[dict[str, Any]]) -> str:
@@ -328,6 +375,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                         help="effects that `rdpi fit` looks for; none: the model lacks the chain from the first day")
     parser.add_argument("--nones", type=int, default=1, help="cases per rig in which nothing appears (default 1)")
     parser.add_argument("--poor", action="store_true", help="`rdpi gap` sees a tracked profile and a sine only")
+    parser.add_argument("--follow", type=int, default=0, metavar="N", help="proposed recordings to play (default 0)")
     parser.add_argument("--rate", type=float, default=5000.0, help="samples per second (default 5000)")
     parser.add_argument("--scale", type=float, default=0.5, help="length of the recordings (default 0.5)")
     parser.add_argument("--jobs", type=int, default=1)
@@ -340,7 +388,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"no {', '.join(sorted(wrong))}: {', '.join(FAMILIES)}; {'; '.join(APPEARS)}")
     jobs = [(family, seed) for family in families for seed in range(options.seed, options.seed + options.rigs)]
     work = partial(cases, effects=effects, rate_hz=options.rate, scale=options.scale, options=options.options,
-                   chain=options.chain, shown=POOR if options.poor else SEEN, nones=options.nones)
+                   chain=options.chain, shown=POOR if options.poor else SEEN, nones=options.nones, follow=options.follow)
     found = sum(measure.run_all(work, jobs, options.jobs), [])
     print(table(found))
     if options.output:

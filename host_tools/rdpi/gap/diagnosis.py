@@ -56,6 +56,9 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     runs, earlier, known, notes = _checked(model, runs, without, earlier)
     references = taken(references, REFERENCE_COLUMNS, "references")
     given = AugmentedModel.given(model, runs, earlier)
+    if (contradicted := _contradicted(given)) is not None:
+        notes.append(contradicted)
+        given = replace(given, dataset=given.by_command_before)
     decision = decide(given, known, without, progress)
     decision, offset, tracked = _worth_tracking(decision, passport.read(model), references)
     selection, verdict, before = decision.selection, decision.verdict, decision.selection.before_um
@@ -77,6 +80,20 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     progress(1.0)
     return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords),
                      spectrum_after)
+
+
+def _contradicted(given: AugmentedModel) -> str | None:
+    """Why monitor_V does not show what drives the actuator: the displacement follows the command. None: it may."""
+    if not given.dataset.monitored:
+        return None
+    by_monitor, by_command = rms(given.dataset.split(given.residual)), rms(given.residual_um)
+    if by_monitor < thresholds.CONTRADICTS * by_command:
+        return None
+    unseen_effects = " and ".join(map(str, given.unseen_by_monitor()))
+    why = f"it does not show {unseen_effects}, which the model holds ahead of it: that acts behind the monitor" \
+        if unseen_effects else "the displacement follows the command and not the monitor: check its gain and time"
+    return (f"monitor_V is left out, because driven by it the model misses {by_monitor:.3g} um rms, instead of "
+            f"{by_command:.3g} driven by the command; {why}")
 
 
 def _spoils(selection: Selection) -> str | None:

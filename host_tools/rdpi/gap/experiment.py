@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,61 +19,104 @@ from .augmented import AugmentedModel
 from .candidates import Candidate
 from .dataset import Dataset, model_runs
 from .sections import NextExperiment, NotKnown, Verdict
-from .selection import Selection
+from .selection import Score, Selection
 
 CANNED: tuple[tuple[str, dict[str, Any]], ...] = (
     ("sawtooth", {"cycles": 2}), ("steps", {"levels": 3, "hold_s": 1.0}), ("steps", {"levels": 2, "hold_s": 5.0}),
     ("minor-loops", {"levels": 4}), ("multisine", {"duration_s": 10.0}), ("sine", {"cycles": 3}),
     ("chirp", {"duration_s": 5.0}), ("startup", {}))
+# Where nothing has a name.
+SHOWING: tuple[tuple[str, dict[str, Any], str], ...] = (
+    ("steps", {"levels": 3, "hold_s": 1.0}, "fast edges and holds show what kind of motion is missing"),
+    ("chirp", {"duration_s": 10.0}, "small movements of all frequencies show whether it depends on the amplitude"),
+    ("minor-loops", {"levels": 4}, "loops of all sizes show whether it is the hysteresis"))
 SMALL = 0.1  # of the drive's range
 CHIRP_S = 10.0  # where nothing is known yet
 LONGEST = 120_000  # samples of a drive that is simulated
+SAME, SAME_LENGTH = 0.9, 0.05  # correlation, and share of the length, of two recordings of the same drive
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A canned drive, and what its recording is expected to show."""
+
+    kind: str
+    options: dict[str, Any]
+    seconds: float
+    contrast: float  # squares that the nearest rival leaves of what the effect shows, over those that the model misses
 
 
 def propose(selection: Selection, verdict: Verdict, unseen: Sequence[NotKnown] = ()) -> NextExperiment | None:
-    """The canned recording that would tell the survivors apart best per second of bench time; what shows most of what
-    is not known from commissioning, where the gap lies there and has no name.
+    """The canned recording that would tell the survivors apart best, of those that are not there yet; what shows most of
+    what is not known from commissioning, where the gap lies there and has no name.
     """
     state = selection.accepted
     if verdict in ("unknown", "none") and (most := max(unseen, key=lambda one: one.share, default=None)) \
             and most.share > thresholds.MOSTLY:
         return _commissioning(state, most)
     if verdict == "unknown":
-        why = "fast edges and holds show what kind of motion is missing; record a column monitor_V too"
-        limits = _limits(state)
-        return NextExperiment(command=_command(limits, "steps", {"levels": 3, "hold_s": 1.0}), why=why, seconds=None)
-    open_ = next((done for done in selection.rounds if selection.rivals(done)), None) if verdict == "ambiguous" else None
-    if open_ is None:
+        kind, options, why = next((one for one in SHOWING if _lacks(state, *one[:2])), (None,) * 3)
+        return None if kind is None else NextExperiment(
+            command=_command(_limits(state, kind), kind, options), why=f"{why}; record a column monitor_V too", seconds=None)
+    done = next((done for done in selection.rounds if selection.rivals(done)), None) if verdict == "ambiguous" else None
+    if done is None:
         return None
-    truth, rivals = selection.final(open_), selection.rivals(open_)
+    truth, rivals = selection.final(done), selection.rivals(done)
+    drives = _drives(state, truth, rivals)
+    if not drives:
+        return None
+    most = max(one.contrast for one in drives)
+    best = min((one for one in drives if one.contrast >= thresholds.AS_GOOD * most), key=lambda one: one.seconds)
+    names = " and ".join([truth.effect.name, *dict.fromkeys(rival.name for rival in rivals)])
+    why = f"of the canned recordings that are not there yet, this one tells {names} apart best"
+    if best.contrast < thresholds.RIVAL_MARGIN + thresholds.LACKING:
+        why += ", but hardly beside what the model misses anyway; a column monitor_V separates causes before the actuator " \
+               "from causes after it, and drives of commissioning, played again and given with --earlier, take off what " \
+               "the model misses"
+    if state.earlier:
+        why += "; no earlier recording has this drive, so it helps only if the change also shows without --earlier"
+    return NextExperiment(command=_command(_limits(state, best.kind), best.kind, best.options), why=why,
+                          seconds=best.seconds)
+
+
+def _drives(state: AugmentedModel, truth: Candidate, rivals: Sequence[Score]) -> list[Drive]:
+    """The canned drives that are to be had, to be simulated, and not among the recordings."""
     at_hand = _shown(state, truth, min(state.recordings, key=len))
-    known, best = passport.read(state.model), None
+    known, found = passport.read(state.model), []
     for kind, options in CANNED:
+        if not _lacks(state, kind, options):
+            continue
         try:
             limits = _limits(state, kind)
             columns, _ = excite.make_drive(kind, limits, **options)
+            seconds = float(columns["time_s"][-1])
             if (times := len(columns["time_s"]) / LONGEST) > 1:  # judged at fewer samples per second
                 limits = replace(limits, sample_rate_hz=limits.sample_rate_hz / times)
                 columns, _ = excite.make_drive(kind, limits, **options)
-            seconds = float(columns["time_s"][-1])
-            metadata = {"memory": "reset", "sample_rate_hz": f"{limits.sample_rate_hz:.12g}"}
-            drive = Recording("next.csv", metadata, columns)
+            drive = Recording("next.csv", {"memory": "reset", "sample_rate_hz": f"{limits.sample_rate_hz:.12g}"}, columns)
             dataset = Dataset(state.model, [_shown(state, truth, drive), at_hand], monitored=False)
             apart = min(_apart(dataset, state.known, rival.effect) for rival in rivals)
-            worth = apart / _missed(state, known, drive) ** 2 / seconds
+            contrast = apart / (_missed_um(state, known, drive) ** 2 if known else 1.0)
         except BadInput:  # this drive is not to be had, or not to be simulated
             continue
-        if best is None or worth > best[0]:
-            best = worth, apart / len(drive), kind, options, seconds
-    if best is None:
-        return None
-    names = " and ".join([truth.effect.name, *dict.fromkeys(rival.name for rival in rivals)])
-    why = f"of the canned recordings, this one tells {names} apart best per second"
-    if best[1] < float(np.mean(state.residual**2)) / 4:
-        why += "; if it does not, a column monitor_V will separate causes before the actuator from causes after it"
-    if state.earlier:
-        why += "; no earlier recording has this drive, so it helps only if the change also shows without --earlier"
-    return NextExperiment(command=_command(_limits(state, best[2]), best[2], best[3]), why=why, seconds=best[4])
+        found.append(Drive(kind, options, seconds, contrast))
+    return found
+
+
+def _lacks(state: AugmentedModel, kind: str, options: dict[str, Any]) -> bool:
+    """Whether a drive is to be had, and no recording is of it, with its sweep or without."""
+    try:
+        drive, metadata = excite.make_drive(kind, _limits(state, kind), **options)
+    except BadInput:
+        return False
+    for begin_s in (0.0, float(metadata.get("sweep_s", 0.0))):
+        time_s, command_V = (drive[name][drive["time_s"] >= begin_s] for name in ("time_s", "command_V"))
+        for run in state.recordings:
+            since_s = run.time_s - run.time_s[0]
+            as_long = abs(since_s[-1] / (time_s[-1] - time_s[0]) - 1) < SAME_LENGTH
+            if as_long and np.corrcoef(command_V, np.interp(time_s - time_s[0], since_s, run.command_V))[0, 1] > SAME:
+                return False
+    return True
 
 
 def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment | None:
@@ -122,14 +165,15 @@ def _command(limits: excite.Limits, kind: str, options: dict[str, Any]) -> str:
 
 
 def _apart(dataset: Dataset, known: Sequence[Acting], rival: Effect) -> float:
-    """Sum of squares that the rival leaves of what the truth would show in a drive and in a recording at hand.
+    """Squares, mean over a drive, that the rival leaves of what the truth would show there.
 
-    It is fitted to both: what happens to be alike in the one differs in the other.
+    It is fitted to the drive and to a recording at hand: what happens to be alike in the one differs in the other.
     """
     before = dataset.predict(known)
     found = candidates.search(dataset, rival, known, before)
     left = dataset.measured - before
-    return float(np.sum((left if found is None else left - found.change) ** 2))
+    left, _ = dataset.split(left if found is None else left - found.change)
+    return float(np.mean(left**2))
 
 
 def _shown(state: AugmentedModel, truth: Candidate, run: Recording) -> Recording:
@@ -141,9 +185,7 @@ def _shown(state: AugmentedModel, truth: Candidate, run: Recording) -> Recording
     return replace(run, columns={**run.columns, "displacement_um": shown})
 
 
-def _missed(state: AugmentedModel, known: Passport | None, drive: Recording) -> float:
-    """rms in um that the model is expected to miss in this drive anyway; 1 where that is not known."""
-    if known is None:
-        return 1.0
+def _missed_um(state: AugmentedModel, known: Passport, drive: Recording) -> float:
+    """rms in um that the model is expected to miss in this drive anyway."""
     (one,) = model_runs(state.model, [drive], False)
     return passport.level_um(known, localise.coordinates(drive, one.predict(state.known), one.rate_um_per_s))

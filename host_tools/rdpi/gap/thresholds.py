@@ -44,6 +44,7 @@ CANCELS = 1.5  # [of the squares] of the gap, that one of a pair leaves alone: t
 UNEXPLAINED = 0.75  # [passport] left, times the share of the excess not explained, from which the gap is unknown; rigs
 LEFT_EVERYWHERE = 1.7  # [passport] left in an octave, mean of all, from which the gap is unknown; rigs
 LEFT_SHARE = 0.2  # [of the excess] ... if as much is not explained; rigs
+CONTRADICTS = 2.0  # [1] what is missed driven by a monitor, over that driven by the command; the monitor is wrong; judged
 FITS_TODAY = 0.2  # [change] rms that a model misses in all: it fits today, and a change is of what was earlier; judged
 NOISE_GRID = 1.5  # [step] times the passport's grid of readings, from which a coarser one is new; tune
 STILL_THERE = 0.5  # [of the energy] of a disturbance in the earlier recordings, from which it is not new; tune
@@ -59,6 +60,7 @@ SIMPLER = 0.05  # [of the squares] that every further parameter must bring; tune
 CONTAINED = 0.9  # [1] share of what an effect explains, from which the simpler one that it contains is enough; tune
 ONE_RATE = 3.0  # [rate] between fastest and slowest recording; below, changes of loops cannot be told; tune
 ALIKE_LOOPS = 0.7  # [R2] ... if they look so much alike; tune
+AS_GOOD = 0.5  # [contrast] of the best canned recording, from which a shorter one is as good; rigs
 
 # --- how far?
 WIDEN = 1.3  # [width] by which bootstrapped intervals are widened; coverage
