@@ -14,7 +14,7 @@ from pages import without_scripts
 from plants import changed, quasi_static, stack, waves
 
 from rdpi.data import Recording
-from rdpi.identify import localise
+from rdpi.identify import around, localise
 from rdpi.identify.identify import Fit, Options, fit
 from rdpi.identify.report import drawing
 from rdpi.identify.report.numbers import sentence_of
@@ -97,6 +97,16 @@ def test_a_model_with_effects_is_shown_beside_the_one_without() -> None:
     text = text_of(page)
     assert "delay 4.20 ms (95 % interval 3.80 to 4.60 ms)" in text.replace("\N{NO-BREAK SPACE}", " ")
     assert "input curve" in text and "12.5" not in text  # what only a simulation needs
+
+
+def test_the_page_tells_what_the_terminal_does() -> None:
+    result = fit(runs(), Options(rate_independent=True, effects="delay"))
+    first, delay = around.lines(result.choice)
+    alone, without = first.split("operator alone ")[1], delay.split("without it ")[1].split(";")[0]
+    text = text_of(written(result)).replace("\N{NO-BREAK SPACE}", " ")
+    assert f"of the stroke, the operator alone {alone}." in text and f"without it {without}" in text
+    confused = replace(result.choice, kept=(replace(result.choice.kept[0], confusable_with=("lag", "relaxation")),))
+    assert "first-order lag or relaxation would do as well" in text_of(written(replace(result, choice=confused)))
 
 
 def test_the_sentence_tells_the_worst_of_those_that_judge() -> None:

@@ -135,17 +135,16 @@ def _parameters(one: Kept) -> dict[str, records.EffectParameter]:
 
 def lines(choice: Choice) -> list[str]:
     """For people: each effect, its size, what it brought, and what may be in its place."""
-    share = 100 / choice.plain.state.setting.model.stroke_um
     beside = [one.acting.effect.name for one in choice.kept] + ["rate law"] * choice.found.hypothesis.rated
     told = [f"around the operator: {', '.join(beside) or 'nothing'}; rms on recordings, or parts of them, that were "
-            f"not fitted: {share * choice.found.rms_um:.3g} % of the stroke"
-            + (f", operator alone {share * choice.plain.rms_um:.3g} %" if beside else "")]
+            f"not fitted: {choice.percent(choice.found.rms_um):.3g} % of the stroke"
+            + (f", operator alone {choice.percent(choice.plain.rms_um):.3g} %" if beside else "")]
     for one in choice.kept:
         effect, values = one.acting
         sizes = ", ".join(_size(effect, parameter, values[parameter.name], one.ci95.get(parameter.name))
                           for parameter in effect.parameters if not parameter.internal)
         rivals = f"; {' or '.join(one.confusable_with)} would do as well" if one.confusable_with else ""
-        told.append(f"  {effect.name}: {sizes}; without it {share * one.without.rms_um:.3g} %{rivals}")
+        told.append(f"  {effect.name}: {sizes}; without it {choice.percent(one.without.rms_um):.3g} %{rivals}")
     return told
 
 

@@ -100,6 +100,10 @@ class Choice:
     found: Judged
     kept: tuple[Kept, ...]  # in the order of the chain
 
+    def percent(self, rms_um: float) -> float:
+        """Of the stroke."""
+        return 100 * rms_um / self.plain.state.setting.model.stroke_um
+
 
 def squares_of(held_out: np.ndarray) -> float:
     return float(np.mean(np.sum(held_out, axis=1)))

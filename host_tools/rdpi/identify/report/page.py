@@ -22,6 +22,7 @@ from .templating import environment
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ..choice import Choice
     from ..identify import Fit
 
 SLOPES = 4.6, 4.4  # inches
@@ -48,7 +49,7 @@ def page_of(result: Fit, runs: Sequence[Recording], document: FitDocument) -> st
     with drawing.style():
         return TEMPLATES.get_template("fit.html.j2").render(
             heading=plain(result.model.actuator or "actuator", 100), sentence=_sentence(document, sides),
-            tiles=_tiles(result, document), effects=[_effect(entry) for entry in result.model.effects],
+            tiles=_tiles(result, document), effects=_effects(result), brought=_brought(result.choice),
             rows=_rows(document, sides), compared=len(sides) > 1, sections=_sections(result, runs, sides),
             warnings=[sentence_of(plain(warning, 1000)) for warning in document.warnings],
             facts=[("model", plain(document.model, 200)), ("tool", f"rdpi {version()}")],
@@ -101,8 +102,28 @@ def _tiles(result: Fit, document: FitDocument) -> list[dict[str, str]]:
     return [{"name": name, "value": value, "remark": remark} for name, value, remark in tiles]
 
 
+def _brought(choice: Choice | None) -> str:
+    """What all effects and the rate law brought; "" where none was looked for."""
+    if choice is None:
+        return ""
+    after, before = (f"{number(choice.percent(one.rms_um), 3)} %" for one in (choice.found, choice.plain))
+    return f"On recordings, or parts of them, that were not fitted, the model misses {after} rms of the stroke" + (
+        f", the operator alone {before}." if before != after else ".")
+
+
+def _effects(result: Fit) -> list[dict[str, Any]]:
+    """The model's effects, a card each: what it is, its size, what it brought, and what may be in its place."""
+    cards = [_effect(entry) for entry in result.model.effects]
+    for card, one in zip(cards, result.choice.kept if result.choice else ()):
+        card["facts"].append(f"without it {number(result.choice.percent(one.without.rms_um), 3)} %")
+        if one.confusable_with:
+            others = " or ".join(CATALOGUE[name].title for name in one.confusable_with)
+            card["facts"].append(f"{others} would do as well")
+    return cards
+
+
 def _effect(entry: dict[str, Any]) -> dict[str, Any]:
-    """An effect of the model, for a card."""
+    """An effect of the model: what it is, and its size."""
     kind = CATALOGUE[entry["name"]]
     units = {parameter.name: parameter.unit for parameter in kind.parameters}
     parameters = {}
