@@ -154,6 +154,12 @@ def test_drive_limits_and_name() -> None:
     assert chosen.actuator == "other"
 
 
+@pytest.mark.parametrize(("limits", "told"), [({"max_V": 1000.0}, True), ({"min_V": 4.0}, True), ({"max_V": 82.0}, False)])
+def test_drives_that_were_not_recorded(limits: dict[str, float], told: bool) -> None:
+    warnings = fit([static_run(low=10, high=80)], replace(STATIC, **limits)).warnings
+    assert any("only 10 to 80 V were recorded" in text for text in warnings) == told
+
+
 @pytest.mark.parametrize("limits, told", [
     ({}, True), ({"min_V": 0.0}, True), ({"min_V": 0.0, "max_V": 100.0}, False),
 ])

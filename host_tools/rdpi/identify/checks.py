@@ -136,7 +136,7 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
         _check_covariates(run, related=run is widest)
         low, high = float(np.min(run.command_V)), float(np.max(run.command_V))
         beyond = max(model.drive.min_V - low, high - model.drive.max_V)
-        if beyond > 0.05 * (model.drive.max_V - model.drive.min_V):
+        if beyond > tuned.BEYOND * (model.drive.max_V - model.drive.min_V):
             notes.append(f"{run.path}: the command goes {beyond:.3g} V beyond the range that the model was fitted to")
     others = sorted({name for run in runs if (name := run.metadata.get("actuator", "")) and name != model.actuator})
     if others and model.actuator:

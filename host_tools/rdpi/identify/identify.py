@@ -126,6 +126,8 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if options.dac_bits is not None and None in (options.min_V, options.max_V):
         warnings.append(f"the DAC's codes are assumed to span {model.drive.min_V:g} to {model.drive.max_V:g} V, the "
                         "recorded range; give --min-V and --max-V, the drives of the first and of the last code")
+    if (beyond := _beyond(model, frame.range_V)) is not None:
+        warnings.append(beyond)
     _check_reset(found.model, found.runs, warnings)
     progress(0.7)
     predictions = chain.simulate(model, [*runs, *hold_out])
@@ -232,6 +234,15 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
         model.memory = replace(model.memory, x_um=float(states[0]), plays_um=states)
     model.memory = chain.within_drive(model)
     return Operator(model, plant, without, prepared, reduced, columns, sweep)
+
+
+def _beyond(model: Model, range_V: tuple[float, float]) -> str | None:
+    """A remark where the firmware may drive far beyond what was recorded."""
+    (low_V, high_V), drive = range_V, model.drive
+    if max(low_V - drive.min_V, drive.max_V - high_V) <= tuned.BEYOND * (high_V - low_V):
+        return None
+    return (f"the model may drive {drive.min_V:g} to {drive.max_V:g} V, but only {low_V:g} to {high_V:g} V were recorded: "
+            "what the actuator does beyond is extrapolated")
 
 
 def _compare_sources(runs: Sequence[Recording], found: Operator, options: Options, warnings: list[str]) -> None:

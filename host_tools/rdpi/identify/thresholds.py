@@ -77,6 +77,7 @@ MONITOR_SLOPE = 0.3, 2.0  # [V/V] of monitor_V over command_V; judged
 AT_ONCE = 0.8  # [correlation] of a monitor with the command from which it is not slow; judged
 LATEST_S = 0.05  # [s] by which a displacement may follow and still be of this drive; judged
 MIN_CORRELATION = 0.5  # [correlation] of command and displacement; judged
+BEYOND = 0.05  # [range] by which drives may exceed what was recorded without a remark; judged
 GAIN_SPREAD = 5.0  # [1] ratio of two runs' um per V; judged
 MODEL_SPREAD = 3.0  # [1] ratio of the model's um per V and a recording's; judged
 OTHER_UNITS = 200.0  # [1] the same, from which it is a matter of units; judged
