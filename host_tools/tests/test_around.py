@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -47,6 +48,27 @@ def misses_um(model: Model, *names: str, law: float = 0.0) -> float:
     left = np.concatenate([run.displacement_um - found.predicted_um
                            for run, found in zip(runs, chain.simulate(model, runs))])
     return float(np.sqrt(max(np.mean(left**2) - NOISE_UM**2, 0.0)))
+
+
+def test_of_two_effects_that_help_only_together_both_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a curve creep brings little, and the curve alone nothing that is certain; both together do."""
+    class Standing(SimpleNamespace):
+        """What is left of it; one beats another that leaves half as much again."""
+
+        def beats(self, other: Standing) -> bool:
+            return self.left * 1.5 < other.left
+
+        is_better = beats
+
+    left = {"": 10.0, "curve": 7.0, "creep": 9.0, "creep, curve": 6.0}
+    fitted_ones = {names: Standing(left=value, state=SimpleNamespace(names=names, setting=None, found=None))
+                   for names, value in left.items()}
+    monkeypatch.setattr(choice, "judged", lambda setting, names, found: fitted_ones[names])
+    monkeypatch.setattr(choice, "_smaller", lambda state, rate_law: {"creep, curve": ["curve", "creep"]}.get(
+        state.names, [""] * bool(state.names)))
+    pruned = partial(choice._pruned, fitted_ones["creep, curve"], False)
+    assert pruned() is fitted_ones["curve"] and not pruned().beats(fitted_ones[""])
+    assert pruned(than=fitted_ones[""]) is fitted_ones["creep, curve"]
 
 
 @pytest.mark.parametrize("names", [*((name,) for name in PUT), TOGETHER], ids=" ".join)

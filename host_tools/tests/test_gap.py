@@ -22,6 +22,7 @@ from rdpi.errors import BadInput
 from rdpi.identify import Options, fit
 from rdpi.gap import Diagnosis, diagnose, experiment, thresholds
 from rdpi.gap.augmented import AugmentedModel
+from rdpi.gap.candidates import Candidate, bounded
 from rdpi.gap.selection import Selection
 from rdpi.model import Memory, Model
 from rdpi.simulate import chain, effects
@@ -727,6 +728,45 @@ def test_a_mended_model_has_no_change_left() -> None:
     assert again.verdict == "none" and not any("also acted in the earlier" in note for note in again.notes)
 
 
+@pytest.mark.parametrize(("wrong", "words"), [
+    (lambda volts: np.full_like(volts, 5.0), "is constant at 5 V while the command moves"),
+    (lambda volts: volts + 30, "lies 30 V from it"), (lambda volts: 1000 * volts, "moves 1e.03 V per volt"),
+    (lambda volts: -volts, "moves -1 V per volt")])
+def test_a_monitor_that_cannot_be_one_is_refused_in_any_recording(wrong: Callable, words: str) -> None:
+    for k in range(3):
+        runs = [changed(run, monitor_V=run.command_V) for run in later()]
+        runs[k] = changed(runs[k], monitor_V=wrong(runs[k].command_V))
+        with pytest.raises(BadInput, match=words):
+            diagnose(commissioned(), runs)
+
+
+def test_recordings_of_another_clock_range_or_length() -> None:
+    run = later()[0]
+    slower = marked(run, sample_rate_hz=f"{run.sample_rate_hz / 1000:g}")
+    slower = replace(slower, columns={**run.columns, "time_s": 1000 * run.time_s})
+    assert any("check that time_s is in s" in note for note in diagnose(commissioned(), [slower]).document.notes)
+    short = replace(run, columns={name: column[:300] for name, column in run.columns.items()})
+    assert any("only 300 samples" in note for note in diagnose(commissioned(), [short]).document.notes)
+    with pytest.raises(BadInput, match="V beyond 0 to 100 V, the whole range of the model"):
+        diagnose(commissioned(), [changed(run, command_V=5 * run.command_V)])
+
+
+def test_a_change_that_may_be_none_is_left_out() -> None:
+    """Beside a new delay, the resonance that the model holds stays what it was."""
+    ringing = [entry("resonance", f0_hz=60.0, damping=0.02)]
+    model = fit(recorded(plain_model(), drives(COMMISSIONING), *ringing), Options(rate_independent=True)).model
+    assert "resonance" in [one["name"] for one in model.effects]
+    delayed = entry("delay", delay_s=0.003)
+    document = diagnose(model, recorded(plain_model(), drives(LATER), *ringing, delayed, seed=3),
+                        earlier=recorded(plain_model(), drives(LATER), *ringing, seed=4)).document
+    assert [one.name for one in document.effects] == ["delay"]
+    resonance = Candidate(CATALOGUE["resonance"](), {"f0_hz": 61.0, "damping": 0.02}, ("f0_hz", "damping"),
+                          np.zeros(0), np.zeros((0, 2)))
+    assert not resonance.at_end and replace(resonance, values={"f0_hz": 61.0, "damping": 0.3}).at_end
+    assert bounded(resonance.effect, resonance.values, {"damping": 1.0})["damping"] == 0.3
+    assert bounded(resonance.effect, {"f0_hz": 61.0, "damping": 0.5}, {"damping": 1.0})["damping"] == 0.5
+
+
 def shown_filtered(runs: list[Recording]) -> list[Recording]:
     """With the monitor of an amplifier that does not lag, behind a filter that does."""
     lag = effects.acting(replace(plain_model(), effects=[entry("lag", "amplifier", time_constant_s=0.003)]))
@@ -743,12 +783,12 @@ def test_a_monitor_that_the_displacement_does_not_follow_is_left_out(make: Calla
     document = diagnose(commissioned(), make(later(entry("gain_change", factor=1.05)))).document
     assert document.effects[0].name == "gain_change"
     assert document.effects[0].parameters["factor"].value == pytest.approx(1.05, abs=0.005)
-    assert any("monitor_V is left out" in note and why in note for note in document.notes)
+    assert any("monitor_V is left out of all recordings" in note and why in note for note in document.notes)
 
 
 def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
     """Beside a large gap the monitor is believed until what it shows makes that larger."""
-    runs = [changed(run, displacement_um=run.displacement_um + np.random.default_rng(k).normal(0, 0.2, len(run)))
+    runs = [changed(run, displacement_um=run.displacement_um + np.random.default_rng(k).normal(0, 0.35, len(run)))
             for k, run in enumerate(later())]
     found = diagnose(commissioned(), shown_filtered(runs))
     assert found.document.verdict == "unknown" and found.improved.digest() == commissioned().digest()

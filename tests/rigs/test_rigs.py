@@ -545,7 +545,7 @@ def asked(effect: str, names: list[str], rivals: list[str] = [], after: float = 
     """A case: the old model misses 2 um of every new recording, the improved one `after` um."""
     verdict = "ambiguous" if rivals else "effect" if names else "none"
     return {"family": "a", "seed": 1, "effect": effect, "names": names, "rivals": rivals, "verdict": verdict,
-            "rho": 2.0, "promised": 0.4, "same": 0.46, "ci90": [0.45 - 0.3 * bool(rivals), 0.6], "realised": 0.5,
+            "then": [], "rho": 2.0, "promised": 0.4, "same": 0.46, "ci90": [0.45 - 0.3 * bool(rivals), 0.6], "realised": 0.5,
             "old": [[2.0, 0.0]] * 3, "detection": float(bool(names)), "paired": False, "fresh": [0.5, after],
             "new": [[2.0, 0.0], [2.0, 0.0], [after, 0.0]], **more}
 
@@ -581,6 +581,22 @@ def test_the_rows_of_targets_are_counted():
     assert rows["detected, area under the curve, rho 1 to 3"] == ["0.625", "4"]
     assert rows["pairs: first name right"] == ["1.000", "2"]
     assert rows["pairs: both in names and rivals"] == ["0.500", "2"]
+    assert rows["ambiguous: the proposed recording settles it"][0] == "-"
+
+
+def test_what_was_proposed_is_counted():
+    def then(command, names, rivals=()):
+        return {"command": command, "verdict": "ambiguous" if rivals else "effect", "names": names, "rivals": [*rivals]}
+
+    found = [asked("delay", ["delay"], ["lag"], then=[then("chirp", ["delay"])]),
+             asked("delay", ["lag"], ["delay"], then=[then("chirp", ["lag"], ["delay"]), then("steps", ["delay"])]),
+             asked("lag", ["delay"], ["lag"], then=[then("chirp", ["delay"])]),
+             asked("lag", ["lag"], ["delay"], then=[then("chirp", ["lag"], ["delay"]), then("chirp", ["lag"], ["delay"])]),
+             asked("lag", ["lag"], ["delay"], rho=0.5, then=[then("chirp", ["lag"])])]
+    rows = {line[:64].strip(): line[64:].split()[:2] for line in appears.targets(found)}
+    assert rows["ambiguous: the proposed recording settles it"] == ["0.250", "4"]
+    assert rows["as many as were followed do"] == ["0.500", "4"]
+    assert rows["one is proposed again"] == ["0.250", "4"]
 
 
 def test_an_effect_that_appears_is_found_and_does_no_harm(tmp_path, capsys):

@@ -65,6 +65,11 @@ class Candidate:
     def acting(self) -> Acting:
         return Acting(self.effect, self.values)
 
+    @property
+    def at_end(self) -> bool:
+        """Whether a parameter would go beyond what rigs have."""
+        return any(self.values[name] >= high for name, (_, high) in self.effect.in_gap.items())
+
     def slim(self) -> Candidate:
         """Without the long vectors, of which there are too many to keep those of every round."""
         return replace(self, change=np.zeros(0), jacobian=np.zeros((0, self.jacobian.shape[1])))
@@ -164,8 +169,13 @@ def _square(vector: np.ndarray) -> float:
 
 
 def bounded(effect: Effect, values: dict[str, float], move: dict[str, float]) -> dict[str, float]:
-    return {parameter.name: float(np.clip(values[parameter.name] + move.get(parameter.name, 0.0), *parameter.ends))
-            for parameter in effect.parameters}
+    """Parameters moved, as far as they stay within bounds; one that the model holds beyond them may stay there."""
+    moved = {}
+    for parameter in effect.parameters:
+        value = values[parameter.name]
+        low, high = effect.in_gap.get(parameter.name, parameter.ends)
+        moved[parameter.name] = float(np.clip(value + move.get(parameter.name, 0.0), min(low, value), max(high, value)))
+    return moved
 
 
 def _derivative(change: Callable[[dict[str, float]], np.ndarray], at: np.ndarray, values: dict[str, float],

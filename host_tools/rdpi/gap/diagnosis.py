@@ -86,14 +86,17 @@ def _contradicted(given: AugmentedModel) -> str | None:
     """Why monitor_V does not show what drives the actuator: the displacement follows the command. None: it may."""
     if not given.dataset.monitored:
         return None
-    by_monitor, by_command = rms(given.dataset.split(given.residual)), rms(given.residual_um)
-    if by_monitor < thresholds.CONTRADICTS * by_command:
+    missed = zip(given.recordings, given.dataset.split(given.residual), given.residual_um)
+    wrong = [(run.path, rms([by_monitor]), rms([by_command])) for run, by_monitor, by_command in missed
+             if rms([by_monitor]) > thresholds.CONTRADICTS * rms([by_command])]
+    if not wrong:
         return None
-    unseen_effects = " and ".join(map(str, given.unseen_by_monitor()))
-    why = f"it does not show {unseen_effects}, which the model holds ahead of it: that acts behind the monitor" \
-        if unseen_effects else "the displacement follows the command and not the monitor: check its gain and time"
-    return (f"monitor_V is left out, because driven by it the model misses {by_monitor:.3g} um rms, instead of "
-            f"{by_command:.3g} driven by the command; {why}")
+    path, by_monitor, by_command = max(wrong, key=lambda one: one[1] / max(one[2], 1e-300))
+    hidden = " and ".join(map(str, given.unseen_by_monitor()))
+    why = f"it does not show {hidden}, which the model holds ahead of it: that acts behind the monitor" if hidden else \
+        "the displacement follows the command and not the monitor: check its gain and time"
+    return (f"monitor_V is left out of all recordings: driven by it, the model misses {by_monitor:.3g} um rms of {path}, "
+            f"instead of {by_command:.3g} driven by the command; {why}")
 
 
 def _spoils(selection: Selection) -> str | None:
@@ -206,6 +209,8 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
               for one in given.dataset.model_runs]
     gap = excess(given, known, coords)
     selection = beside.settled(select(given, gap, without, progress), gap)
+    while len(selection.accepted.chosen) > 1 and document.may_be_as_before(selection):
+        selection = selection.ended_before_last()
     runs, reached = given.recordings, selection.reached
     new = spectrum.against(known, runs, selection.before_um, coords)
     left = spectrum.against(known, runs, reached.residual_um, coords, reached.excused_um) if reached.chosen else new

@@ -52,16 +52,8 @@ def _effects(selection: Selection, final: NormalEquations | None) -> list[Accept
     """The accepted effects, in the order added, with their final parameters."""
     if final is None:
         return []
-    moves = final.moves()
-    errors = thresholds.WIDEN * 1.96 * np.sqrt((len(moves) - 1) * np.mean((moves - moves.mean(axis=0))**2, axis=0))
-    found, at, first = [], 0, selection.rounds[0]
-    for one, done in zip(selection.accepted.chosen, selection.rounds):
-        widths = {}
-        if not one.per_run:
-            own = _own_widths(selection, one)
-            widths = {name: float(np.hypot(error, own.get(name, 0.0)))
-                      for name, error in zip(one.fitted, errors[at:at + len(one.fitted)])}
-            at += len(one.fitted)
+    found, first = [], selection.rounds[0]
+    for one, done, widths in zip(selection.accepted.chosen, selection.rounds, _widths(selection, final)):
         score = done.best
         shrink, ends = score.shrink, score.shrink_ci
         if done.refitted:
@@ -73,6 +65,31 @@ def _effects(selection: Selection, final: NormalEquations | None) -> list[Accept
             held_out_rms_um=BeforeAfter(before=before, after=before * (1 - shrink)),
             shrink=shrink, shrink_ci95=ends, confidence=_confidence(done),
             confusable_with=list(dict.fromkeys(rival.name for rival in selection.rivals(done)))))
+    return found
+
+
+def may_be_as_before(selection: Selection) -> bool:
+    """Whether the model holds the effect that was accepted last, and the intervals of what it is now hold all that it was."""
+    final = equations_of(selection.accepted)
+    one = selection.accepted.chosen[-1]
+    was = _was(selection, one)
+    if was is None:
+        return False
+    widths = _widths(selection, final)[-1]
+    return all(was[name] is not None and abs(one.values[name] - was[name]) <= width for name, width in widths.items())
+
+
+def _widths(selection: Selection, final: NormalEquations) -> list[dict[str, float]]:
+    """Half of the 95 % interval of each fitted parameter, per accepted effect."""
+    moves = final.moves()
+    errors = thresholds.WIDEN * 1.96 * np.sqrt((len(moves) - 1) * np.mean((moves - moves.mean(axis=0))**2, axis=0))
+    found, at = [], 0
+    for one in selection.accepted.chosen:
+        own = {} if one.per_run else _own_widths(selection, one)
+        names = () if one.per_run else one.fitted
+        found.append({name: float(np.hypot(error, own.get(name, 0.0)))
+                      for name, error in zip(names, errors[at:at + len(names)])})
+        at += len(names)
     return found
 
 

@@ -74,7 +74,9 @@ def propose(selection: Selection, verdict: Verdict, unseen: Sequence[NotKnown] =
                "from causes after it, and drives of commissioning, played again and given with --earlier, take off what " \
                "the model misses"
     if state.earlier:
-        why += "; no earlier recording has this drive, so it helps only if the change also shows without --earlier"
+        why += "; no earlier recording has this drive: give its recording beside these without --earlier, with --no-kept"
+    else:
+        why += "; give its recording beside these"
     return NextExperiment(command=_command(_limits(state, best.kind), best.kind, best.options), why=why,
                           seconds=best.seconds)
 

@@ -64,6 +64,10 @@ class Score:
         return self.candidate.synchronous > 0.5
 
     @property
+    def at_end(self) -> bool:
+        return self.candidate.at_end
+
+    @property
     def size(self) -> int:
         """Parameters, as far as a comparison must pay for them."""
         return len(self.candidate.fitted) or 1 + self.candidate.jacobian.shape[1]
@@ -162,6 +166,12 @@ class Selection:
     def rejecting_last(self) -> Selection:
         """The same without the effect that was accepted last."""
         return replace(self, accepted=self.states[len(self.accepted.chosen) - 1])
+
+    def ended_before_last(self) -> Selection:
+        """The same as if the effect that was accepted last had never been found."""
+        count = len(self.accepted.chosen) - 1
+        state = self.states[count]
+        return replace(self, accepted=state, reached=state, rounds=self.rounds[:count], states=self.states[:count + 1])
 
     def rivals(self, done: Round) -> tuple[Score, ...]:
         """What cannot be told from the best of a round: not what was accepted beside it."""
@@ -348,12 +358,12 @@ def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
     rejected = ["the recordings do not lie where it would take them" if one in misplaced else
                 _why_rejected(one, bool(state.chosen), clear, born_in) for one in scores]
     open_ = [one for one, why in zip(scores, rejected) if why is None]
-    frozen = _simplest(open_, refitted=False) if open_ else None
+    frozen = _simplest(open_, False, state.dataset.monitored) if open_ else None
     # Born in: what the fit took up hides an effect, or half of it, until the model is refitted beside it.
-    hidden = [one for one in scores if not state.chosen and not one.follows_drive and not one.was_there
+    hidden = [one for one in scores if not state.chosen and not one.follows_drive and not one.was_there and not one.at_end
               and one.refitted_shrink - one.effect.chance_gain[1] > born_in
               and one.refitted_left < baseline.least * (1 - born_in)]
-    beside = _simplest(hidden, refitted=True) if hidden else None
+    beside = _simplest(hidden, True, state.dataset.monitored) if hidden else None
     excused = gap.ratio is not None and gap.ratio < thresholds.CLEAR_RATIO
     if beside and (frozen is None or excused and beside.refitted_left < thresholds.BESIDE * frozen.left):
         return beside, True, tuple(None if one is beside else why for one, why in zip(scores, rejected))
@@ -393,6 +403,8 @@ def _why_rejected(one: Score, further: bool, clear: bool, born_in: float) -> str
         return "recordings that were left out may as well be predicted worse"
     if one.follows_drive:
         return "lies at a frequency of the drive itself"
+    if one.at_end:
+        return "would go beyond what rigs have"
     if one.was_there:
         return "was already in the earlier recordings"
     if not clear and min(one.gain, one.refitted_shrink) < born_in:
@@ -400,11 +412,15 @@ def _why_rejected(one: Score, further: bool, clear: bool, born_in: float) -> str
     return None
 
 
-def _simplest(near: Sequence[Score], refitted: bool) -> Score:
-    """The one that leaves least, simpler ones favoured where it makes no difference."""
+def _simplest(near: Sequence[Score], refitted: bool, monitored: bool) -> Score:
+    """The one that leaves least, simpler ones favoured where it makes no difference; of an effect at several stages that
+    nothing tells apart, the first.
+    """
     lowest = min(one.rest(refitted) for one in near)
-    best = min((one for one in near if one.rest(refitted) <= lowest * (1 + thresholds.RIVAL_MARGIN)),
-               key=lambda one: one.rest(refitted) * (1 + thresholds.SIMPLER * one.size))
+    equal = [one for one in near if one.rest(refitted) <= lowest * (1 + thresholds.RIVAL_MARGIN)]
+    best = min(equal, key=lambda one: one.rest(refitted) * (1 + thresholds.SIMPLER * one.size))
+    if not monitored and not best.effect.shows_stage:
+        best = next(one for one in equal if one.name == best.name and one.effect.column == best.effect.column)
     return next((one for one in near if best.contains(one) and one.share >= thresholds.CONTAINED * best.share), best)
 
 
@@ -418,7 +434,7 @@ def _rivals(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
     share = 0.0 if state.dataset.earlier else thresholds.LACKING
     result, lacking = [], share * min(floor, max(0.0, without - best.rest(refitted)))
     for one, r2 in zip(scores, reproduced):
-        if one.name == best.name or one.follows_drive or one.was_there or one.contains(best):
+        if one.name == best.name or one.follows_drive or one.was_there or one.at_end or one.contains(best):
             continue
         more = thresholds.TWIN_MARGIN if r2 > thresholds.TWIN else thresholds.RIVAL_MARGIN
         same = one.rest(refitted) <= (1 + more) * best.rest(refitted) + lacking

@@ -123,6 +123,9 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
                          "sign was changed, the diagnosis means nothing")
         gain = float(np.ptp(run.displacement_um) / np.ptp(run.command_V))
         times = max(gain / usual, usual / gain)
+        along = abs(float(np.polyfit(run.command_V, run.displacement_um, 1)[0]))
+        if along > 0:  # what rings moves further, but not along with the command
+            times = min(times, max(along / usual, usual / along))
         if times > tuned.OTHER_UNITS:
             raise BadInput(f"{run.path}: moves {gain:.3g} um/V, but the model moves {usual:.3g} um/V: the units "
                            "differ; give volts as at commissioning and displacement in um (`rdpi import`)")
@@ -133,11 +136,24 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
         if stays:
             notes.append(f"{run.path}: {stays} samples stay at the highest or lowest reading while the command "
                          "moves; a clipped sensor looks like saturation of the amplifier or a curved scale")
-        _check_covariates(run, related=run is widest)
+        _check_covariates(run)
+        if "monitor_V" in run.columns:
+            _check_monitor(run, model.drive.max_V - model.drive.min_V)
         low, high = float(np.min(run.command_V)), float(np.max(run.command_V))
         beyond = max(model.drive.min_V - low, high - model.drive.max_V)
+        if beyond > model.drive.max_V - model.drive.min_V:
+            raise BadInput(f"{run.path}: the command goes {beyond:.3g} V beyond {model.drive.min_V:g} to "
+                           f"{model.drive.max_V:g} V, the whole range of the model; check units and actuator, or fit "
+                           "a model to such drives")
         if beyond > tuned.BEYOND * (model.drive.max_V - model.drive.min_V):
             notes.append(f"{run.path}: the command goes {beyond:.3g} V beyond the range that the model was fitted to")
+    rates = [run["sample_rate_hz"] for run in (model.passport or {}).get("runs", []) if run.get("sample_rate_hz")]
+    for run in runs:
+        if rates and not min(rates) / tuned.OTHER_CLOCK < run.sample_rate_hz < max(rates) * tuned.OTHER_CLOCK:
+            notes.append(f"{run.path} has {run.sample_rate_hz:.3g} samples per second, the recordings of the fit "
+                         f"{min(rates):.4g} to {max(rates):.4g}; check that time_s is in s")
+    if (count := sum(map(len, runs))) < tuned.FEW_SAMPLES:
+        notes.append(f"there are only {count} samples, too few to rely on what is named")
     others = sorted({name for run in runs if (name := run.metadata.get("actuator", "")) and name != model.actuator})
     if others and model.actuator:
         notes.append(f"the recordings are of {', '.join(others)}, but the model is of {model.actuator}")
@@ -203,24 +219,31 @@ def _apart(run: Recording, other: Recording) -> float:
     return apart + 1 - both / len(run)
 
 
-def _check_covariates(run: Recording, related: bool) -> None:
-    """Raise BadInput for absurd covariates, and if `related` for a monitor that is not the drive in V."""
+def _check_covariates(run: Recording) -> None:
+    """Raise BadInput for absurd covariates."""
     for name, values in run.columns.items():
         if np.max(np.abs(values)) > LARGEST_INPUT and name != "time_s":
             raise BadInput(f"{run.path}: {name} reaches {np.max(np.abs(values)):g}; check its unit, or remove the "
                            "column")
-    monitor = run.columns.get("monitor_V")
-    if monitor is None or not related:
-        return
-    slope = float(np.polyfit(run.command_V, monitor, 1)[0])
-    moved = abs(float(np.mean(monitor - run.command_V)))
+
+
+def _check_monitor(run: Recording, range_V: float) -> None:
+    """Raise BadInput for a monitor that cannot be what drives the actuator, in V."""
+    monitor = run.columns["monitor_V"]
+    if np.ptp(monitor) < LEAST_RANGE:
+        raise BadInput(f"{run.path}: monitor_V is constant at {monitor[0]:g} V while the command moves; check the monitor, "
+                       "or remove the column")
     late = np.abs(late_correlations(run, monitor))
+    slope = float(np.polyfit(run.command_V, monitor, 1)[0])
+    middle, moved = float(np.mean(run.command_V)), float(np.mean(monitor))
+    # An amplifier of another gain moves its mean as well; one that is too slow for the drive does not.
+    aside = min(abs(moved - middle), abs(moved - slope * middle))
     # An amplifier too slow for the drive follows it by little, and late; in other units, at once.
     slow = late[0] < tuned.AT_ONCE and np.max(late) > tuned.MIN_CORRELATION
     least, most = tuned.MONITOR_SLOPE
-    if not (least < slope < most or slow) or moved > np.ptp(run.command_V):
-        raise BadInput(f"{run.path}: monitor_V moves {slope:.3g} V per volt of the command and lies {moved:.3g} V from "
-                       "it; give volts at the actuator, as in command_V, or remove the column")
+    if not (least < slope < most or slow) or aside > tuned.MONITOR_ASIDE * range_V:
+        raise BadInput(f"{run.path}: monitor_V moves {slope:.3g} V per volt of the command and lies {moved - middle:.3g} V "
+                       "from it; give volts at the actuator, as in command_V, or remove the column")
 
 
 def correlation(run: Recording) -> float:

@@ -123,8 +123,7 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     progress(0.6)
     full = _full(now, candidates)
     if full.beats(now):
-        full = _pruned(full, rate_law)
-        now = full if full.is_better(now) else now
+        now = _pruned(full, rate_law, than=now)
     progress(0.8)
     now, compared = _exchanged(now, candidates)
     for _ in candidates:  # what was exchanged may show more
@@ -298,13 +297,15 @@ def _smaller(state: Linearised, rate_law: bool) -> Iterator[Hypothesis]:
             yield replace(less, rated=True)
 
 
-def _pruned(now: Judged, rate_law: bool, whole: Judged | None = None) -> Judged:
-    """Without what does not help, neither beside the others nor all that is left out together: `whole` has it."""
+def _pruned(now: Judged, rate_law: bool, than: Judged | None = None, whole: Judged | None = None) -> Judged:
+    """Without what does not help, neither beside the others nor all that is left out together: `whole` has it. What is left
+    stays better `than` something: of two effects that only help together, one may leave no trace of that.
+    """
     whole = whole or now
     for hypothesis in _smaller(now.state, rate_law):
         less = judged(now.state.setting, hypothesis, now.state.found)
-        if not now.beats(less) and not whole.beats(less):
-            return _pruned(less, rate_law, whole)
+        if not now.beats(less) and not whole.beats(less) and (than is None or less.is_better(than)):
+            return _pruned(less, rate_law, than, whole)
     return now
 
 

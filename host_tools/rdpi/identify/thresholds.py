@@ -74,6 +74,9 @@ MIN_WINDOW = 100  # [samples] shorter windows are not taken; judged
 
 # --- is it this actuator? (checks.py)
 MONITOR_SLOPE = 0.3, 2.0  # [V/V] of monitor_V over command_V; judged
+MONITOR_ASIDE = 0.2  # [range] by which a monitor may lie off the command in the mean; judged
+OTHER_CLOCK = 50.0  # [samples per second] ratio to those of the fit, from which it is a remark; judged
+FEW_SAMPLES = 500  # [samples] of all recordings, below which it is one; judged
 AT_ONCE = 0.8  # [correlation] of a monitor with the command from which it is not slow; judged
 LATEST_S = 0.05  # [s] by which a displacement may follow and still be of this drive; judged
 MIN_CORRELATION = 0.5  # [correlation] of command and displacement; judged

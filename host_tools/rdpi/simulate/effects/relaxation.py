@@ -34,6 +34,7 @@ class Relaxation(Effect):
     comes_late = True
     needs_rates = True
     parameters = (Parameter("share", "1", -0.2, 0.5), Parameter("time_constant_s", "s", SHORTEST_S, LONGEST_S, 0.01))
+    in_gap = {"share": (0.0, 0.5)}  # a negative one would be early
     on_rig = {"share": (0.0, 0.12)}  # as much as stacks relax; a larger one is a lag
     contains = GainChange  # slower than the recordings, its share is missing from every move
 

@@ -12,7 +12,7 @@ from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown, time_text
 from .treatment import Treatment
 
-DAMPINGS = 0.02, 0.1, 0.4
+DAMPINGS = 0.02, 0.1, 0.3
 PER_OCTAVE = 3  # of the grid, on which only strongly damped ones are found
 SHARP = 0.005, 0.02, 0.08  # dampings tried where the residual has a peak
 PEAKS = 3
@@ -37,7 +37,7 @@ class Resonance(Effect):
     of_rig = True
     least_gain = 0.3  # less is what a delay or lag leaves
     needs_rates = True
-    on_rig = {"damping": (1e-3, 0.3)}
+    on_rig = in_gap = {"damping": (1e-3, 0.3)}  # what is damped more does not ring: it is late, as by a delay or lag
     parameters = Parameter("f0_hz", "Hz", 1e-3, np.inf, np.inf), Parameter("damping", "1", 1e-3, 0.95, 0.05)
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
