@@ -49,7 +49,12 @@ function ticks(given, place, ends) {
   const size = letters(given, place.clientWidth);
   const made = (name, length, share) => given[name].map((one, index) => one.ticks || one.type === "time" ? {} :
     ticked(one, ...ends(name, index), Math.max(2, Math.round(length * parseFloat(given.grid[index][share]) / 100 / size))));
-  return {xAxis: made("xAxis", place.clientWidth / 5, "width"), yAxis: made("yAxis", place.clientHeight / 2, "height")};
+  const yAxis = made("yAxis", place.clientHeight / 2, "height");
+  yAxis.forEach((one, index) => { // the title stands beside the longest label
+    const longest = Math.max(0, ...(one.axisLabel?.customValues ?? []).map(value => String(+value.toPrecision(4)).length));
+    one.nameGap = Math.max((given.yAxis[index].nameGap ?? 0) * place.clientWidth, longest && (0.6 * longest + 1) * size);
+  });
+  return {xAxis: made("xAxis", place.clientWidth / 5, "width"), yAxis};
 }
 
 /* Round values on an axis from low to high that has room for so many labels. On a logarithmic one: powers of ten, and
