@@ -11,6 +11,7 @@ from .. import firmware
 from ..data import RATE_TOLERANCE, Recording
 from ..errors import BadInput
 from ..model import LARGEST, MAX_OFFSET, Model
+from . import passport_file
 from . import thresholds as tuned
 
 LARGEST_INPUT = 1e6  # V or um
@@ -147,7 +148,8 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
                            "a model to such drives")
         if beyond > tuned.BEYOND * (model.drive.max_V - model.drive.min_V):
             notes.append(f"{run.path}: the command goes {beyond:.3g} V beyond the range that the model was fitted to")
-    rates = [run["sample_rate_hz"] for run in (model.passport or {}).get("runs", []) if run.get("sample_rate_hz")]
+    known = passport_file.read(model)
+    rates = [run.sample_rate_hz for run in (known.runs if known else ()) if run.sample_rate_hz]
     for run in runs:
         if rates and not min(rates) / tuned.OTHER_CLOCK < run.sample_rate_hz < max(rates) * tuned.OTHER_CLOCK:
             notes.append(f"{run.path} has {run.sample_rate_hz:.3g} samples per second, the recordings of the fit "
@@ -158,10 +160,10 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     if others and model.actuator:
         notes.append(f"the recordings are of {', '.join(others)}, but the model is of {model.actuator}")
     fitted = fitted_digests(model)
-    known = [run.path for run in runs if run.digest and run.digest in fitted]
-    if known:
-        notes.append(f"the model was fitted to {', '.join(known)}; give other recordings")
-    if model.passport is None:
+    seen = [run.path for run in runs if run.digest and run.digest in fitted]
+    if seen:
+        notes.append(f"the model was fitted to {', '.join(seen)}; give other recordings")
+    if known is None:
         notes.append("the model has no passport, so its own error cannot be separated from what is new; "
                      "fit the model again to get one")
     if len(runs) == 1:
