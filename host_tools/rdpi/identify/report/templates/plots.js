@@ -13,7 +13,8 @@ document.querySelectorAll("figure:has(> script)").forEach((figure, index) => {
   const plot = echarts.init(place, null, {renderer: "svg"});
   const draw = () => {
     plot.setOption(option(given, place.clientWidth), true);
-    plot.setOption(ticks(given, place, (name, index) => [given[name][index].min, given[name][index].max]));
+    const whole = ticks(given, place, (name, index) => [given[name][index].min, given[name][index].max]);
+    plot.setOption({...whole, yAxis: whole.yAxis.map((one, index) => ({...one, nameGap: beside(one, given, index, place)}))});
     if (!touched) {
       plot.dispatchAction({type: "takeGlobalCursor", key: "dataZoomSelect", dataZoomSelectActive: true});
     }
@@ -49,12 +50,14 @@ function ticks(given, place, ends) {
   const size = letters(given, place.clientWidth);
   const made = (name, length, share) => given[name].map((one, index) => one.ticks || one.type === "time" ? {} :
     ticked(one, ...ends(name, index), Math.max(2, Math.round(length * parseFloat(given.grid[index][share]) / 100 / size))));
-  const yAxis = made("yAxis", place.clientHeight / 2, "height");
-  yAxis.forEach((one, index) => { // the title stands beside the longest label
-    const longest = Math.max(0, ...(one.axisLabel?.customValues ?? []).map(value => String(+value.toPrecision(4)).length));
-    one.nameGap = Math.max((given.yAxis[index].nameGap ?? 0) * place.clientWidth, longest && (0.6 * longest + 1) * size);
-  });
-  return {xAxis: made("xAxis", place.clientWidth / 5, "width"), yAxis};
+  return {xAxis: made("xAxis", place.clientWidth / 5, "width"), yAxis: made("yAxis", place.clientHeight / 2, "height")};
+}
+
+/* Where the title of a y axis stands: beside the longest label. */
+function beside(ticked, given, index, place) {
+  const longest = Math.max(0, ...(ticked.axisLabel?.customValues ?? []).map(value => String(+value.toPrecision(4)).length));
+  return Math.max((given.yAxis[index].nameGap ?? 0) * place.clientWidth,
+    longest && (0.6 * longest + 1) * letters(given, place.clientWidth));
 }
 
 /* Round values on an axis from low to high that has room for so many labels. On a logarithmic one: powers of ten, and
