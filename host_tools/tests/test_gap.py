@@ -480,7 +480,8 @@ def proposed_drive(command: str) -> Recording:
     _, _, kind, *words = command.split()
     given = dict(zip(words[::2], words[1::2]))
     options = {name: given[f"--{word}"] for name, word in excite.OPTION_NAMES.items() if f"--{word}" in given}
-    columns, metadata = excite.make_drive(kind, excite.Limits(float(given["--min-V"]), float(given["--max-V"]), sample_rate_hz=RATE_HZ), **{
+    limits = excite.Limits(float(given["--min-V"]), float(given["--max-V"]), sample_rate_hz=RATE_HZ)
+    columns, metadata = excite.make_drive(kind, limits, **{
         name: int(value) if name in ("levels", "cycles") else float(value) for name, value in options.items()})
     swept = columns["time_s"] >= float(metadata.get("sweep_s", 0.0))
     return recording(columns["command_V"][swept], None, RATE_HZ, f"{kind}.csv")

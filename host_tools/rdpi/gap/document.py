@@ -70,12 +70,10 @@ def _effects(selection: Selection, final: NormalEquations | None) -> list[Accept
 
 def may_be_as_before(selection: Selection) -> bool:
     """Whether the model holds the effect that was accepted last, and the intervals of what it is now hold all that it was."""
-    final = equations_of(selection.accepted)
     one = selection.accepted.chosen[-1]
-    was = _was(selection, one)
-    if was is None:
+    if (was := _was(selection, one)) is None:
         return False
-    widths = _widths(selection, final)[-1]
+    widths = _widths(selection, equations_of(selection.accepted))[-1]
     return all(was[name] is not None and abs(one.values[name] - was[name]) <= width for name, width in widths.items())
 
 

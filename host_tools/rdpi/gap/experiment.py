@@ -55,9 +55,11 @@ def propose(selection: Selection, verdict: Verdict, unseen: Sequence[NotKnown] =
             and most.share > thresholds.MOSTLY:
         return _commissioning(state, most)
     if verdict == "unknown":
-        kind, options, why = next((one for one in SHOWING if _lacks(state, *one[:2])), (None,) * 3)
-        return None if kind is None else NextExperiment(
-            command=_command(_limits(state, kind), kind, options), why=f"{why}; record a column monitor_V too", seconds=None)
+        for kind, options, why in SHOWING:
+            if _missing(state, kind, options) is not None:
+                return NextExperiment(command=_command(_limits(state, kind), kind, options),
+                                      why=f"{why}; record a column monitor_V too", seconds=None)
+        return None
     done = next((done for done in selection.rounds if selection.rivals(done)), None) if verdict == "ambiguous" else None
     if done is None:
         return None
@@ -86,12 +88,11 @@ def _drives(state: AugmentedModel, truth: Candidate, rivals: Sequence[Score]) ->
     at_hand = _shown(state, truth, min(state.recordings, key=len))
     known, found = passport.read(state.model), []
     for kind, options in CANNED:
-        if not _lacks(state, kind, options):
+        columns, limits = _missing(state, kind, options), _limits(state, kind)
+        if columns is None:
             continue
+        seconds = float(columns["time_s"][-1])
         try:
-            limits = _limits(state, kind)
-            columns, _ = excite.make_drive(kind, limits, **options)
-            seconds = float(columns["time_s"][-1])
             if (times := len(columns["time_s"]) / LONGEST) > 1:  # judged at fewer samples per second
                 limits = replace(limits, sample_rate_hz=limits.sample_rate_hz / times)
                 columns, _ = excite.make_drive(kind, limits, **options)
@@ -105,20 +106,20 @@ def _drives(state: AugmentedModel, truth: Candidate, rivals: Sequence[Score]) ->
     return found
 
 
-def _lacks(state: AugmentedModel, kind: str, options: dict[str, Any]) -> bool:
-    """Whether a drive is to be had, and no recording is of it, with its sweep or without."""
+def _missing(state: AugmentedModel, kind: str, options: dict[str, Any]) -> dict[str, np.ndarray] | None:
+    """Columns of a drive; None: it is not to be had, or a recording is of it, with its sweep or without."""
     try:
         drive, metadata = excite.make_drive(kind, _limits(state, kind), **options)
     except BadInput:
-        return False
+        return None
     for begin_s in (0.0, float(metadata.get("sweep_s", 0.0))):
         time_s, command_V = (drive[name][drive["time_s"] >= begin_s] for name in ("time_s", "command_V"))
         for run in state.recordings:
             since_s = run.time_s - run.time_s[0]
             as_long = abs(since_s[-1] / (time_s[-1] - time_s[0]) - 1) < SAME_LENGTH
             if as_long and np.corrcoef(command_V, np.interp(time_s - time_s[0], since_s, run.command_V))[0, 1] > SAME:
-                return False
-    return True
+                return None
+    return drive
 
 
 def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment | None:
