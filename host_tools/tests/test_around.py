@@ -61,14 +61,17 @@ def test_of_two_effects_that_help_only_together_both_stay(monkeypatch: pytest.Mo
         is_better = beats
 
     left = {"": 10.0, "curve": 7.0, "creep": 9.0, "creep, curve": 6.0}
-    fitted_ones = {names: Standing(left=value, state=SimpleNamespace(names=names, setting=None, found=None))
-                   for names, value in left.items()}
+    early = SimpleNamespace(comes_late=False)
+    fitted_ones = {names: Standing(left=value, hypothesis=early, state=SimpleNamespace(
+        names=names, setting=None, found=None)) for names, value in left.items()}
     monkeypatch.setattr(choice, "judged", lambda setting, names, found: fitted_ones[names])
     monkeypatch.setattr(choice, "_smaller", lambda state, rate_law: {"creep, curve": ["curve", "creep"]}.get(
         state.names, [""] * bool(state.names)))
     pruned = partial(choice._pruned, fitted_ones["creep, curve"], False)
     assert pruned() is fitted_ones["curve"] and not pruned().beats(fitted_ones[""])
     assert pruned(than=fitted_ones[""]) is fitted_ones["creep, curve"]
+    early.comes_late = True
+    assert pruned(than=fitted_ones[""]) is fitted_ones["curve"]
 
 
 @pytest.mark.parametrize("names", [*((name,) for name in PUT), TOGETHER], ids=" ".join)

@@ -123,7 +123,8 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     progress(0.6)
     full = _full(now, candidates)
     if full.beats(now):
-        now = _pruned(full, rate_law, than=now)
+        full = _pruned(full, rate_law, than=now)
+        now = full if full.is_better(now) else now
     progress(0.8)
     now, compared = _exchanged(now, candidates)
     for _ in candidates:  # what was exchanged may show more
@@ -299,12 +300,14 @@ def _smaller(state: Linearised, rate_law: bool) -> Iterator[Hypothesis]:
 
 def _pruned(now: Judged, rate_law: bool, than: Judged | None = None, whole: Judged | None = None) -> Judged:
     """Without what does not help, neither beside the others nor all that is left out together: `whole` has it. What is left
-    stays better `than` something: of two effects that only help together, one may leave no trace of that.
+    stays better `than` something: of two effects that only help together, one may leave no trace of that. What comes late
+    is no reason to stay: beside others, any actuator looks a little late.
     """
     whole = whole or now
     for hypothesis in _smaller(now.state, rate_law):
         less = judged(now.state.setting, hypothesis, now.state.found)
-        if not now.beats(less) and not whole.beats(less) and (than is None or less.is_better(than)):
+        if not now.beats(less) and not whole.beats(less) and (
+                than is None or now.hypothesis.comes_late or less.is_better(than)):
             return _pruned(less, rate_law, than, whole)
     return now
 
