@@ -677,6 +677,18 @@ def test_the_zero_moves_where_recordings_agree_that_it_did() -> None:
     assert not some.document.offset_um.moved and name_of(some) == "delay"
 
 
+@pytest.mark.parametrize("share", [-2.0, -0.7, -0.4, 0.7])
+def test_what_an_effect_does_to_the_zero_is_undone_as_far_as_recordings_say(share: float) -> None:
+    """Zeros that scatter, and do not agree with what the effect does to them."""
+    runs = later(entry("gain_change", factor=1.2))
+    done_um = float(np.mean([np.mean(run.displacement_um - one.predicted_um)
+                             for run, one in zip(runs, chain.simulate(commissioned(), runs))]))
+    zeros = share * done_um + done_um * np.array([1.0, -1.0, 1.0, -1.0])
+    found = diagnose(commissioned(), moved(runs, *zeros))
+    assert name_of(found) == "gain_change" and not found.document.offset_um.moved
+    assert found.document.offset_um.added == pytest.approx(np.clip(share, -1, 0) * done_um, abs=0.02 * done_um)
+
+
 def test_the_zero_of_an_unknown_memory_counts_only_if_there_is_no_other() -> None:
     late, stroke_um = later(entry("delay", delay_s=0.0034)), commissioned().stroke_um
     others = [0.0] * (len(late) - 1)

@@ -258,8 +258,8 @@ def _offset(selection: Selection) -> Offset:
     other figure counts it.
 
     The improved model's zero moves by their mean where they agree: where it exceeds what zeros scatter by, here and
-    where the model was identified. Where they do not agree, it only makes up for what the effects do to it, if that
-    takes it away from where the recordings lie. Creep and the room move one recording's zero and not the next one's.
+    where the model was identified. Where they do not agree, it undoes what the effects do to it, as far as that brings it
+    nearer to their mean. Creep and the room move one recording's zero and not the next one's.
     That of a recording of unknown memory holds what its plays remember: it counts only if there is no other.
 
     Without accepted effects the improved model is the one that was given. Starts that the rounds came to may explain
@@ -279,11 +279,10 @@ def _offset(selection: Selection) -> Offset:
     agree, added = zeros_agree(model, told, compared=bool(base.earlier)), 0.0
     if agree and state.chosen:
         added = float(np.mean(told))
-    elif state.chosen and not any(one.effect.starts_memory for one in state.chosen) \
-            and np.sum(told**2) > np.sum(before[sure] ** 2):
-        # the effects take the zero away from where it is
+    elif state.chosen and not any(one.effect.starts_memory for one in state.chosen):
         taken_um = float(np.mean((zeros - before)[sure]))
-        added = taken_um if abs(taken_um) > thresholds.ZERO_SCATTER * model.stroke_um else 0.0
+        undone_um = float(np.clip(np.mean(told), min(taken_um, 0.0), max(taken_um, 0.0)))
+        added = undone_um if abs(undone_um) > thresholds.ZERO_SCATTER * model.stroke_um else 0.0
     least = max(thresholds.ZERO * rms(selection.before_um), thresholds.MUCH_ZERO * model.stroke_um)
     return Offset(mean=float(np.mean(zeros)), low=float(min(zeros)), high=float(max(zeros)),
                   added=added,
