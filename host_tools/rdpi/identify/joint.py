@@ -29,6 +29,7 @@ from .regression import prior
 
 BLOCKS = 8  # of each recording
 STEPS = 16  # of Levenberg and Marquardt
+DAMPING = 0.01  # that they begin with, and go on with where less was too little
 MOST_DAMPING = 10.0  # beyond which a step moves nothing
 ENOUGH = 1e-3  # relative change of the squares at which they end
 SINGULAR = 1e-12  # of a column's squares, added to them: columns that are alike have a solution all the same
@@ -230,8 +231,9 @@ class Linearised:
         found, squares, _ = self.best(self._grams(rows))
         return found, squares
 
-    def step(self, damping: float) -> np.ndarray:
-        """Of Levenberg and Marquardt in the own parameters, by factors where those move in their logarithm.
+    def step(self, damping: float) -> tuple[np.ndarray, float]:
+        """Of Levenberg and Marquardt in the own parameters, by factors where those move in their logarithm; and the
+        squares that it takes away to first order.
 
         Those at a bound stay there if they would leave it.
         """
@@ -258,7 +260,7 @@ class Linearised:
             if not np.any(leaving):
                 break
             open_ &= ~leaving
-        return step
+        return step, -float(step @ (2 * slope + curvature @ step))
 
     def _leaves(self, place: int, name: str, step: float) -> bool:
         one = self.hypothesis.acting[place]
@@ -357,18 +359,20 @@ def _last(blocks: np.ndarray) -> np.ndarray:
 
 def refined(setting: Setting, hypothesis: Hypothesis, found: Unknowns, steps: int = STEPS) -> Linearised:
     """The least squares from there on (Levenberg and Marquardt)."""
-    state, damping = Linearised(setting, hypothesis, found), 1e-2
+    state, damping = Linearised(setting, hypothesis, found), DAMPING
     state = Linearised(setting, hypothesis, state.trial(hypothesis.acting)[0])
     for _ in range(steps if state.free else 0):
         before = state.squares
         while damping <= MOST_DAMPING:
-            step = state.step(damping)
+            step, promised = state.step(damping)
+            if promised < ENOUGH * before:
+                return state
             acting = tuple(shifted(one, {name: step[j] for j, (at, name) in enumerate(state.free) if at == place})
                            for place, one in enumerate(state.hypothesis.acting))
             found, squares = state.trial(acting)
             if squares < before:
                 break
-            damping *= 10
+            damping = max(10 * damping, DAMPING)
         else:
             break
         if before - squares < ENOUGH * before:
@@ -381,5 +385,5 @@ def refined(setting: Setting, hypothesis: Hypothesis, found: Unknowns, steps: in
         elif better.squares - before < ENOUGH * before:
             break
         else:  # the trial held F(z) - z at the unknowns before, and they moved too far
-            damping *= 10
+            damping = max(10 * damping, DAMPING)
     return state

@@ -84,12 +84,15 @@ class Resonance(Effect):
 
 def _peaks(residuals: Residuals, lowest_hz: float, highest_hz: float) -> list[float]:
     """Frequencies at which the residual is strongest beside what was asked for, of the recordings together."""
+    from scipy.fft import next_fast_len, rfft, rfftfreq
+
     grid = np.geomspace(lowest_hz, highest_hz, 400)
     ratio = np.zeros(len(grid))
     for run, residual, predicted in zip(residuals.runs, residuals.residual_um, residuals.predicted_um):
-        frequencies = np.fft.rfftfreq(len(run), run.sample_time_s)
+        count = next_fast_len(len(run), real=True)
+        frequencies = rfftfreq(count, run.sample_time_s)
         window = np.hanning(len(run))
-        missed, asked = (np.abs(np.fft.rfft(window * signal)) ** 2
+        missed, asked = (np.abs(rfft(window * signal, count)) ** 2
                          for signal in (residual, np.gradient(predicted - np.mean(predicted))))
         floor = max(1e-3 * np.mean(asked), 1e-9 * np.mean(missed), np.finfo(float).tiny)
         ratio += np.interp(grid, frequencies, missed) / (np.interp(grid, frequencies, asked) + floor)

@@ -22,11 +22,14 @@ class Spectra(NamedTuple):
     @classmethod
     def of(cls, runs: Sequence[Recording], predicted_um: Sequence[np.ndarray], residual_um: Sequence[np.ndarray]
            ) -> Spectra:
+        from scipy.fft import next_fast_len, rfft, rfftfreq
+
         parts = []
         for run, predicted, left in zip(runs, predicted_um, residual_um):
-            asked, missed = (np.fft.rfft(_level(signal))[1:] for signal in (predicted, left))
-            hertz = np.fft.rfftfreq(len(run), run.sample_time_s)[1:]
-            parts.append((hertz, np.conj(asked) * asked * 2 / len(run), np.conj(asked) * missed * 2 / len(run)))
+            count = next_fast_len(len(run), real=True)  # zeros go on from a level signal
+            asked, missed = (rfft(_level(signal), count)[1:] for signal in (predicted, left))
+            hertz = rfftfreq(count, run.sample_time_s)[1:]
+            parts.append((hertz, np.conj(asked) * asked * 2 / count, np.conj(asked) * missed * 2 / count))
         hertz, power, common = (np.concatenate(lines) for lines in zip(*parts))
         _, first, place = np.unique(np.floor(np.log2(hertz) / PER_BIN), return_index=True, return_inverse=True)
         return cls(hertz[first], np.bincount(place, power.real),
