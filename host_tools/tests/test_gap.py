@@ -799,6 +799,18 @@ def test_a_monitor_that_the_displacement_does_not_follow_is_left_out(make: Calla
     assert any("monitor_V is left out of all recordings" in note and why in note for note in document.notes)
 
 
+def test_monitors_that_contradict_each_other_are_left_out() -> None:
+    """One is a copy of the command, the others show an amplifier that lags: so does the actuator's, in all of them."""
+    lag = entry("lag", "amplifier", time_constant_s=0.003)
+    seen = shown_filtered(later(lag))
+    document = diagnose(commissioned(), [changed(seen[0], monitor_V=seen[0].command_V), *seen[1:]]).document
+    assert "lag" in {document.effects[0].name, *document.effects[0].confusable_with}
+    assert any(f"in {seen[0].path} it is the command to the last digit" in note
+               for note in document.notes)
+    whole = diagnose(commissioned(), seen).document
+    assert [one.name for one in whole.effects] == ["lag"] and not any("left out" in note for note in whole.notes)
+
+
 def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
     """Beside a large gap the monitor is believed until what it shows makes that larger."""
     runs = [changed(run, displacement_um=run.displacement_um + np.random.default_rng(k).normal(0, 0.35, len(run)))

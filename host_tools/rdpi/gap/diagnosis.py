@@ -83,9 +83,16 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
 
 
 def _contradicted(given: AugmentedModel) -> str | None:
-    """Why monitor_V does not show what drives the actuator: the displacement follows the command. None: it may."""
+    """Why monitor_V does not show what drives the actuator: it is the command itself, or the displacement follows the
+    command. None: it may.
+    """
     if not given.dataset.monitored:
         return None
+    copies = [np.array_equal(run.columns["monitor_V"], run.command_V) for run in given.recordings]
+    if any(copies) and not all(copies):
+        path, other = given.recordings[copies.index(True)].path, given.recordings[copies.index(False)].path
+        return (f"monitor_V is left out of all recordings: in {path} it is the command to the last digit, in {other} it is "
+                "not; give what the amplifier puts out in all of them")
     missed = zip(given.recordings, given.dataset.split(given.residual), given.residual_um)
     wrong = [(run.path, rms([by_monitor]), rms([by_command])) for run, by_monitor, by_command in missed
              if rms([by_monitor]) > thresholds.CONTRADICTS * rms([by_command])]
