@@ -135,10 +135,10 @@ def _parameters(one: Kept) -> dict[str, records.EffectParameter]:
 
 def lines(choice: Choice) -> list[str]:
     """For people: each effect, its size, what it brought, and what may be in its place."""
-    beside = [one.acting.effect.name for one in choice.kept] + ["rate law"] * choice.found.hypothesis.rated
-    told = [f"around the operator: {', '.join(beside) or 'nothing'}; rms on recordings, or parts of them, that were "
-            f"not fitted: {choice.percent(choice.found.rms_um):.3g} % of the stroke"
-            + (f", operator alone {choice.percent(choice.plain.rms_um):.3g} %" if beside else "")]
+    names, rated = [one.acting.effect.name for one in choice.kept], choice.found.hypothesis.rated
+    told = [f"around the operator: {', '.join(names) or 'nothing'}, {'with a' if rated else 'no'} rate law; rms of parts of "
+            f"these recordings, each predicted from the others: {choice.percent(choice.found.rms_um):.3g} % of the stroke"
+            + (f", operator alone {choice.percent(choice.plain.rms_um):.3g} %" if names or rated else "")]
     for one in choice.kept:
         effect, values = one.acting
         sizes = ", ".join(_size(effect, parameter, values[parameter.name], one.ci95.get(parameter.name))

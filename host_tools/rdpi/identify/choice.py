@@ -74,7 +74,7 @@ class Judged:
         gained, before = np.sum(gain, axis=1), np.sum(other.held_out, axis=1)
         certain = np.mean(gain / both, axis=1) > errors * np.std(gain / both, axis=1, ddof=1) / np.sqrt(gain.shape[1])
         matters = gained > np.maximum(share * before, tuned.CHAIN_LEAST**2 * self.state.setting.samples)
-        least = max((one.effect.least_gain for one in beside), default=0.0)
+        least = max((one.effect.least_gain(one.values) for one in beside), default=0.0)
         return bool(np.all(certain & matters) and np.sum(gained) > least * np.sum(before))
 
     def is_better(self, other: Judged) -> bool:
@@ -144,14 +144,18 @@ def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
 
 
 def refitted(choice: Choice, setting: Setting, rate_law: bool) -> Choice:
-    """The choice made with thinned recordings, fitted to the whole ones, `setting`."""
-    found = choice.found
-    if found.state.setting is setting:
+    """The choice made with thinned recordings, and what it was compared with, fitted to the whole ones, `setting`."""
+    if choice.found.state.setting is setting:
         return choice
-    now = judged(setting, found.hypothesis, found.state.found)
-    kept = (replace(one, acting=acting, ci95=ci95) for one, acting, ci95 in
-            zip(choice.kept, now.hypothesis.acting, _intervals(now, rate_law)))
-    return Choice(choice.plain, now, tuple(kept))
+
+    def again(one: Judged) -> Judged:
+        return judged(setting, one.hypothesis, one.state.found)
+
+    found = again(choice.found)
+    plain = found if choice.found is choice.plain else again(choice.plain)
+    kept = (replace(one, acting=acting, ci95=ci95, without=again(one.without)) for one, acting, ci95 in
+            zip(choice.kept, found.hypothesis.acting, _intervals(found, rate_law)))
+    return Choice(plain, found, tuple(kept))
 
 
 def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:
@@ -246,18 +250,28 @@ def _late_first(plain: Judged, now: Judged, candidates: Sequence[Effect], rate_l
 
 def _joined(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged | None:
     """With the effect that helps most, or the simplest of those that help as much; None: none helps."""
-    state = now.state
-    first = _to_first_order(state, _absent(state, candidates))
+    state, absent = now.state, _absent(now.state, candidates)
+    parted = [_parted(state.hypothesis, one, effect) for one in state.hypothesis.acting if one.effect.late_by
+              for effect in absent if effect.late_by]
+    first = _to_first_order(state, [effect for effect in absent if not (parted and effect.late_by)])
     if rate_law and not state.hypothesis.rated:
         first[""] = squares_of(state.held_out(rated=True)), replace(state.hypothesis, rated=True)
     # A rate law moves delays and lags too far for the first order to say what it brings.
-    fitted = [judged(state.setting, hypothesis, state.found) for name, (left, hypothesis) in first.items()
-              if left < (1 - tuned.FURTHER_GAIN[0]) * now.left or not name]
+    promising = [hypothesis for name, (left, hypothesis) in first.items()
+                 if left < (1 - tuned.FURTHER_GAIN[0]) * now.left or not name]
+    fitted = [judged(state.setting, hypothesis, state.found) for hypothesis in [*promising, *parted]]
     fitted = [one for one in fitted if one.beats(now)]
     if not fitted:
         return None
     best = min(fitted, key=lambda one: one.left)
     return min((one for one in fitted if not best.beats(one)), key=lambda one: (one.hypothesis.size, one.left))
+
+
+def _parted(hypothesis: Hypothesis, one: Acting, effect: Effect) -> Hypothesis:
+    """With another effect that is late by a time, which takes half of this one's: to first order they are the same."""
+    half = one.values[one.effect.late_by] / 2
+    less = Acting(one.effect, {**one.values, one.effect.late_by: half})
+    return hypothesis.lacking(one).having(less).having(Acting(effect, {**effect.absent(), effect.late_by: half}))
 
 
 def _full(now: Judged, candidates: Sequence[Effect], whatever: bool = False) -> Judged:

@@ -59,11 +59,11 @@ class SweepStart(NamedTuple):
         if self.remembers is None:
             return f"a decaying sweep takes the plays {100 * self.share:.3g} % of the way, as actuators that remember " \
                    "do; these recordings show no loops to tell"
-        compared = f"plays that remember leave {100 * self.remembers:.3g} % of the loops, plays that forget " \
+        compared = f"of the loops' rms, plays that remember miss {100 * self.remembers:.3g} %, plays that forget " \
                    f"{100 * self.forgets:.3g} %"
         return f"a decaying sweep takes the plays {100 * self.share:.3g} % of the way, as " + {
             "beginnings": "the beginnings of these recordings show", "inner loops": f"inner loops show: {compared}",
-            "nothing": f"actuators that remember do; nothing here shows it: {compared}"}[self.shown_by]
+            "nothing": f"actuators that remember do ({compared}); no beginning aside of the middle shows how far"}[self.shown_by]
 
 
 class _Part(NamedTuple):

@@ -107,7 +107,7 @@ def _brought(choice: Choice | None) -> str:
     if choice is None:
         return ""
     after, before = (f"{number(choice.percent(one.rms_um), 3)} %" for one in (choice.found, choice.plain))
-    return f"On recordings, or parts of them, that were not fitted, the model misses {after} rms of the stroke" + (
+    return f"Of parts of these recordings, each predicted from the others, the model misses {after} rms of the stroke" + (
         f", the operator alone {before}." if before != after else ".")
 
 

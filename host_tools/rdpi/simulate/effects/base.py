@@ -86,7 +86,6 @@ class Effect:
     needs_loops: ClassVar[bool] = False  # with strokes of a single size it does
     on_rig: ClassVar[Mapping[str, tuple[float, float]]] = {}  # narrower bounds of parameters where `fit` looks for it
     in_gap: ClassVar[Mapping[str, tuple[float, float]]] = {}  # likewise where `gap` does
-    least_gain: ClassVar[float] = 0.0  # share of the squares that it must take away, where it makes up for other misfit
     comes_late: ClassVar[bool] = False  # the displacement comes late by it, as it does by others of its kind
     late_by: ClassVar[str | None] = None  # the parameter that is the time by which slow movements come late
     rings: ClassVar[bool] = False  # at a frequency of its own
@@ -112,6 +111,10 @@ class Effect:
 
     def __repr__(self) -> str:
         return f"{self.name}({self.stage})"
+
+    def least_gain(self, values: Values) -> float:
+        """Share of the squares that it must take away, where it makes up for other misfit."""
+        return 0.0
 
     @property
     def before_monitor(self) -> bool:

@@ -15,6 +15,7 @@ from .treatment import Treatment, folded
 BOW = 0.05  # what `rdpi excite` tries: small enough to be linear in it
 GRID, LEAST_ERROR = 4097, 1e-9  # where the pieces may end in the range; what is straight, of the range
 LEAST_SLOPE = 0.1  # of the curve against the straight line between its ends; an inverse has at most one over it
+LEAST_GAIN = 0.4  # less is the misfit of the plays: on plants that are the model it takes away up to a fifth
 
 
 class InputCurve(Effect):
@@ -35,7 +36,6 @@ class InputCurve(Effect):
     on_drive = True
     of_rig = True
     needs_loops = True
-    least_gain = 0.4  # less is the misfit of the plays: on plants that are the model it takes away up to a fifth
     parameters = (Parameter("quadratic", "1", -1.0, 1.0), Parameter("cubic", "1", -1.0, 1.0),
                   Parameter("low_V", "V", -LARGEST, LARGEST, internal=True),
                   Parameter("high_V", "V", -LARGEST, LARGEST, internal=True))
@@ -44,6 +44,9 @@ class InputCurve(Effect):
     # and makes one ambiguous: it is a twin of the curve at the output.
     comes_up = False
     chance_gain = 0.0, 0.2  # beside a refitted model: what the plays' own misfit lends
+
+    def least_gain(self, values: Values) -> float:
+        return LEAST_GAIN
 
     @property
     def fitted(self) -> tuple[str, ...]:

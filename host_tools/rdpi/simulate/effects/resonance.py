@@ -20,6 +20,7 @@ AROUND, COARSE = 4, 0.008  # steps tried on either side of a peak, of its dampin
 LEAST_PERIOD = 3.0  # samples of a period that can be simulated
 OCTAVES = 8
 PROMISING = 3  # starts that are kept by what they explain as they are, and as many by what a multiple of them explains
+LEAST_GAIN, BROAD = 0.3, 0.1  # less is what a delay or lag leaves; the sharper it is, the less is like it; damping
 SHOWN_DAMPING, RING_PERIODS = 0.05, 5  # what is asked of a drive: so many periods in its longest hold, or in a stroke
 
 
@@ -35,10 +36,12 @@ class Resonance(Effect):
     article = "a"
     stages = ("mechanics",)
     of_rig = True
-    least_gain = 0.3  # less is what a delay or lag leaves
     needs_rates = True
     on_rig = in_gap = {"damping": (1e-3, 0.3)}  # what is damped more does not ring: it is late, as by a delay or lag
     parameters = Parameter("f0_hz", "Hz", 1e-3, np.inf, np.inf), Parameter("damping", "1", 1e-3, 0.95, 0.05)
+
+    def least_gain(self, values: Values) -> float:
+        return LEAST_GAIN * min(1.0, values["damping"] / BROAD)
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         turn = values["f0_hz"] * run.sample_time_s  # per sample
