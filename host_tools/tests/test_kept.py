@@ -15,6 +15,7 @@ from injected import drives, entry, plain_model, recorded
 from plants import changed
 
 from rdpi.data import Limits, Recording, filled, read_recording, thinned, write_recording
+from rdpi.errors import BadInput
 from rdpi.identify import kept
 from rdpi.model import read_model, write_model
 from rdpi.simulate import signals
@@ -246,5 +247,55 @@ def test_a_model_never_replaces_what_is_kept_with_it(folder: Path, rdpi: Callabl
     name, path = next(iter(copies().items()))
     whole = path.read_bytes()
     done = rdpi("gap", "model.json", f"late-{name}.csv", "-o", path)
-    assert done.exit_code == 2 and "is a recording that is kept with the model" in done.output
+    assert done.exit_code == 2 and "a recording that is kept with the model" in done.output
+    with pytest.raises(BadInput, match="is a recording that is kept with the model"):
+        write_model(path, read_model("model.json"))
     assert path.read_bytes() == whole
+
+
+REFERENCE = "time_s,reference_um\n" + "".join(f"{k / 1000},{5 + k / 100}\n" for k in range(50))
+
+
+@pytest.mark.parametrize("command", [
+    ("simulate", "model.json", LATE[2], "-o"), ("simulate", "model.json", LATE[2], "--json"),
+    ("header", "model.json", "-o"), ("compensate", "model.json", "reference.csv", "-o"),
+    ("gap", "model.json", LATE[2], "--json"), ("plot", "model.json", LATE[2], "--json")])
+def test_no_output_replaces_what_is_kept_with_the_model(command: tuple[str, ...], folder: Path, rdpi: Callable) -> None:
+    Path("reference.csv").write_text(REFERENCE)
+    path = copies()["sine"]
+    whole = path.read_bytes()
+    done = rdpi(*command, path)
+    assert done.exit_code == 2 and done.output == \
+        f"rdpi: {path}: would be written over a recording that is kept with the model; give another name\n"
+    assert path.read_bytes() == whole
+
+
+def test_a_report_replaces_nothing_that_is_kept(folder: Path, rdpi: Callable) -> None:
+    document = json.loads(Path("model.json").read_text())
+    shutil.copy(copies()["sine"], "kept/gap.json")
+    document["kept"] = [{**document["kept"][0], "file": "kept/gap.json"}]
+    Path("model.json").write_text(json.dumps(document))
+    done = rdpi("gap", "model.json", LATE[2], "--report", "kept")
+    assert done.exit_code == 2 and "kept/gap.json: would be written over a recording that is kept" in done.output
+    assert not Path("kept/index.html").exists()
+
+
+@pytest.mark.parametrize("option", ["-o", "--json"])
+def test_no_output_of_a_fit_replaces_what_it_keeps(option: str, folder: Path, rdpi: Callable) -> None:
+    name = copies()["sine"].name
+    Path("new").mkdir()
+    done = rdpi("fit", "sine.csv", "--effects", "none", "-o", "new.json", "--keep", "new", option, f"new/{name}")
+    assert done.exit_code == 2 and done.output == \
+        f"rdpi: new/{name}: could be one of the files of --keep; give another name or directory\n"
+    assert not [*Path("new").iterdir()] and not Path("new.json").exists()
+
+
+@pytest.mark.parametrize("name", ["a\0b", "a\ud800b", "x" * 5000])
+def test_names_that_no_file_can_have(name: str, folder: Path, rdpi: Callable) -> None:
+    document = json.loads(Path("model.json").read_text())
+    document["kept"] = [{**document["kept"][0], "file": name}]
+    Path("model.json").write_text(json.dumps(document))
+    done = rdpi("simulate", "model.json", LATE[2], "-o", "out.csv")
+    assert done.exit_code == 0, done.output
+    done = rdpi("gap", "model.json", LATE[2], "-o", "new.json")
+    assert done.exit_code == 0, done.output

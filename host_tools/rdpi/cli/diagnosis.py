@@ -11,14 +11,14 @@ from .. import version
 from ..errors import BadInput
 from .program import command
 from .progress import progress
-from .types import Choices, Output, Percent, Report
+from .types import Choices, ModelFile, Output, Percent, Report
 
 if TYPE_CHECKING:
     from ..gap import GapDocument
 
 
 @command("simulate")
-@click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
+@click.argument("model", metavar="MODEL.json", type=ModelFile())
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", metavar="OUT.csv", type=Output(),
               help="The columns of RUN and predicted_um. Only valid with one RUN.")
@@ -74,7 +74,7 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
 
 
 @command("gap")
-@click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
+@click.argument("model", metavar="MODEL.json", type=ModelFile())
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", metavar="IMPROVED.json", type=Output(),
               help="The model, with the effects that were found.")

@@ -10,7 +10,7 @@ import click
 from ..errors import BadInput
 from .program import command
 from .progress import progress
-from .types import Dac, Output, Report
+from .types import Dac, ModelFile, Output, Report
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -83,7 +83,7 @@ def _effects_of(inverse: Inverse) -> list[dict[str, Any]]:
 
 
 @command("header")
-@click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
+@click.argument("model", metavar="MODEL.json", type=ModelFile())
 @click.option("-o", "--output", required=True, metavar="rdpi_params.h", type=Output(),
               help="The header.")
 @click.option("--name", default="rdpi_params", show_default=True, metavar="NAME",
@@ -174,7 +174,7 @@ def profile(source: str, output: str, reference_column: str | None,
 
 
 @command("compensate")
-@click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
+@click.argument("model", metavar="MODEL.json", type=ModelFile())
 @click.argument("reference", metavar="REFERENCE.csv", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=Output(),
               help="The columns of REFERENCE.csv and the drive: command_V, rate_um_per_s, flags and, with --dac-bits, "

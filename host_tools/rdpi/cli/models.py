@@ -8,7 +8,7 @@ import click
 
 from .program import command
 from .progress import progress
-from .types import Folder, Numbers, Output, Percent, Report
+from .types import Folder, ModelFile, Numbers, Output, Percent, Report
 
 
 @command("fit")
@@ -90,7 +90,7 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
 
 
 @command("plot")
-@click.argument("model", metavar="MODEL.json", type=click.Path(dir_okay=False))
+@click.argument("model", metavar="MODEL.json", type=ModelFile())
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", default="rdpi.png", show_default=True, metavar="PICTURE",
               type=Output(), help="The picture: .png, .svg or .pdf.")

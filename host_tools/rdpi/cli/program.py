@@ -21,7 +21,7 @@ import click
 from .. import version
 from ..__main__ import stopped
 from ..errors import BadInput, printable
-from .types import Folder, Output, Report
+from .types import Folder, ModelFile, Output, Report
 
 
 class Program(click.Group):
@@ -121,8 +121,9 @@ def _print_json(text: str) -> None:
 
 
 def _check_paths(context: click.Context) -> None:
-    """Refuse, before any work, outputs that cannot be written or that are inputs or each other."""
+    """Refuse, before any work, outputs that cannot be written or that are inputs, kept with a model, or each other."""
     inputs: list[str] = []
+    models: list[str] = []
     outputs: list[str] = []
     folders: list[str] = []
     kept: list[tuple[str, str]] = []
@@ -141,6 +142,7 @@ def _check_paths(context: click.Context) -> None:
             kept.append((value, parameter.opts[0]))
         elif not isinstance(kind, Output):
             inputs += values
+            models += values if isinstance(kind, ModelFile) else []
         elif "-" not in values:
             outputs += values
             folders += values if kind.dir_okay else []
@@ -150,12 +152,13 @@ def _check_paths(context: click.Context) -> None:
             raise BadInput("--json -: standard output is closed; give a file name")
     if outputs:
         from ..data import check_outputs
+        from ..model import kept_with
 
-        check_outputs(outputs, inputs, made, folders)
+        check_outputs(outputs, inputs, made, folders, [file for model in models for file in kept_with(model)])
     for folder, option in kept:
         from ..data import check_made
 
-        check_made(folder, outputs, option)
+        check_made(folder, outputs, option, ".csv")
 
 
 def by_options(message: str, parameters: Sequence[click.Parameter]) -> str:

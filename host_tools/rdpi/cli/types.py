@@ -16,6 +16,13 @@ class Output(click.Path):
         super().__init__(dir_okay=dir_okay)
 
 
+class ModelFile(click.Path):
+    """A model that the command reads."""
+
+    def __init__(self) -> None:
+        super().__init__(dir_okay=False)
+
+
 class Report(click.Path):
     """A folder that the command makes, and the files that it writes there."""
 

@@ -85,9 +85,18 @@ def listed(values: Any, kind: type, name: str) -> list:
 def path(value: Any, name: str = "path") -> str:
     """The name of a file. Raises BadInput that names the argument for anything else."""
     text = os.fspath(value) if isinstance(value, (str, os.PathLike)) else None
-    if not isinstance(text, str) or not text or "\0" in text:
+    if not isinstance(text, str) or not text or "\0" in text or not _encodes(text):
         raise BadInput(f"{name}: must be the name of a file, got {shown(value)}")
     return text
+
+
+def _encodes(text: str) -> bool:
+    """Whether the system can be asked for a file of this name: half a letter of UTF-16, as JSON may hold, is none."""
+    try:
+        os.fsencode(text)
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def shown(value: Any) -> str:

@@ -23,8 +23,8 @@ def same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> boo
 
 
 def check_outputs(outputs: Sequence[str], inputs: Collection[str] = (), made: str | None = None,
-                  folders: Collection[str] = ()) -> None:
-    """Raise BadInput for an output that cannot be written, or that is one of the inputs or another output.
+                  folders: Collection[str] = (), kept: Collection[str] = ()) -> None:
+    """Raise BadInput for an output that cannot be written, or that is an input, kept with a model or another output.
 
     The caller makes the directory `made`. An output that is listed in `folders` and ends with "/" is a directory,
     which the caller makes too. Devices may be given several times.
@@ -35,14 +35,18 @@ def check_outputs(outputs: Sequence[str], inputs: Collection[str] = (), made: st
         _check_folder(name, made, folders)
         if os.path.isdir(name) and name not in folders:
             raise BadInput(f"{name}: is a directory; give another name")
-        for other in (*inputs, *outputs[:k]):
+        for other in (*inputs, *kept, *outputs[:k]):
             if os.path.realpath(name) == os.path.realpath(other) and os.path.basename(name) and not is_device(name):
-                kind = "an input" if other in inputs else "another output"
+                kind = "an input" if other in inputs else \
+                    "a recording that is kept with the model" if other in kept else "another output"
                 raise BadInput(f"{name}: would be written over {kind}; give another name")
 
 
-def check_made(made: str, outputs: Sequence[str], option: str = "--report") -> None:
-    """Raise BadInput unless the directory of an option is there or can be made, and is none of the outputs."""
+def check_made(made: str, outputs: Sequence[str], option: str = "--report", chosen: str = "") -> None:
+    """Raise BadInput unless the directory of an option is there or can be made, and is none of the outputs.
+
+    Where the command chooses names that end in `chosen` itself, no output may have such a name in there.
+    """
     above = Path(made)
     while not os.path.lexists(above) and above != above.parent:
         above = above.parent
@@ -53,6 +57,8 @@ def check_made(made: str, outputs: Sequence[str], option: str = "--report") -> N
     for name in outputs:
         if same_file(name, made):
             raise BadInput(f"{name}: is the directory of {option} too; give another name")
+        if chosen and name.endswith(chosen) and same_file(os.path.dirname(os.path.realpath(name)), made):
+            raise BadInput(f"{name}: could be one of the files of {option}; give another name or directory")
 
 
 def _check_folder(name: str, made: str | None, folders: Collection[str]) -> None:

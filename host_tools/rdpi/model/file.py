@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import os
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..data import atomic_write, content
+from ..data import atomic_write, content, is_device
 from ..errors import BadInput
 from .limits import MIN_SLOPE_RATIO, SWEEP_CYCLES
 from .model import Drive, Memory, Model, Rate
@@ -51,14 +52,32 @@ def write_model(path: str | os.PathLike[str], model: Model) -> None:
     """
     model.validate(str(path))
     moved = replace(model, kept=_seen_from(Path(path).parent, model))
-    kept = [one.get("file") for one in moved.kept if isinstance(one, dict)] if isinstance(moved.kept, list) else []
-    if os.path.realpath(path) in (os.path.realpath(Path(path).parent / file) for file in kept if isinstance(file, str)):
+    if os.path.realpath(path) in _kept(model):
         raise BadInput(f"{path}: is a recording that is kept with the model; give the model another path")
     try:
         text = json.dumps(moved.to_json(), indent=1, allow_nan=False)
     except (TypeError, ValueError) as error:  # a part that the caller filled in
         raise BadInput(f"{path}: not written: {error}; a model holds numbers, texts, lists and objects") from None
     atomic_write(path, text + "\n")
+
+
+def kept_with(path: str | os.PathLike[str]) -> list[str]:
+    """Copies of recordings that a model file names, which no output may replace; none of what is no model file."""
+    if is_device(path):  # a pipe gives its model once
+        return []
+    try:
+        return _kept(read_model(path))
+    except BadInput:
+        return []
+
+
+def _kept(model: Model) -> list[str]:
+    """Real paths of the files that the key `kept` names."""
+    found = []
+    for one in model.kept if isinstance(model.kept, list) else ():
+        with suppress(AttributeError, TypeError, ValueError):  # no entry, no name, or one that no file can have
+            found.append(os.path.realpath(beside(model, one.get("file"))))
+    return found
 
 
 def _seen_from(folder: Path, model: Model) -> Any:
