@@ -15,11 +15,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from models import random_model
 from plants import quasi_static, stack, waves
 
 from rdpi.data import reserved, write_recording
 from rdpi.gap import batch
 from rdpi.gap.batch import workers
+from rdpi.model import write_model
 
 QUICK = "--rate-independent --operators 4 --deadzones 0 --effects none"
 RDPI = Path(sys.executable).with_name("rdpi")
@@ -183,6 +185,84 @@ def test_plans_that_are_refused(here, rdpi, rows, names, said):
     assert done.exit_code == 2 and said in done.output and done.output.count("\n") == 1
     assert not Path("results.sqlite").exists() and not Path("models").exists()
     assert Path("told.json").read_text() == "as it was"
+
+
+def text_of(folder: str) -> dict[Path, bytes]:
+    """Content of all files."""
+    return {path: path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
+
+
+OVER = "the report of A would be written over"
+
+
+@pytest.mark.parametrize(("row", "options", "said"), [
+    ("A,a.csv,,,rep/A/fit.json", (), f"plan.csv:2: {OVER} "),  # a model that is made
+    ("A,a.csv,,a.csv,rep/A/gap.json", (), f"plan.csv:2: {OVER} "),
+    ("A,,,a.csv,rep/A/gap.json", (), f"plan.csv:2: {OVER} "),  # one that is read
+    ("A,,,a.csv,./rep/../rep/A/index.html", (), f"plan.csv:2: {OVER} "),
+    ("A,a.csv,,,rep/A", (), f"plan.csv:2: {OVER} "),
+    ("A,rep/A/fit.png,,,", (), f"plan.csv:2: {OVER} "),
+    ("A,a.csv,rep/A/fit.html,,", (), f"plan.csv:2: {OVER} "),
+    ("A,a.csv,,rep/A/fit.json,", (), f"plan.csv:2: {OVER} "),
+    ("A,,,a.csv,kept.json", (), f"plan.csv:2: {OVER} "),  # what is kept with a model
+    ("A,a.csv,,,rep/index.html", (), "rep/index.html: would be written over a file of A in plan.csv"),
+    ("A,a.csv,,,", ("--json", "rep/A/fit.json"), f"plan.csv:2: {OVER} rep/A/fit.json; give another --report"),
+    ("A,a.csv,,,", ("--json", "rep/A"), f"plan.csv:2: {OVER} rep/A; "),
+    ("A,a.csv,,,", ("-o", "rep/A/fit.html"), f"plan.csv:2: {OVER} rep/A/fit.html; give another --report"),
+    ("A,a.csv,,,", ("-o", "rep/index.html"), "rep/index.html: would be written over another output"),
+    ("index.html,a.csv,,,", (), "plan.csv:2: actuator 'index.html': --report writes a page of this name"),
+    ("Index.html,a.csv,,,", (), "plan.csv:2: actuator 'Index.html': --report writes a page of this name"),
+    ("B,a.csv,,,", (), "rep/B: is not a directory; give another name for --report"),
+])
+def test_a_report_that_would_be_written_over_a_file_of_the_batch(here, rdpi, row, options, said):
+    write("a.csv")
+    Path("rep/A").mkdir(parents=True)
+    for name in ("fit.json", "fit.png", "fit.html"):
+        Path("rep/A", name).write_bytes(Path("a.csv").read_bytes())
+    write_model("rep/A/gap.json", random_model(1))
+    document = random_model(1).to_json()
+    Path("kept.json").write_text(json.dumps({**document, "kept": [{"file": "rep/A/gap.json"}]}))
+    Path("rep/B").write_text("notes")
+    if "rep/A" in (*options, row.split(",")[4]):
+        os.rename("rep/A", "rep/C")
+    plan(row, names="actuator,fit,hold_out,gap,model")
+    before = text_of(".")
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--report", "rep", *options)
+    assert done.exit_code == 2 and done.output.startswith(f"rdpi: {said}") and done.output.count("\n") == 1, done.output
+    assert text_of(".") == before
+
+
+def test_a_report_is_not_written_over_the_plan(here, rdpi):
+    write("a.csv")
+    Path("rep/A").mkdir(parents=True)
+    plan("A,../../a.csv", names="actuator,fit")
+    os.rename("plan.csv", "rep/A/fit.json")
+    done = rdpi("batch", "rep/A/fit.json", "-o", "results.sqlite", "--report", "rep")
+    assert done.exit_code == 2 and f"{OVER} rep/A/fit.json; give another --report" in done.output
+
+
+def test_a_folder_of_pages_may_hold_other_files_too(here, rdpi):
+    write("a.csv")
+    plan(f"A,a.csv,rep/A/model.json,{QUICK}", names="actuator,fit,model,options")
+    for _ in range(2):
+        done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1, "--report", "rep", "--all")
+        assert done.exit_code == 0, done.output
+    assert {path.name for path in Path("rep/A").iterdir()} == {"model.json", *batch.page.FILES["fit"]}
+
+
+def test_no_model_is_written_over_what_is_kept_with_one_that_is_read(here, rdpi):
+    write("a.csv")
+    write("b.csv", 70)
+    assert rdpi("fit", "a.csv", "-o", "m.json", "--keep", "kept", *QUICK.split()).exit_code == 0
+    copy, = Path("kept").iterdir()
+    whole = copy.read_bytes()
+    plan(f"A,b.csv,,{copy}", "B,,a.csv,m.json", names="actuator,fit,gap,model")
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite")
+    assert done.exit_code == 2 and f"plan.csv:2: the model {copy} would be written over an input" in done.output
+    plan("B,,a.csv,m.json", names="actuator,fit,gap,model")
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--json", copy)
+    assert done.exit_code == 2 and f"{copy}: would be written over a file of B in plan.csv" in done.output
+    assert copy.read_bytes() == whole and not Path("results.sqlite").exists()
 
 
 @pytest.mark.parametrize("end", ["\r\n", "\r"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -58,7 +59,8 @@ def batch(plan: str, output: str, jobs: int | None, scheduler: str | None, every
 
     if jobs is not None and scheduler is not None:
         raise BadInput("--jobs: is for this machine; leave it out with --scheduler")
-    tasks = work.read_plan(plan, _options, [output, *other_outputs()])
+    pages = [] if report is None else [os.path.join(report, work.PAGE)]
+    tasks = work.read_plan(plan, _options, [output, *other_outputs(), *pages], report)
     with progress("working") as report_progress:
         def ended(row: Row, done: int, of: int) -> None:
             click.echo(f"{done}/{of} {row.actuator}: {_line(row)}")

@@ -13,14 +13,17 @@ import numpy as np
 
 from ... import version
 from ...data import atomic_write, make_folder
+from ...identify import summary
 from ...identify.report import NONE, drawing, environment, number, percent, plain
+from ..report import page as gap_page
 from .results import Row
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAGE = "index.html"
-PAGES = {"gap": "index.html", "fit": "fit.html"}  # of an actuator, in the folder of its name
+FILES = {"gap": (gap_page.PAGE, gap_page.TWIN), "fit": (summary.PAGE, summary.PICTURE, summary.DOCUMENT)}
+PAGES = {kind: names[0] for kind, names in FILES.items()}  # of an actuator, in the folder of its name
 STATES = {"none": "#2f86c4", "effect": "#d0642a", "ambiguous": "#c9a227", "unknown": "#a32c3a", "failed": "#747a82",
           "fitted": "#7fb069"}  # in the order of the picture
 BINS = 24

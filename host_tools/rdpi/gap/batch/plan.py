@@ -8,12 +8,14 @@ import hashlib
 import io
 import os
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ...data import arguments, read_bytes, same_file
+from ...data import arguments, check_made, read_bytes, same_file
 from ...errors import BadInput
+from ...model import kept_with
+from .page import FILES, PAGE
 
 COLUMNS = "actuator", "fit", "hold_out", "gap", "earlier", "model", "options"
 RUNS = "fit", "hold_out", "gap", "earlier"  # columns that name recordings
@@ -34,6 +36,8 @@ class Task:
     options_text: str = ""
     options: dict[str, Any] = field(default_factory=dict)
     refused: str = ""  # why nothing can be done; "": something can
+    line: int = 0  # of the plan
+    inputs: tuple[str, ...] = ()  # files that must stay: recordings, and those that are kept with a model that is read
 
     def digest(self) -> str:
         """SHA-256, in hexadecimal, of all that the results depend on: files, and how they are used. Raises OSError."""
@@ -53,12 +57,12 @@ def sha256_of(path: str) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def read_plan(path: str, parse: Parse, outputs: Collection[str] = ()) -> list[Task]:
+def read_plan(path: str, parse: Parse, outputs: Collection[str] = (), report: str | None = None) -> list[Task]:
     """Tasks of a plan, in its order; `parse` makes keywords of a row's options, and raises BadInput.
 
     A row whose recordings are not there makes a task that says so. Raises BadInput for what is no plan: no columns or
-    unknown ones, two rows of one actuator, models that would be written over; and for a file of it that is one of the
-    `outputs`, which are written beside the models.
+    unknown ones, two rows of one actuator, models that would be written over; for a file of it that is one of the
+    `outputs`, which are written beside the models; and for any of these where the folder `report` will have a page.
     """
     try:
         text = read_bytes(path).decode("utf-8-sig")
@@ -69,7 +73,6 @@ def read_plan(path: str, parse: Parse, outputs: Collection[str] = ()) -> list[Ta
     reader = csv.reader(io.StringIO(text, newline=None), strict=True)
     names: list[str] = []
     tasks: list[Task] = []
-    lines: list[int] = []
     try:
         for cells in reader:
             values = [cell.strip() for cell in cells]
@@ -82,18 +85,20 @@ def read_plan(path: str, parse: Parse, outputs: Collection[str] = ()) -> list[Ta
             if len(values) != len(names):
                 raise BadInput(f"{place}: {len(values)} value(s) instead of {len(names)}; a comma within a value needs "
                                "quotation marks around the value")
-            tasks.append(_task(dict(zip(names, values)), place, os.path.dirname(os.path.abspath(path)), parse))
-            lines.append(reader.line_num)
+            task = _task(dict(zip(names, values)), place, os.path.dirname(os.path.abspath(path)), parse)
+            tasks.append(replace(task, line=reader.line_num))
     except csv.Error as error:
         raise BadInput(f"{path}:{reader.line_num}: is not CSV ({error}); correct the line") from None
     if not tasks:
         raise BadInput(f"{path}: has no rows; give a row of names ({', '.join(COLUMNS)}) and a row for each actuator")
-    _check_apart(tasks, lines, path)
+    _check_apart(tasks, path)
     written = {os.path.realpath(output): output for output in outputs}
     for task in tasks:
-        for file in (task.model_file, *(file for files in task.runs.values() for file in files)):
+        for file in (task.model_file, *task.inputs):
             if output := written.get(os.path.realpath(file)):
                 raise BadInput(f"{output}: would be written over a file of {task.actuator} in {path}; give another name")
+    if report is not None:
+        _check_pages(tasks, path, outputs, report)
     return tasks
 
 
@@ -135,7 +140,9 @@ def _task(row: dict[str, str], place: str, folder: str, parse: Parse) -> Task:
     model_file = os.path.join(folder, model)
     if not runs["fit"] and not refused and not os.path.isfile(model_file):
         refused = f"there is no model {model}; give recordings in fit, or a model that is there"
-    return Task(actuator, runs, model, model_file, row.get("options", ""), options, refused)
+    kept = () if runs["fit"] else kept_with(model_file)
+    return Task(actuator, runs, model, model_file, row.get("options", ""), options, refused,
+                inputs=(*(file for files in runs.values() for file in files), *kept))
 
 
 def _files(text: str, folder: str) -> tuple[tuple[str, ...], str]:
@@ -150,13 +157,13 @@ def _files(text: str, folder: str) -> tuple[tuple[str, ...], str]:
     return tuple(found), ""
 
 
-def _check_apart(tasks: Sequence[Task], lines: Sequence[int], path: str) -> None:
+def _check_apart(tasks: Sequence[Task], path: str) -> None:
     """No two rows are of one actuator, and no model is written over another or over a recording."""
     seen: dict[str, int] = {}
     written: dict[str, int] = {}
-    inputs = {os.path.realpath(file) for task in tasks for files in task.runs.values() for file in files}
-    for task, line in zip(tasks, lines):
-        name = task.actuator.casefold()  # folders that differ in case only are one folder elsewhere
+    inputs = {os.path.realpath(file) for task in tasks for file in task.inputs}
+    for task in tasks:
+        line, name = task.line, task.actuator.casefold()  # folders that differ in case only are one folder elsewhere
         if name in seen:
             raise BadInput(f"{path}:{line}: {task.actuator} has a row already, line {seen[name]}; give each actuator one row")
         seen[name] = line
@@ -168,11 +175,28 @@ def _check_apart(tasks: Sequence[Task], lines: Sequence[int], path: str) -> None
         if model in inputs or same_file(model, path):
             raise BadInput(f"{path}:{line}: the model {task.model} would be written over an input; give another model")
         written[model] = line
-    for task, line in zip(tasks, lines):
+    for task in tasks:
         model = os.path.realpath(task.model_file)
         if not task.runs["fit"] and model in written:
-            raise BadInput(f"{path}:{line}: {task.model} is written by line {written[model]} in the same batch; give "
+            raise BadInput(f"{path}:{task.line}: {task.model} is written by line {written[model]} in the same batch; give "
                            "that row's recordings in one row, or use two plans")
+
+
+def _check_pages(tasks: Sequence[Task], path: str, outputs: Collection[str], report: str) -> None:
+    """Each actuator can have a folder of its name, and no page there is written over any file of the batch."""
+    apart = {os.path.realpath(file): file for file in
+             (path, *outputs, *(file for task in tasks for file in (task.model_file, *task.inputs)))}
+    for task in tasks:
+        if task.actuator.casefold() == PAGE:
+            raise BadInput(f"{path}:{task.line}: actuator {task.actuator!r}: --report writes a page of this name; give "
+                           "another name")
+        folder = os.path.join(report, task.actuator)
+        check_made(folder, ())
+        pages = [os.path.join(folder, name) for kind in FILES if task.runs[kind] for name in FILES[kind]]
+        for file in map(os.path.realpath, (folder, *pages)):
+            if file in apart:
+                raise BadInput(f"{path}:{task.line}: the report of {task.actuator} would be written over {apart[file]}; "
+                               "give another --report")
 
 
 def relative_to(folder: str | os.PathLike[str], path: str) -> str:
