@@ -113,6 +113,20 @@ def test_limits_hold_for_all_actuators_of_the_plan(here, rdpi):
     assert rdpi(*command, "--fail-on", verdict).exit_code == 2  # one failed
 
 
+@pytest.mark.parametrize(("row", "limit", "said"), [
+    ("A,a.csv,,", ("--max-gap", 0.0001), "--max-gap: no row of plan.csv has recordings in gap; "),
+    ("A,a.csv,,", ("--fail-on", "effect,ambiguous,unknown"), "--fail-on: no row of plan.csv has recordings in gap; "),
+    ("A,,a.csv,m.json", ("--max-rms", 0.001), "--max-rms: no row of plan.csv has recordings in fit; "),
+])
+def test_a_limit_that_holds_for_no_actuator_is_refused(here, rdpi, row, limit, said):
+    write("a.csv")
+    write_model("m.json", random_model(1))
+    plan(row, names="actuator,fit,gap,model")
+    done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1, *limit)
+    assert done.exit_code == 2 and done.output.startswith(f"rdpi: {said}") and done.output.count("\n") == 1
+    assert not Path("results.sqlite").exists()
+
+
 def test_only_what_is_new_changed_or_failed_is_done_again(here, rdpi):
     for name in "ABC":
         write(f"{name}.csv")

@@ -61,6 +61,10 @@ def batch(plan: str, output: str, jobs: int | None, scheduler: str | None, every
         raise BadInput("--jobs: is for this machine; leave it out with --scheduler")
     pages = [] if report is None else [os.path.join(report, work.PAGE)]
     tasks = work.read_plan(plan, _options, [output, *other_outputs(), *pages], report)
+    for option, limit, needed in (("--max-rms", max_rms_percent, "fit"), ("--fail-on", fail_on, "gap"),
+                                  ("--max-gap", max_gap_percent, "gap")):
+        if limit and not any(task.runs[needed] or task.refused for task in tasks):
+            raise BadInput(f"{option}: no row of {plan} has recordings in {needed}; give some, or leave {option} out")
     with progress("working") as report_progress:
         def ended(row: Row, done: int, of: int) -> None:
             click.echo(f"{done}/{of} {row.actuator}: {_line(row)}")
