@@ -181,6 +181,10 @@ def test_a_model_that_is_read_counts_as_an_input(here, rdpi):
     (("A,a.csv,--operators 500",), "actuator,fit,options", "plan.csv:2: options: --operators 500: must be 0 to 128"),
     (("A,a.csv,--slew -1",), "actuator,fit,options", "plan.csv:2: options: --slew -1: must be positive"),
     (('A,a.csv,"--thresholds 2,1"',), "actuator,fit,options", "plan.csv:2: options: --thresholds: must be positive"),
+    (("A,a.csv,--without lag",), "actuator,fit,options",
+     "plan.csv:2: options: --without: is only valid with recordings in gap"),
+    (("A,a.csv,m.json,--min-V 3 --operators 3",), "actuator,gap,model,options",
+     "plan.csv:2: options: --min-V: is only valid with recordings in fit"),
     (('A,"a.csv',), "actuator,fit", "plan.csv:2: is not CSV"),
     (("A;a.csv",), "actuator;fit", "the columns are actuator, fit, hold_out, gap, earlier, model, options, with commas"),
     (("A,a.csv,m\0.json",), "actuator,fit,model", "plan.csv: is not text; there is a byte of zero in it"),
@@ -296,6 +300,7 @@ def test_a_plan_of_another_system(here, rdpi, end):
     ("A,damaged.csv,,", "damaged.csv"),
     ("A,a.csv,damaged.csv," + QUICK, "damaged.csv"),
     ("A,a.csv,a.csv,--without nothing " + QUICK, "nothing"),
+    ("A,a.csv,,--min-V 5 --max-V 1 " + QUICK, "--max-V 1: must be above the lowest drive, 5 V; give --min-V and --max-V"),
 ])
 def test_a_row_that_fails_says_why_and_stops_no_other(here, rdpi, row, said):
     write("a.csv")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections.abc import Collection
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -70,7 +71,7 @@ def batch(plan: str, output: str, jobs: int | None, scheduler: str | None, every
             click.echo(f"{done}/{of} {row.actuator}: {_line(row)}")
             report_progress(done / of)
 
-        rows = work.run(tasks, output, jobs, scheduler, everything, report, ended)
+        rows = work.run(tasks, output, jobs, scheduler, everything, report, ended, _by_options)
     if report is not None:
         with work.Results.open(output) as results:
             work.write_page(report, list(results.rows().values()), output)
@@ -100,8 +101,11 @@ def _beyond(row: Row, max_rms_percent: float | None, fail_on: tuple[str, ...], m
     return found
 
 
-def _options(text: str) -> dict[str, Any]:
-    """Keywords of a row's options: those given, no defaults. Raises BadInput."""
+def _options(text: str, roles: Collection[str]) -> dict[str, Any]:
+    """Keywords of a row's options: those given, no defaults. `roles`: what the row does, "fit" and "gap".
+
+    Raises BadInput, also for an option that nothing of this row takes.
+    """
     from ..identify import Options, checked_options
 
     parser = click.Command("options", params=[*OPTIONS], add_help_option=False)
@@ -113,10 +117,18 @@ def _options(text: str) -> dict[str, Any]:
     found = {name: value for name, value in context.params.items()
              if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT}
     try:
+        for name in found:
+            if (needed := "gap" if name == "without" else "fit") not in roles:
+                raise BadInput(f"`{name}`: is only valid with recordings in {needed}; leave it out")
         checked_options(Options(**{name: value for name, value in found.items() if name != "without"}))
     except BadInput as error:
-        raise BadInput(by_options(str(error), parser.params)) from None
+        raise BadInput(_by_options(str(error))) from None
     return found
+
+
+def _by_options(message: str) -> str:
+    """With the names that a row's options have in the plan."""
+    return by_options(message, OPTIONS)
 
 
 def _line(row: Row) -> str:

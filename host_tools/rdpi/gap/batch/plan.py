@@ -22,7 +22,7 @@ RUNS = "fit", "hold_out", "gap", "earlier"  # columns that name recordings
 SEPARATOR = ";"
 LONGEST = 200  # bytes of an actuator's name: file systems take 255, a model's .json included
 
-Parse = Callable[[str], dict[str, Any]]
+Parse = Callable[[str, Collection[str]], dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def sha256_of(path: str) -> str:
 
 
 def read_plan(path: str, parse: Parse, outputs: Collection[str] = (), report: str | None = None) -> list[Task]:
-    """Tasks of a plan, in its order; `parse` makes keywords of a row's options, and raises BadInput.
+    """Tasks of a plan, in its order; `parse` makes keywords of options for "fit", "gap" or both, and raises BadInput.
 
     A row whose recordings are not there makes a task that says so. Raises BadInput for what is no plan: no columns or
     unknown ones, two rows of one actuator, models that would be written over; for a file of it that is one of the
@@ -128,7 +128,7 @@ def _task(row: dict[str, str], place: str, folder: str, parse: Parse) -> Task:
         if row.get(name) and not row.get(needed):
             raise BadInput(f"{place}: {name} needs recordings in {needed}")
     try:
-        options = parse(row.get("options", ""))
+        options = parse(row.get("options", ""), [name for name in ("fit", "gap") if row.get(name)])
     except BadInput as error:
         raise BadInput(f"{place}: options: {error}") from None
     runs, refused = {}, ""

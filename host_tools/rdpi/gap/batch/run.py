@@ -16,11 +16,13 @@ Ended = Callable[[Row, int, int], None]
 
 
 def run(tasks: Sequence[Task], path: str, jobs: int | None = None, scheduler: str | None = None,
-        everything: bool = False, report: str | None = None, ended: Ended = lambda row, done, of: None) -> list[Row]:
+        everything: bool = False, report: str | None = None, ended: Ended = lambda row, done, of: None,
+        words: Callable[[str], str] = str) -> list[Row]:
     """Rows of all tasks, in their order; those done now are written to the results at `path` as each ends.
 
-    `ended` is called with each such row, how many are done and how many there are to do. Raises BadInput for results
-    that cannot be written, that another rdpi is writing, and for a scheduler that is not there.
+    `ended` is called with each such row, how many are done and how many there are to do; `words` puts what went wrong
+    into the words of the plan. Raises BadInput for results that cannot be written, that another rdpi is writing, and for
+    a scheduler that is not there.
     """
     with reserved(path), Results.open(path) as results:
         known = results.rows()
@@ -29,6 +31,7 @@ def run(tasks: Sequence[Task], path: str, jobs: int | None = None, scheduler: st
         outcomes = on_this_machine(todo, doing, min(jobs or os.cpu_count() or 1, len(todo))) if scheduler is None else \
             on_cluster(todo, doing, scheduler)
         for done, (row, documents) in enumerate(outcomes if todo else (), 1):
+            row.error = None if row.error is None else words(row.error)
             results.write(row, documents)
             ended(row, done, len(todo))
         rows = results.rows()
