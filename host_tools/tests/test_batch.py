@@ -165,6 +165,7 @@ def test_a_model_that_is_read_counts_as_an_input(here, rdpi):
     (("A,a.csv,b.csv",), "actuator,fit", "plan.csv:2: 3 value(s) instead of 2"),
     ((",a.csv",), "actuator,fit", "plan.csv:2: column actuator is empty"),
     (("A,",), "actuator,fit", "plan.csv:2: give recordings in fit or in gap"),
+    (("A,; ;",), "actuator,fit", "plan.csv:2: give recordings in fit or in gap"),
     (("A/B,a.csv",), "actuator,fit", "plan.csv:2: actuator 'A/B': must do as the name of a folder"),
     (("..,a.csv",), "actuator,fit", "plan.csv:2: actuator '..': must do as the name of a folder"),
     (("A,a.csv", "# a remark", "", "A,b.csv"), "actuator,fit", "plan.csv:5: A has a row already, line 2"),

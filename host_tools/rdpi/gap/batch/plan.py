@@ -122,18 +122,19 @@ def _task(row: dict[str, str], place: str, folder: str, parse: Parse) -> Task:
             len(actuator.encode()) > LONGEST:
         raise BadInput(f"{place}: actuator {arguments.shown(actuator)}: must do as the name of a folder; use at most {LONGEST} "
                        "bytes, and neither / nor \\ nor what cannot be printed")
-    if not row.get("fit") and not row.get("gap"):
+    row = {**row, **{name: row.get(name, "").strip(f"{SEPARATOR} ") for name in RUNS}}
+    if not row["fit"] and not row["gap"]:
         raise BadInput(f"{place}: give recordings in fit or in gap")
     for name, needed in (("hold_out", "fit"), ("earlier", "gap")):
-        if row.get(name) and not row.get(needed):
+        if row[name] and not row[needed]:
             raise BadInput(f"{place}: {name} needs recordings in {needed}")
     try:
-        options = parse(row.get("options", ""), [name for name in ("fit", "gap") if row.get(name)])
+        options = parse(row.get("options", ""), [name for name in ("fit", "gap") if row[name]])
     except BadInput as error:
         raise BadInput(f"{place}: options: {error}") from None
     runs, refused = {}, ""
     for name in RUNS:
-        runs[name], missing = _files(row.get(name, ""), folder)
+        runs[name], missing = _files(row[name], folder)
         if missing and not refused:
             refused = f"{name}: there is no file {missing}; check the name"
     model = row.get("model") or f"models/{actuator}.json"
