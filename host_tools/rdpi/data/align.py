@@ -32,6 +32,8 @@ SLOW = 1.5  # recorded samples for each of the drive: with fewer, a faster scope
 NOISY = 0.02  # of the drive's rms: less noise is not what keeps a drive from being found
 ROUNDS = 40  # of refinement, at most, with each smoothing
 HELD = 1 / 8, 3 / 4, 1 / 8  # what two means over a sample's length make of samples that a converter holds
+LOGGED, MISPLACED = 1e-4, 10.0  # of its rms: what a logged drive differs from the drive, and how many times a sample off
+ROUNDING = 1e-6  # of the drive's range: a smaller offset is none
 SETTLED = 0.02  # samples of the drive: a round that moves its ends by less is the last
 
 
@@ -69,11 +71,12 @@ def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]
                 "sample_rate_hz": f"{rate_hz:.12g}", "played": drive.path, "played_digest": drive.digest,
                 "played_from_s": f"{found.start_s:.9g}", "played_clock": f"{found.clock:.9g}",
                 "played_gain": f"{found.gain:.6g}", "played_offset_V": f"{found.offset_V:.6g}"}
+    offset_V = found.offset_V if abs(found.offset_V) > ROUNDING * np.ptp(drive.command_V) else 0.0
     lines = [f"  aligned with {drive.path}: its first sample is {abs(found.start_s):.9g} s "
              + ("after" if found.start_s >= 0 else "before") + " the first one used, known to "
              f"{found.doubt_s * rate_hz:.1g} samples of the drive",
-             f"  clock {1e6 * (found.clock - 1):+.4g} ppm, recorded voltage = {found.gain:.6g} x drive "
-             f"{'+' if found.offset_V >= 0 else '-'} {abs(found.offset_V):.4g} V"
+             f"  clock {round(1e6 * (found.clock - 1), 3):+.4g} ppm, recorded voltage = {found.gain:.6g} x drive "
+             f"{'+' if offset_V >= 0 else '-'} {abs(offset_V):.4g} V"
              + (" (inverted)" if found.gain < 0 else "") + f", correlation {found.alike:.5f}",
              f"  cut to {len(times)} samples at the drive's {rate_hz:g} per second"
              + (f", from the end of its sweep at {first / rate_hz:.6g} s" if first else "")
@@ -121,6 +124,9 @@ def align(run: Recording, drive: Recording, first: int = 0) -> Alignment:
         raise BadInput(f"{where}: the drive is not found in the recorded voltage (correlation {fitted.alike:.3f}, in "
                        f"the worst part {fitted.least_alike:.3f}; needed are {LEAST_ALIKE:g} and {PART_ALIKE:g}); "
                        "check that this drive was played as a whole, and the columns")
+    if (logged := _logged(run, wanted, step_s, start_s)) is not None:
+        sample, gain, offset_V, doubt = logged
+        return Alignment(sample * run.sample_time_s - first * step_s, 1.0, gain, offset_V, fitted.alike, plays, doubt * step_s)
     start_s -= clock * first * step_s
     at = (run.time_s - run.time_s[0] - start_s) / (clock * step_s)
     swept = (at >= 0) & (at <= first)
@@ -134,6 +140,26 @@ def align(run: Recording, drive: Recording, first: int = 0) -> Alignment:
     stretch = (found.last - found.first) / (len(drive) - 1)
     return Alignment(start_s + clock * step_s * found.first, clock * (1 + stretch), found.gain, found.offset_V,
                      fitted.alike, plays, found.doubt * step_s)
+
+
+def _logged(run: Recording, wanted: np.ndarray, step_s: float, start_s: float) -> tuple[int, float, float, float] | None:
+    """The first sample, gain, offset and doubt in samples of a drive that was logged itself, sample by sample, near a
+    start; None: it was not. A measured voltage has noise, and a drive that rests much says little of its place then.
+    """
+    if abs(run.sample_time_s / step_s - 1) * len(wanted) > 0.5:
+        return None
+    usual, found = float(np.std(wanted)), []
+    for sample in round(start_s / step_s) + np.arange(-2, 3):
+        heard = run.command_V[max(sample, 0):sample + len(wanted)]
+        if sample >= 0 and len(heard) == len(wanted):
+            gain, offset_V = np.polyfit(wanted, heard, 1)
+            found.append((float(np.std(heard - gain * wanted)) / (abs(gain) * usual or np.inf), int(sample), float(gain),
+                          float(offset_V)))
+    (least, *where), *others = sorted(found) or [(np.inf,)]
+    next_best = min((left for left, *_ in others), default=np.inf)
+    if least > LOGGED or next_best < MISPLACED * least:
+        return None
+    return *where, least / next_best
 
 
 def _too_doubtful(found: Place, run: Recording, drive: Recording) -> str:

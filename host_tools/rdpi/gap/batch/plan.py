@@ -9,7 +9,6 @@ import io
 import os
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 from ...data import arguments, check_made, read_bytes, same_file
@@ -198,8 +197,3 @@ def _check_pages(tasks: Sequence[Task], path: str, outputs: Collection[str], rep
             if file in apart:
                 raise BadInput(f"{path}:{task.line}: the report of {task.actuator} would be written over {apart[file]}; "
                                "give another --report")
-
-
-def relative_to(folder: str | os.PathLike[str], path: str) -> str:
-    """A path as it is written in a page of this folder."""
-    return Path(os.path.relpath(path, folder)).as_posix()
