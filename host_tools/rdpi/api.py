@@ -72,7 +72,9 @@ class Model:
         >>> Model.load("model.json").predict(run).shape == run.command_V.shape
         True
         """
-        return chain.simulate(self.parameters, [arguments.of_kind(run, Recording, "run")])[0].predicted_um
+        arguments.of_kind(run, Recording, "run")
+        arguments.of_kind(self.parameters, Parameters, "parameters").validate()
+        return chain.simulate(self.parameters, [run])[0].predicted_um
 
     def compensate(self, reference_um: Sequence[float] | np.ndarray, sample_time_s: float,
                    engine: str = "f32") -> np.ndarray:

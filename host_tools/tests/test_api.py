@@ -9,6 +9,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -228,6 +229,38 @@ def test_effects_that_are_no_json_are_refused(what: str, tmp_path: Path) -> None
     with pytest.raises(rdpi.BadInput):
         model.save(tmp_path / "model.json")
     assert (tmp_path / "model.json").read_text() == "another"
+
+
+NO_MODEL: dict[str, tuple[str, Any]] = {  # by the key that is set by hand
+    "rate.source": ('is "contrl"; must be one of', "contrl"), "memory.sweep_share": ("is 2; must be 0 to 1", 2.0),
+    "drive.min_V": (" min_V 105 must be below", 105.0), "drive.dac_bits": ("is 12.5; must be a whole number", 12.5),
+    "memory": ("must be a Memory, got None", None), "gain_um_per_V": ("must be finite", np.inf),
+    "stroke_um": ("must be finite", np.nan)}
+
+
+@pytest.mark.parametrize("key", NO_MODEL)
+def test_parameters_that_are_no_model_are_refused_by_key(key: str, tmp_path: Path) -> None:
+    message, value = NO_MODEL[key]
+    bent = entry("input_curve", quadratic=0.1, cubic=0.0, low_V=0.0, high_V=100.0)  # is folded in
+    model = rdpi.Model(deepcopy(replace(commissioned(), effects=[bent])))
+    *sections, name = key.split(".")
+    setattr(getattr(model.parameters, sections[0]) if sections else model.parameters, name, value)
+    drive_V = 50 + 40 * np.sin(60 * T)
+    run = Recording.from_arrays(T, drive_V, 0.13 * drive_V)
+    for use in (lambda: model.predict(run), lambda: model.header(tmp_path / "params.h"),
+                lambda: model.compensate(REFERENCE, 1e-3), lambda: model.save(tmp_path / "model.json")):
+        with warnings.catch_warnings(), pytest.raises(rdpi.BadInput, match=f": {key.removesuffix('.min_V')}:.*{message}"):
+            warnings.simplefilter("error")
+            use()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_whole_number_that_is_a_float_is_as_good(tmp_path: Path) -> None:
+    model = rdpi.Model(deepcopy(commissioned()))
+    for name, bits in (("whole.h", 12), ("float.h", 12.0)):
+        setattr(model.parameters.drive, "dac_bits", bits)
+        model.header(tmp_path / name)
+    assert (tmp_path / "float.h").read_bytes() == (tmp_path / "whole.h").read_bytes()
 
 
 @pytest.mark.parametrize("name", NONSENSE)

@@ -231,10 +231,17 @@ def test_header_takes_the_start_up_sweep(folder: Path, rdpi: Callable) -> None:
     header = Path("params.h").read_text()
     for line in ("7, /* sweep_cycles", "1234.00000f, /* sweep_V_per_s", "50.0000000f, /* sweep_end_V"):
         assert f"    {line}" in header
+
+
+def test_header_refuses_a_start_up_sweep_by_its_option(folder: Path, rdpi: Callable) -> None:
+    bent = {"quadratic": 0.1, "cubic": 0.0, "low_V": -20.0, "high_V": 120.0}  # what is folded in is not to blame
+    change_model(effects=[{"name": "input_curve", "parameters": bent}])
     for option, value, message in (("--sweep-end-V", 121, "drive.sweep_end_V: is 121 V, outside"),
+                                   ("--sweep-end-V", "nan", "drive.sweep_end_V: must be finite"),
                                    ("--sweep-cycles", 0, "drive.sweep_cycles: is 0; must be 1 to"),
-                                   ("--sweep-rate", 0, "drive.sweep_V_per_s: is 0; must be positive")):
-        assert message in refusal(rdpi, "header", "static.json", None, option, value)
+                                   ("--sweep-rate", 0, "drive.sweep_V_per_s: is 0; must be positive"),
+                                   ("--sweep-rate", "inf", "drive.sweep_V_per_s: must be finite")):
+        assert refusal(rdpi, "header", "static.json", None, option, value).startswith(f"{option} {value}: {message}")
 
 
 def test_header_notes_a_slow_sweep(folder: Path, rdpi: Callable) -> None:

@@ -47,6 +47,16 @@ def effect_options(function: Callable) -> Callable:
     return function
 
 
+def _given(model: Model, options: dict[str, tuple[str, float | None]]) -> None:
+    """Put the values of options in place of the model's keys below drive; the option is named if one is wrong."""
+    from dataclasses import replace
+
+    for option, (key, value) in options.items():
+        if value is not None:
+            model.drive = replace(model.drive, **{key: value})
+            model.validate(f"{option} {value:g}")
+
+
 def _shaped(model: Model) -> None:
     """Ask for noise shaping."""
     from dataclasses import replace
@@ -98,24 +108,23 @@ def _effects_of(inverse: Inverse) -> list[dict[str, Any]]:
                    "or the slew limit if that is lower.")
 @NOISE_SHAPING
 @effect_options
-def header(model: str, output: str, name: str, noise_shaping: bool, effects: str, leave_out: tuple[str, ...], preview: bool,
-           sensor_delay_s: float, sensor_lag_s: float, jump_s: float, **sweep: float | None) -> dict[str, Any]:
+def header(model: str, output: str, name: str, sweep_end_V: float | None, sweep_cycles: int | None,
+           sweep_V_per_s: float | None, noise_shaping: bool, **of_effects: Any) -> dict[str, Any]:
     """Generate the C header with the parameters of a model.
 
     The firmware compiles it. The header holds the operator, rdpi_params, and what stands around it, rdpi_chain. For
     each effect of the model one line says what the firmware does about it: it compensates the effect, the effect is
     folded into the operator's parameters, or it is left out, and why. The same model gives the same bytes.
     """
-    from dataclasses import replace
-
     from ..firmware import build_notes, write_header
     from ..model import read_model
 
     parameters = read_model(model)
-    parameters.drive = replace(parameters.drive, **{key: value for key, value in sweep.items() if value is not None})
+    _given(parameters, {"--sweep-end-V": ("sweep_end_V", sweep_end_V), "--sweep-cycles": ("sweep_cycles", sweep_cycles),
+                        "--sweep-rate": ("sweep_V_per_s", sweep_V_per_s)})
     if noise_shaping:
         _shaped(parameters)
-    inverse = _inverse(parameters, effects, leave_out, preview, sensor_delay_s, sensor_lag_s, jump_s)
+    inverse = _inverse(parameters, **of_effects)
     parameters, chain = inverse.model, inverse.chain
     written = write_header(parameters, output, name, model, chain,
                            [(one.column, one.um_per_unit) for one in inverse.addends], inverse.jump)
@@ -229,17 +238,13 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     arm-none-eabi-gcc and the project's checkout. If the tools are installed outside the checkout, set RDPI_HOME to its
     directory.
     """
-    from dataclasses import replace
-
     from .. import board
     from ..data import Recording, read_recording, write_recording
     from ..model import read_model
     from ..simulate import chain, scoring
 
     parameters = read_model(model)
-    if dac_bits is not None:
-        parameters.drive = replace(parameters.drive, dac_bits=dac_bits)
-        parameters.validate()
+    _given(parameters, {"--dac-bits": ("dac_bits", dac_bits)})
     if noise_shaping:
         _shaped(parameters)
     inverse = _inverse(parameters, **of_effects)

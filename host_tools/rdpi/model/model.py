@@ -187,7 +187,9 @@ class Model(Document):
         validation.check_values(self._single_precision(), f"{where}, in the firmware's single precision")
 
     def _take_kinds(self, where: str) -> None:
-        """Lists of numbers become arrays. Raises BadInput for what is no number, array, section or text by its key."""
+        """Lists of numbers become arrays, whole numbers int. Raises BadInput for what is no number, array, section or
+        text by its key.
+        """
         for key, kind in (("rate", Rate), ("drive", Drive), ("memory", Memory), ("fit", dict), ("effects", list)):
             arguments.of_kind(getattr(self, key), kind, f"{where}: {key}")
         for name in ("tool", "actuator"):
@@ -198,7 +200,11 @@ class Model(Document):
                 if item.type == "np.ndarray":
                     setattr(part, item.name, arguments.series(value, key, finite=False))
                 elif item.type.startswith(("float", "int")) and not (value is None and item.type.endswith("None")):
-                    arguments.number(value, key, finite=item.name in WHOLE)
+                    number = arguments.number(value, key, finite=item.name in WHOLE)
+                    if item.name in WHOLE:
+                        if number != int(number):
+                            raise BadInput(f"{key}: is {number:g}; must be a whole number")
+                        setattr(part, item.name, int(number))
 
     def numbers(self) -> dict[str, Any]:
         """Every number and array of numbers the firmware takes, by key."""

@@ -125,10 +125,11 @@ def inverse_of(model: Model, *, leave_out: Collection[str] = (), preview: bool =
 
     leave_out: names of effects that are not compensated; ALL stands for all of them. preview: whether the caller will
     know the reference ahead of time. sensor: how late the sensor is; that is taken from what was found where the
-    recordings do not show the stage. jump_s: time that the jump over backlash is spread over. Raises BadInput for names
-    that the model does not hold, for a sensor that is later than all that was found, for no time, and for effects that
-    have no inverse.
+    recordings do not show the stage. jump_s: time that the jump over backlash is spread over. Raises BadInput for what is
+    no model, for names that it does not hold, for a sensor that is later than all that was found, for no time, and for
+    effects that have no inverse.
     """
+    arguments.of_kind(model, Model, "model").validate()  # a wrong key would pass for an effect that does not fold
     shortest_s, longest_s = JUMPS_S
     if not shortest_s <= arguments.number(jump_s, "--backlash-time") <= longest_s:
         raise BadInput(f"--backlash-time {jump_s:g}: must be a time in s, {shortest_s:g} to {longest_s:g}")
