@@ -71,6 +71,31 @@ def test_effects_of_a_later_version(folder: Path, rdpi: Callable) -> None:
                         refusal(rdpi, command, "static.json"))
 
 
+@pytest.mark.parametrize("command", ["compensate", "header"])
+def test_a_chain_without_inverse_names_its_effects(command: str, folder: Path, rdpi: Callable) -> None:
+    change_model(effects=[{"name": "relaxation", "parameters": {"share": -0.2, "time_constant_s": 1.0}},
+                          {"name": "creep", "parameters": {"percent_per_decade": 20.0}}])
+    text = refusal(rdpi, command, "static.json")
+    assert re.match(r"static\.json: relaxation and creep: .* taken back later; .*give --leave-out creep$", text), text
+    assert rdpi(command, "static.json", *filter(None, COMMANDS[command][:1]), "-o", COMMANDS[command][1],
+                "--leave-out", "creep").exit_code == 0
+
+
+def test_a_slow_sweep_names_what_makes_it_slow(folder: Path, rdpi: Callable) -> None:
+    change_model(effects=[{"name": "slew_limit", "parameters": {"V_per_s": 0.001}}])
+    for model, key, remedy in (("static.json", "slew_limit", "give --leave-out slew_limit"),
+                               ("moving.json", "drive", "raise sweep_V_per_s or slew_V_per_s")):
+        if model == "moving.json":
+            slow = json.loads(Path(model).read_text())
+            slow["drive"]["sweep_V_per_s"] = 0.001
+            Path(model).write_text(json.dumps(slow))
+        done = rdpi("compensate", model, "reference.csv", "-o", "out.csv")
+        assert done.exit_code == 2 and not Path("out.csv").exists()
+        assert re.search(rf"rdpi: {model}: {key}: the start-up sweep, 0.001 V/s, is too slow for .*reference.csv: "
+                         rf"sample_time_s is 0.001\); {remedy}", done.output), done.output
+    assert rdpi("compensate", "static.json", "reference.csv", "-o", "out.csv", "--engine", "f64").exit_code == 0
+
+
 def columns_without(name: str) -> Callable[[list[str]], list[str]]:
     return lambda lines: [line.replace(name, "sensor") for line in lines]
 

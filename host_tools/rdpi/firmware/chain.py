@@ -15,6 +15,7 @@ from .parameters import INT32_MAX, ONE, Scale
 
 LEAD = 32  # RDPI_FLAG_LEAD
 MAX_LEAD_NS, MAX_LEAD_NS2, MIN_DIRECT = 2**29, 2**60, 2**28  # RDPI_Q31_...
+LEAST_DIRECT = 1e-3  # MIN_DIRECT in lib/src/f32_creep.h
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,10 @@ class Chain:
         if not (self.direct > 0 and settled > 0):
             raise BadInput(f"chain: of a move, a share of {self.direct:g} comes at once and {settled:g} in the end; "
                            "no inverse exists unless both are positive")
+        back = -sum(min(share, 0.0) for share, _ in self.poles)
+        if self.direct - back < LEAST_DIRECT:
+            raise BadInput(f"chain: of a move, a share of {self.direct:.3g} comes at once and {back:.3g} is taken back "
+                           "later; the firmware has no inverse unless that is less")
         if not all(0 < time_s < math.inf for _, time_s in self.poles):
             raise BadInput("chain: poles: the time constants must be positive")
 

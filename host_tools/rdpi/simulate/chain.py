@@ -210,6 +210,8 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     swept = swept_ticks(run.sample_time_s) if run.memory == "reset" and not sweep else None
     if engine == "numpy":
         return numpy_inverse.step(inverted, by.chain, asked, run.sample_time_s, swept)[0], offset
+    if engine == "f32":
+        by.check_sweep(run)
     library = firmware.engine(inverted, run.sample_time_s, engine, by.chain if by.chain.acts else None)
     if sweep:
         library.sweep()

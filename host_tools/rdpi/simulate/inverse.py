@@ -83,6 +83,18 @@ class Inverse:
                          "that are left out")
         return lines
 
+    def check_sweep(self, run: Recording) -> None:
+        """Raise BadInput, naming key or effect, for a start-up sweep that is too slow for this recording's samples."""
+        if run.sample_time_s >= self.model.shortest_sample_s():
+            return
+        drive = self.model.drive
+        limit = next((one.acting.effect.name for one in self.told
+                      if one.how == "folded" and drive.slew_V_per_s in one.acting.values.values()), "")
+        remedy = f"give --leave-out {limit}" if limit else "raise sweep_V_per_s or slew_V_per_s"
+        raise BadInput(f"{self.model.where}: {limit or 'drive'}: the start-up sweep, {drive.sweep_speed():.4g} V/s, is too slow for more "
+                       f"than {1 / self.model.shortest_sample_s():.3g} samples per second in single precision "
+                       f"({run.path}: sample_time_s is {run.sample_time_s:g}); {remedy}, or take another --engine")
+
     def added_um(self, run: Recording) -> np.ndarray:
         """What the application subtracts from the reference, (samples,), as far as the run holds its columns."""
         added = np.zeros(len(run))
@@ -156,7 +168,12 @@ def inverse_of(model: Model, *, leave_out: Collection[str] = (), preview: bool =
     if acting and {one.effect.name for one in acting} <= leave_out:
         alone = model.operator_alone is not None
         return Inverse(model.uncompensated() if alone else folded_into, Chain(), tuple(told), (), Jump(), (), alone)
-    chain = _chain(folded_into, used, preview)
+    try:
+        chain = _chain(folded_into, used, preview)
+    except BadInput as error:
+        late = [one.acting.effect.name for one, by in zip(told, used) if by.poles]
+        why = str(error).removeprefix("chain: ")
+        raise BadInput(f"{model.where}: {' and '.join(late)}: {why}; give --leave-out {late[-1]}") from None
     addends = tuple(one.addend for one in used if one.addend is not None)
     lags = tuple((one.lag_s + one.lead[0], one.lead[1]) for one in used if one.lag_s or any(one.lead))
     jump = Jump(sum(one.jump_um for one in used), jump_s)
