@@ -19,7 +19,7 @@ from rdpi.data import Recording, write_recording
 from rdpi.errors import BadInput
 from rdpi.firmware import header
 from rdpi.identify import checks, localise, passport
-from rdpi.model import Model, read_model
+from rdpi.model import Model, read_model, write_model
 from rdpi.simulate import chain
 
 WRONG = ["x", 1.5, -1, 1e300, 10**400, None, [], {}, [[1]]]
@@ -103,6 +103,17 @@ PARTS = ["schema", "tool", "actuator", "gain_um_per_V", "offset_V", "offset_um",
 def test_every_part_of_every_wrong_kind(key: str, tmp_path: Path) -> None:
     for path in places(document()[key], (key,)):
         check(path, tmp_path)
+
+
+def test_the_operator_alone_is_read_with_the_model(tmp_path: Path) -> None:
+    for key, value, words in (("gain_um_per_V", "x", "gain_um_per_V is 'x'"), ("slopes", [1.0], "slopes: has 1 values")):
+        (tmp_path / "model.json").write_text(json.dumps(damaged(("operator_alone", key), value)))
+        with pytest.raises(BadInput, match=f"model.json: operator_alone: {words}"):
+            read_model(tmp_path / "model.json")
+        with pytest.raises(BadInput, match=f"other.json: operator_alone: {words}"):
+            alone = {**commissioned().alone(), key: value}
+            write_model(tmp_path / "other.json", replace(commissioned(), operator_alone=alone))
+    assert not (tmp_path / "other.json").exists()
 
 
 def test_no_part_is_left_out() -> None:

@@ -42,6 +42,7 @@ def read_model(path: str | os.PathLike[str]) -> Model:
         raise BadInput(f"{path}: objects and lists are nested more than {MAX_DEPTH} deep; fit again or restore it")
     model = _Reader(path).model(document)
     model.validate(path)
+    model.uncompensated()
     return model
 
 
@@ -51,6 +52,7 @@ def write_model(path: str | os.PathLike[str], model: Model) -> None:
     Raises BadInput for a path that is one of the kept recordings.
     """
     model.validate(str(path))
+    replace(model, where=str(path)).uncompensated()
     moved = replace(model, kept=_seen_from(Path(path).parent, model))
     if os.path.realpath(path) in _kept(model):
         raise BadInput(f"{path}: is a recording that is kept with the model; give the model another path")
