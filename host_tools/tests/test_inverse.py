@@ -135,8 +135,15 @@ def test_a_curve_at_the_input_becomes_pieces(engine: str, dac_bits: int | None) 
     assert len(found.model.drive.curve_V) == 9 and "into 8 pieces" in found.told[0].why and not model.drive.curve_V
     told = float(found.told[0].why.partition("off by up to ")[2].partition(" %")[0]) / 100
     assert miss(model, found, engine) < 3 * told < 0.02 * miss(model, inverse_of(model, leave_out=["input_curve"]))
+    assert "beside" not in found.told[0].why
     straight = {"name": "input_curve", "parameters": {**curve, "quadratic": 0.0, "cubic": 0.0}}
     assert not inverse_of(model_with(straight)).model.drive.curve_V
+
+
+def test_a_curve_beside_the_drives_range_is_said() -> None:
+    curve = {"quadratic": 0.1, "cubic": 0.0, "low_V": 20.0, "high_V": 30.0}
+    (told,) = inverse_of(model_with({"name": "input_curve", "parameters": curve}, drive=Drive(-20.0, 20.0))).told
+    assert "its own range, 20 to 30 V, lies beside the drive's" in told.why
 
 
 def test_a_curve_below_0_is_left_out() -> None:
@@ -337,6 +344,10 @@ def test_limits_of_the_amplifier_become_those_of_the_drive() -> None:
     rails = next(one for one in inverse_of(coded).told if one.acting.effect.name == "rail_saturation")
     assert rails.how == "left out" and "codes span" in rails.why
     assert inverse_of(coded).model.drive.max_V == 20.0
+    beside = {"name": "rail_saturation", "parameters": {"V_min": 30.0, "V_max": 40.0}}
+    for one in (model, coded):
+        (told,) = inverse_of(replace(one, effects=[beside])).told
+        assert told.how == "left out" and told.why == "the rails leave nothing of the drive's range, -20 to 20 V"
 
 
 def test_the_lead_has_a_limit() -> None:
@@ -460,7 +471,8 @@ def test_chains_that_have_no_inverse(numbers: dict[str, Any], words: str) -> Non
 
 
 @pytest.mark.parametrize(("around", "words"), [
-    (Chain(delay_s=0.6), "half a second"), (Chain(direct=0.5, poles=((-0.3, 1.0),)), "at least a quarter"),
+    (Chain(delay_s=0.6), "delay and lag: 0.6 s and 0 s; .* half a second"),
+    (Chain(lead_s=0.6), "lead: 0.6 s and 0 s"), (Chain(lead_s2=2.0), "lead: 0 s and 2 s"), (Chain(direct=0.5, poles=((-0.3, 1.0),)), "at least a quarter"),
     (Chain(poles=((1.5, 1.0),)), "two moves in all")])
 def test_chains_beyond_fixed_point(around: Chain, words: str) -> None:
     with pytest.raises(BadInput, match=f"no fixed point: .*{words}"):

@@ -128,9 +128,12 @@ def q31_chain(chain: Chain, scale: Scale, where: str) -> Q31Chain:
 
     delay_ns, lag_ns, lead_ns, lead_ns2 = (round(value * unit) for value, unit in (
         (chain.delay_s, 1e9), (chain.lag_s, 1e9), (chain.lead_s, 1e9), (chain.lead_s2, 1e18)))
-    if max(delay_ns, lag_ns, lead_ns) > MAX_LEAD_NS or lead_ns2 > MAX_LEAD_NS2:
+    if max(delay_ns, lag_ns) > MAX_LEAD_NS:
         refuse("delay and lag", f"{chain.delay_s:.3g} s and {chain.lag_s:.3g} s; fixed point makes up for half a "
                                 "second of each at most")
+    if lead_ns > MAX_LEAD_NS or lead_ns2 > MAX_LEAD_NS2:
+        refuse("lead", f"{chain.lead_s:.3g} s and {chain.lead_s2:.3g} s^2, for a resonance; fixed point takes half "
+                       "a second and 1.15 s^2 at most")
     direct = round(chain.direct * ONE)
     poles = tuple((round(share * ONE), max(round(time_s * 1e9), 1)) for share, time_s in chain.poles)
     shares = [share for share, _ in poles]

@@ -81,8 +81,11 @@ class InputCurve(Effect):
         if not (values["quadratic"] or values["cubic"]):
             return folded("into nothing: it is straight", folded_into)
         points, off_V = self.pieces(values, drive.min_V, drive.max_V, drive.dac_bits)
+        low_V, high_V = values["low_V"], values["high_V"]
+        beside = f"; its own range, {low_V:g} to {high_V:g} V, lies beside the drive's: check low_V and high_V" \
+            if high_V <= drive.min_V or low_V >= drive.max_V else ""
         return folded(f"into {len(points) - 1} pieces between the plays and the drive, which are off by up to "
-                      f"{100 * off_V / (drive.max_V - drive.min_V):.2g} % of the range",
+                      f"{100 * off_V / (drive.max_V - drive.min_V):.2g} % of the range{beside}",
                       replace(folded_into, drive=replace(drive, curve_V=points)))
 
     def pieces(self, values: Values, min_V: float, max_V: float, dac_bits: int | None

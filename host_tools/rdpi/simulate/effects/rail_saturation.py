@@ -37,11 +37,11 @@ class RailSaturation(Effect):
         low, high = max(drive.min_V, values["V_min"]), min(drive.max_V, values["V_max"])
         if (low, high) == (drive.min_V, drive.max_V):
             return folded("into nothing: the drive's range lies within the rails", folded_into)
+        if not low < high:
+            return left_out(f"the rails leave nothing of the drive's range, {drive.min_V:g} to {drive.max_V:g} V")
         if drive.dac_bits:
             return left_out(f"the DAC's codes span {drive.min_V:g} to {drive.max_V:g} V, so that the range cannot be "
                             f"made smaller; keep the reference within what {low:.4g} to {high:.4g} V reach")
-        if not low < high:
-            return left_out(f"the rails leave nothing of the drive's range, {drive.min_V:g} to {drive.max_V:g} V")
         end = None if drive.sweep_end_V is None else float(np.clip(drive.sweep_end_V, low, high))
         return folded(f"into the drive's range, {low:.4g} to {high:.4g} V", replace(
             folded_into, drive=replace(drive, min_V=low, max_V=high, sweep_end_V=end)))
