@@ -146,7 +146,9 @@ def test_without(folder: Path, rdpi: Callable) -> None:
 def test_earlier_recordings_of_the_same_drives(folder: Path, rdpi: Callable) -> None:
     """Given in any order, and one too many."""
     given = [word for name in FRESH[::-1] for word in ("--earlier", name)]
-    result, _ = gap_of(rdpi, "model.json", *LATE[1:], *given)
+    result, text = gap_of(rdpi, "model.json", *LATE[1:], *given)
+    unused = [note for note in result["notes"] if "no recording is compared with it" in note]
+    assert unused == ["fresh0.csv: was given as earlier, but no recording is compared with it"] and unused[0] in text
     assert result["paired"] and result["effects"][0]["name"] == "delay"
     assert [row["earlier"] for row in result["runs"]] == list(FRESH[1:])
     result, _ = gap_of(rdpi, "model.json", *LATE[1:])
@@ -279,6 +281,11 @@ def test_one_recording_in_other_units_among_others(folder: Path, refused: Callab
 def test_a_recording_given_twice(folder: Path, refused: Callable) -> None:
     assert re.match(r"fresh0\.csv: given twice",
                     refused("gap", "model.json", "fresh0.csv", "fresh1.csv", "fresh0.csv", "-o", refused.output))
+    run = read_recording("fresh0.csv")
+    columns = {name: values for name, values in run.columns.items() if name != "monitor_V"} | {"other_axis_V": run.time_s}
+    write_recording("copy.csv", columns, run.metadata)
+    assert re.match(r"copy\.csv: holds the samples of fresh0\.csv; a run counts once",
+                    refused("gap", "model.json", "fresh0.csv", "fresh1.csv", "copy.csv", "-o", refused.output))
 
 
 @pytest.mark.parametrize(("changes", "message"), [

@@ -251,7 +251,10 @@ def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], ea
     if earlier:
         notes += [f"earlier, {note}" for note in checks.check_against(model, earlier) if any(
             note.startswith(run.path) for run in earlier)]
-        earlier = checks.same_drives(runs, earlier)
+        given, earlier = earlier, checks.same_drives(runs, earlier)
+        used = {one.path for one in earlier}
+        notes += [f"{one.path}: was given as earlier, but no recording is compared with it" for one in given
+                  if one.path not in used]
         known = None if known is None else passport.repeated(known)
         if any(not entry.get("new") and entry.get("origin") != "fit" for entry in model.effects):
             notes.append("the diagnosis assumes that the model's effects also acted in the earlier recordings")

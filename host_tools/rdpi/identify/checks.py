@@ -84,9 +84,12 @@ def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> 
 
 def _check_once(marks: Sequence[object], runs: Sequence[Recording], why: str = "") -> None:
     """Raise BadInput if a mark is there twice."""
+    first: dict[object, str] = {}
     for run, mark in zip(runs, marks):
-        if marks.count(mark) > 1:
-            raise BadInput(f"{run.path}: given twice; a run counts once{why}")
+        if mark in first:
+            what = "given twice" if first[mark] == run.path else f"holds the samples of {first[mark]}"
+            raise BadInput(f"{run.path}: {what}; a run counts once{why}")
+        first[mark] = run.path
 
 
 def same_samples(runs: Sequence[Recording]) -> list[str]:
