@@ -179,6 +179,8 @@ def test_options_say_what_is_compensated(command: tuple[str, ...], folder: Path,
     assert "delay at stage timing (delay_s 0.0005 s): left out: as asked" in text
     none, text = result_of(rdpi, *command, "--effects", "none")
     assert text.count("left out: as asked") == 4 and {one["firmware"] for one in none["effects"]} == {"left out"}
+    assert "--no-preview" not in text
+    assert "note: --no-preview changes nothing" in result_of(rdpi, *command, "--effects", "none", "--no-preview")[1]
     _, text = result_of(rdpi, *command, "--sensor-delay", "0.0002")
     assert "which looks 300 us ahead" in text and "without preview" not in text
     _, text = result_of(rdpi, *command, "--no-preview")
@@ -187,6 +189,8 @@ def test_options_say_what_is_compensated(command: tuple[str, ...], folder: Path,
     for options, words in ((("--leave-out", "lag"), "does not hold this effect"),
                            (("--effects", "none", "--leave-out", "delay"), "--effects none leaves all effects out"),
                            (("--sensor-lag", "0.01"), "later than all"),
+                           (("--sensor-delay", "0.0001", "--effects", "none"), "from delay, which is left out"),
+                           (("--sensor-lag", "0.0001", "--leave-out", "delay"), "from delay, which is left out"),
                            (("--backlash-time", "0"), "must be a time in s, 1e-06 to 10")):
         done = rdpi(*command, *options)
         assert done.exit_code == 2 and words in " ".join(done.output.split())

@@ -135,6 +135,9 @@ def test_bad_reference(folder: Path, rdpi: Callable) -> None:
         assert re.match(message, refusal(rdpi, "compensate", "static.json", "bad.csv"))
     text = refusal(rdpi, "compensate", "static.json", None, "--reference-column", "wish")
     assert re.match(r"reference\.csv:2: there is no column wish", text)
+    for column in ("command_V", "monitor_V", "time_s", "rate_um_per_s", "dac_code"):
+        text = refusal(rdpi, "compensate", "static.json", "large.csv", "--reference-column", column)
+        assert text == f"--reference-column {column}: is no displacement; give a column in um"
     assert re.match(r"nowhere\.csv: cannot be read", refusal(rdpi, "compensate", "static.json", "nowhere.csv"))
 
 

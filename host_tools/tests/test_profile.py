@@ -159,7 +159,8 @@ def test_a_drive_with_its_sweep(tmp_path: Path, rdpi: Callable, compiled: Callab
 
 def test_a_drive_without_sweep(tmp_path: Path, rdpi: Callable, compiled: Callable) -> None:
     write(tmp_path / "drive.csv", np.linspace(0, 10, 50), "command_V")
-    assert rdpi("profile", tmp_path / "drive.csv", "--dac", "16:0:10", "-o", tmp_path / "rdpi_profile.h").exit_code == 0
+    done = rdpi("profile", tmp_path / "drive.csv", "--dac", "16:0:10", "-o", tmp_path / "rdpi_profile.h")
+    assert done.exit_code == 0 and "decaying sweep" not in done.output
     about, codes = np.split(np.array(compiled(DRIVE)), [6])
     assert about[5] == 0 and codes[[0, -1]].tolist() == [0, 65535]
 
@@ -219,6 +220,12 @@ def test_a_column_of_a_drive_is_refused(tmp_path: Path, refused: Callable) -> No
     source = write(tmp_path / "drive.csv", references(), "command_V")
     assert refused("profile", source, "-o", refused.output, "--dac", "16:-5:10", "--reference-column",
                    "command_V").startswith("--reference-column: is only valid without --dac")
+
+
+def test_volts_are_no_reference(tmp_path: Path, refused: Callable) -> None:
+    source = write(tmp_path / "drive.csv", references(), "command_V")
+    assert refused("profile", source, "-o", refused.output, "--reference-column", "command_V").startswith(
+        "--reference-column command_V: is no displacement")
 
 
 def test_the_shipped_profile_is_one_period_of_a_sine(tmp_path: Path) -> None:

@@ -52,6 +52,14 @@ def test_lines() -> None:
     assert not any("residual" in line for line in summary.lines(replace(result, residual=(0.01, 0.01))))
 
 
+def test_a_low_pass_on_the_rate_is_told_where_slopes_follow_it() -> None:
+    result = fitted(1.0)
+    result.model.rate.filter_s = 0.1
+    assert any("behind a low-pass of 0.1 s" in line for line in summary.lines(result))
+    result.model.slope_rate_s_per_um = np.zeros(10)
+    assert not any("low-pass" in line for line in summary.lines(result))
+
+
 def test_the_report(tmp_path: Path) -> None:
     result = fitted(1.0)
     document = result.document("m.json", gate_failed=False)

@@ -20,6 +20,7 @@ NOISE_SHAPING = click.option(
     "--noise-shaping", is_flag=True,
     help="Carry what each DAC code misses to the next one, so that slow errors of rounding become small and fast ones "
          "larger. For sample rates far above the bandwidth. Default: each drive is rounded to the nearest code.")
+NO_UM = "_V", "_s", "_degC", "_code"  # what names of columns that hold no displacement end with
 EFFECT_OPTIONS = (
     click.option("--effects", type=click.Choice(["all", "none"]), default="all", show_default=True,
                  help="Compensate all effects of the model that the firmware can compensate, or none. With none, the "
@@ -57,6 +58,12 @@ def _given(model: Model, options: dict[str, tuple[str, float | None]]) -> None:
             model.validate(f"{option} {value:g}")
 
 
+def _check_in_um(column: str) -> None:
+    """Raise BadInput for a column that is no displacement by its name: volts would be followed as um."""
+    if column.endswith(NO_UM):
+        raise BadInput(f"--reference-column {column}: is no displacement; give a column in um")
+
+
 def _shaped(model: Model) -> None:
     """Ask for noise shaping."""
     from dataclasses import replace
@@ -79,6 +86,8 @@ def _inverse(model: Model, effects: str, leave_out: tuple[str, ...], preview: bo
                        sensor=Sensor(sensor_delay_s, sensor_lag_s), jump_s=jump_s)
     for line in found.lines:
         click.echo(line)
+    if effects == "none" and not preview:
+        click.echo("note: --no-preview changes nothing: with --effects none nothing looks ahead")
     costs = found.costs()
     if not preview and costs:
         click.echo("without preview, error of a sine in % of its amplitude, high sample rates:")
@@ -164,6 +173,8 @@ def profile(source: str, output: str, reference_column: str | None,
     if dac is not None and reference_column is not None:
         raise BadInput("--reference-column: is only valid without --dac; with --dac the column is command_V")
     column = "command_V" if dac is not None else reference_column or "reference_um"
+    if dac is None:
+        _check_in_um(column)
     with progress("generating"):
         run = read_recording(source, required=("time_s", column))
         text = tables.render_reference(run, column) if dac is None else tables.render_drive(run, *dac)
@@ -175,7 +186,8 @@ def profile(source: str, output: str, reference_column: str | None,
     result = {"file": output, "samples": len(run), "sample_rate_hz": rate_hz, "digest": run.digest}
     if dac is not None:
         result["sweep_samples"] = tables.sweep_samples(run)
-        click.echo(f"the first {result['sweep_samples']} samples are a decaying sweep")
+        if result["sweep_samples"]:
+            click.echo(f"the first {result['sweep_samples']} samples are a decaying sweep")
     elif refused := int((~tables.usable(values)).sum()):
         click.echo(f"note: {refused} samples are beyond the largest reference; the firmware holds the drive there: "
                    "check the unit")
@@ -243,6 +255,7 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     from ..model import read_model
     from ..simulate import chain, scoring
 
+    _check_in_um(reference_column)
     parameters = read_model(model)
     _given(parameters, {"--dac-bits": ("dac_bits", dac_bits)})
     if noise_shaping:

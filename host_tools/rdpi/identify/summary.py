@@ -59,7 +59,8 @@ def lines(result: Fit) -> list[str]:
         f"reachable displacement: {low:.5g} to {high:.5g} um; references are displacements as the sensor reads them",
         f"rates identified up to {top:.4g} um/s; guard at {rate.max_um_per_s:.4g} um/s"
         + (f"; a slope reaches zero at {singular:.4g} um/s" if singular else ""),
-        *([f"the slopes follow the rate behind a low-pass of {rate.filter_s:.4g} s"] if rate.filter_s else []),
+        *([f"the slopes follow the rate behind a low-pass of {rate.filter_s:.4g} s"]
+          if rate.filter_s and np.any(model.slope_rate_s_per_um) else []),
         *(f"note: {warning}" for warning in result.warnings)]
 
 

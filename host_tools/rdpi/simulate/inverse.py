@@ -149,6 +149,9 @@ def inverse_of(model: Model, *, leave_out: Collection[str] = (), preview: bool =
     leave_out = _names(model, acting, leave_out)
     open_ = [one for one in acting if _stage_is_open(model, one)]
     lessened = _less_sensor(open_, sensor)
+    for whole, less in zip(open_, lessened):
+        if whole.effect.name in leave_out and less.values != whole.values:
+            raise BadInput(f"--sensor-delay and --sensor-lag: are taken from {whole.effect.name}, which is left out")
     folded_into = replace(model, effects=[])
     told, used = [], []
     for one in acting:
