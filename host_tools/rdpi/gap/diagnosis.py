@@ -49,7 +49,8 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
 
     With `earlier` recordings, one of the same drive for each run, the gap is what has changed since: what the model
     missed then is taken off, and with it its own error. `references`, with the column reference_um, are what the
-    promise for tracking is made for; effects that would make that worse, or no recording better, are left out.
+    promise for tracking is made for; effects that would make that worse, or no recording better, are left out of the
+    improved model.
 
     Raises BadInput for recordings that cannot be this model's, and for a run whose drive no earlier recording has.
     """
@@ -61,6 +62,8 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
         given = replace(given, dataset=given.by_command_before)
     decision = decide(given, known, without, progress)
     decision, offset, tracked = _worth_tracking(decision, passport.read(model), references)
+    if held := decision.held_back or _spoils(decision.selection):
+        offset = replace(offset, added=0.0)
     selection, verdict, before = decision.selection, decision.verdict, decision.selection.before_um
     state, after = selection.accepted, selection.after_um
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
@@ -74,8 +77,8 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     found.promised.tracking = tracked
     improved = replace(state.model, effects=_entries(model, selection, found, bool(earlier)),
                        offset_um=model.offset_um + offset.added)
-    if (spoilt := _spoils(selection)) is not None:
-        found.notes.append(spoilt)
+    if held:
+        found.notes.append(held)
         improved = model
     progress(1.0)
     return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords),
@@ -124,7 +127,7 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
                     ) -> tuple[Decision, Offset, TrackingPromise | None]:
     """The decision, its zero and its promise for references. What is to be tracked must not get worse: the last effect
     is left out as long as references, or recordings that were left out, promise no better, or the recordings show that
-    the improved model is none.
+    the improved model is none. The only one left keeps its name, and the improved model is the given one.
 
     `known` is the passport of the model.
     """
@@ -152,9 +155,11 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
             if tracked is not None:
                 said = promise.out_of_reach(improved, references)
             return replace(decision, notes=[*decision.notes, *said]), offset, tracked
-        name, left = state.chosen[-1].effect.name, selection.rejecting_last()
-        decision = replace(decision, selection=left, verdict=decision.verdict if left.accepted.chosen else "unknown",
-                           notes=[*decision.notes, f"{name} would explain more of the gap, but {why}; it is left out"])
+        name = state.chosen[-1].effect.name
+        if len(state.chosen) == 1:
+            return replace(decision, held_back=f"the improved model is the given one: with {name}, {why}"), offset, None
+        decision = replace(decision, selection=selection.rejecting_last(), notes=[
+            *decision.notes, f"{name} would explain more of the gap, but {why}; it is left out"])
 
 
 def _no_better(given: Model, improved: Model, runs: Sequence[Recording]) -> str | None:
@@ -207,6 +212,7 @@ class Decision:
     gap: Excess
     coords: list[localise.Coordinates]  # of every recording
     notes: list[str]
+    held_back: str = ""  # why the improved model is the given one; "": it has the accepted effects
 
 
 def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str] = (),
@@ -307,7 +313,7 @@ def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Off
         notes.append(f"the recordings also lie {offset.low:.3g} to {offset.high:.3g} um from "
                      f"{'the earlier ones' if selection.given.earlier else 'the model'}; these constants, one "
                      "a recording, are not counted; the sensor's zero or the mount has changed"
-                     + ("; the improved model includes their mean" if selection.accepted.chosen else ""))
+                     + ("; the improved model includes their mean" if offset.added else ""))
     if verdict == "unknown" and noise_um**2 > 0.5 * before_um**2:
         notes.append(f"most of the {_terms(selection).gap} is noise from sample to sample, {noise_um:.3g} um rms; "
                      "check the sensor and its cables")
