@@ -121,9 +121,10 @@ def one_case(before: Rig, after: Rig, folder: Path, model: Path, random: np.rand
     measure.rdpi("header", improved, "-o", folder / "rdpi_params.h")
     new, _ = play(replace(after, runs=9), folder, "new", NEW, ["swept"] * len(NEW), rate_hz, scale)
     gap = json.loads(document.read_text())
-    first = gap["effects"][:1]
+    first, (given, made) = gap["effects"][:1], (json.loads(path.read_text())["effects"] for path in (model, improved))
     return {"paired": paired, "stroke_um": before.stroke_um, "verdict": gap["verdict"],
             "names": [one["name"] for one in gap["effects"]], "rivals": first[0]["confusable_with"] if first else [],
+            "improved": made != given,
             "ratio": (gap["passport"] or {}).get("ratio"), "promised": gap["promised"], "zero": gap["offset_um"],
             "prediction": {key: [[run["rms_um"], run["offset_um"]] for run in missed(path, new, folder)]
                            for key, path in (("old", model), ("new", improved))},
@@ -198,7 +199,7 @@ def promised(case: Record, kind: str) -> Record | None:
     """
     if kind != "prediction":
         return case["promised"].get("tracking")
-    return case["promised"] if case["names"] and not case["paired"] else None
+    return case["promised"] if case["improved"] and not case["paired"] else None
 
 
 def row(label: str, found: Sequence[Record]) -> str:

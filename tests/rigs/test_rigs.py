@@ -631,7 +631,7 @@ def closed(case: int, effects: list[str], promised: float, prediction: float, tr
     after = [[float(np.hypot(tracking, zero)), zero]] * 2
     promise = {"shrink": promised, "ci90": [promised - 0.1, promised + 0.1]}
     return ({"case": case, "paired": case % 2 == 1, "verdict": "effect", "names": effects, "rivals": [],
-             "promised": {**promise, "tracking": promise},
+             "improved": bool(effects), "promised": {**promise, "tracking": promise},
              "prediction": {"old": [[2.0, 0.0]] * 3, "new": [[2.0, 0.0], [2.0, 0.0], [prediction, 0.0]]},
              "tracking": {"old": [[2.0, 0.0]] * 2, "new": after}, "any rest": {"old": after, "new": after}},
             {"case": case, "family": "duhem", "effects": effects})
@@ -658,7 +658,7 @@ def test_the_circle_is_closed(tmp_path, capsys):
     said = (tmp_path / "cases.jsonl").read_text()
     assert not {"effects", "before", "after", "family"} & set(circle.read_lines(tmp_path / "cases.jsonl")[0])
     sealed = {one["case"]: one for one in circle.read_lines(tmp_path / "sealed.jsonl")}
-    improved = [case for case in circle.read_lines(tmp_path / "cases.jsonl") if case["names"]]
+    improved = [case for case in circle.read_lines(tmp_path / "cases.jsonl") if case["improved"]]
     assert improved and all(sealed[case["case"]]["effects"] for case in improved)
     for case in improved:
         assert circle.realised(case, "tracking") > 0
