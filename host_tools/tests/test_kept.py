@@ -176,6 +176,7 @@ def test_a_drive_that_was_not_kept(folder: Path, rdpi: Callable) -> None:
     result, text = gap_of(rdpi, "model.json", *LATE[1:], "late-other.csv")
     assert not result["paired"] and result["runs"][0]["earlier"] is None
     assert "the recordings that were kept with the model are not used: late-other.csv: no earlier recording has" in text
+    assert "; give late-" in text and " alone to compare with what was kept" in text
 
 
 def test_the_kept_recordings_themselves(folder: Path, rdpi: Callable) -> None:

@@ -72,9 +72,11 @@ def propose(selection: Selection, verdict: Verdict, unseen: Sequence[NotKnown] =
     names = " and ".join([truth.effect.name, *dict.fromkeys(rival.name for rival in rivals)])
     why = f"of the canned recordings that are not there yet, this one tells {names} apart best"
     if best.contrast < thresholds.RIVAL_MARGIN + thresholds.LACKING:
+        again = "the drive of commissioning, played again and given alone, is compared with its copy that was kept" \
+            if state.model.kept else "drives of commissioning, played again and given with --earlier, take off what the " \
+            "model misses"
         why += ", but hardly beside what the model misses anyway; a column monitor_V separates causes before the actuator " \
-               "from causes after it, and drives of commissioning, played again and given with --earlier, take off what " \
-               "the model misses"
+               f"from causes after it, and {again}"
     if state.earlier:
         why += "; no earlier recording has this drive: give its recording beside these without --earlier, with --no-kept"
     else:

@@ -86,7 +86,9 @@ def earlier(model: Model, runs: Sequence[Recording]) -> tuple[list[Recording], l
             raise BadInput(f"{', '.join(same)}: was kept itself")
         used = same_drives(runs, found)
     except BadInput as error:
-        return [], [*notes, f"the recordings that were kept with the model are not used: {str(error).partition('; ')[0]}"]
+        alone = [run.path for run in runs if run.path not in same and _has_copy(run, found)]
+        hint = f"; give {' and '.join(alone)} alone to compare with what was kept" if alone else ""
+        return [], [*notes, f"the recordings that were kept with the model are not used: {str(error).partition('; ')[0]}{hint}"]
     names = list(dict.fromkeys(run.path for run in used))
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return used, [f"as with --earlier, compared with recordings that were kept with the model: "
@@ -124,6 +126,13 @@ def _rounded(values: np.ndarray) -> np.ndarray:
     """To DIGITS digits of the range, which print short."""
     span = float(np.ptp(values))
     return np.round(values, DIGITS - int(np.floor(np.log10(span)))) if span > 0 else values
+
+
+def _has_copy(run: Recording, found: Sequence[Recording]) -> bool:
+    try:
+        return bool(same_drives([run], found))
+    except BadInput:
+        return False
 
 
 def _whole(model: Model, one: records.KeptRun, where: str) -> Recording:
