@@ -3,7 +3,8 @@
 The recorded voltage is taken for gain · drive + offset at times start + clock · (time of the drive). The place is
 searched by correlation on a coarse grid, for clocks that differ by up to MAX_CLOCK, refined by least squares
 (Gauss-Newton) on signals that are smoothed less and less, and settled on the samples as recorded (place.py). Where a
-converter holds each sample, the place is the middle of the hold.
+converter holds each sample, the place is the middle of the hold. A drive that was logged itself, at its own rate, is told
+by its samples instead.
 """
 
 from __future__ import annotations
