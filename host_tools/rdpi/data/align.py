@@ -156,11 +156,13 @@ def _logged(run: Recording, wanted: np.ndarray, step_s: float, start_s: float) -
             gain, offset_V = np.polyfit(wanted, heard, 1)
             found.append((float(np.std(heard - gain * wanted)) / (abs(gain) * usual or np.inf), int(sample), float(gain),
                           float(offset_V)))
-    (least, *where), *others = sorted(found) or [(np.inf,)]
-    next_best = min((left for left, *_ in others), default=np.inf)
+    if not found:
+        return None
+    (least, sample, gain, offset_V), *others = sorted(found)
+    next_best = others[0][0] if others else np.inf
     if least > LOGGED or next_best < MISPLACED * least:
         return None
-    return *where, least / next_best
+    return sample, gain, offset_V, least / next_best
 
 
 def _too_doubtful(found: Place, run: Recording, drive: Recording) -> str:
