@@ -15,7 +15,7 @@ from plants import changed, stack
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.identify import Options, around, choice, fit, rate_slopes, summary
+from rdpi.identify import Options, around, choice, fit, joint, rate_slopes, summary
 from rdpi.identify import thresholds as tuned
 from rdpi.identify.around import lines
 from rdpi.identify.choice import Choice, choose
@@ -74,6 +74,20 @@ def test_of_two_effects_that_help_only_together_both_stay(monkeypatch: pytest.Mo
     assert pruned(than=fitted_ones[""]) is fitted_ones["creep, curve"]
     early.comes_late = True
     assert pruned(than=fitted_ones[""]) is fitted_ones["curve"]
+
+
+@pytest.mark.parametrize("rated", [False, True])
+def test_a_rate_law_takes_the_place_of_no_lag_that_leaves_clearly_less(rated: bool) -> None:
+    """A plain operator is behind a lag only if that leaves a quarter less; one with a rate law is not plain."""
+    state = SimpleNamespace(setting=SimpleNamespace(samples=1000), at_ends=[])
+    lag = Hypothesis((Acting(CATALOGUE["lag"](), PUT["lag"]),))
+    squares = 1.0 + 0.1 * np.random.default_rng(1).random((2, joint.BLOCKS))
+
+    def leaving(share: float, hypothesis: Hypothesis) -> choice.Judged:
+        return choice.Judged(SimpleNamespace(hypothesis=hypothesis, **vars(state)), share * squares)
+
+    law_or_plain = leaving(1.0, Hypothesis(rated=rated))
+    assert [leaving(share, lag).beats(law_or_plain) for share in (0.7, 0.85, 0.95)] == [True, rated, False]
 
 
 @pytest.mark.parametrize("names", [*((name,) for name in PUT), TOGETHER], ids=" ".join)

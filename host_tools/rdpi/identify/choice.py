@@ -57,7 +57,7 @@ class Judged:
 
         What first says that the displacement comes late must show more than what comes beside it, and not only at the
         end of what rigs have: without it the actuator is plain, and what the operator cannot show may look a little
-        late.
+        late. In the place of a rate law it must show less, but as certainly: neither actuator is plain.
 
         The error is that of the blocks' gains over what they leave. Fast blocks show a lag a thousand times as strongly
         as slow ones, and the scatter of the gains themselves would be as large as their sum. Where far less is left
@@ -70,7 +70,9 @@ class Judged:
         further = beside and (other.hypothesis.comes_late or not late)
         if not further and late and all(one in self.state.at_ends for one in late):
             return False
-        share, errors = tuned.FURTHER_GAIN if further else tuned.FIRST_GAIN
+        instead = other.hypothesis.rated and not self.hypothesis.rated
+        share, errors = (tuned.FURTHER_GAIN if further else tuned.INSTEAD_GAIN if late and instead else
+                         tuned.FIRST_GAIN)
         gained, before = np.sum(gain, axis=1), np.sum(other.held_out, axis=1)
         certain = np.mean(gain / both, axis=1) > errors * np.std(gain / both, axis=1, ddof=1) / np.sqrt(gain.shape[1])
         matters = gained > np.maximum(share * before, tuned.CHAIN_LEAST**2 * self.state.setting.samples)

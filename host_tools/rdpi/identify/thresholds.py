@@ -35,6 +35,7 @@ CHAIN_LAW = 0.1  # [1] of the rate law's prior, beside effects: what holds the l
 # What an effect around the operator must take away of the squares on what was left out, and how many standard errors
 # that must be.
 FIRST_GAIN = 0.25, 2.0  # [of the squares, errors] the first that comes late, or a rate law; rigs
+INSTEAD_GAIN = 0.1, 2.0  # [of the squares, errors] one that comes late, in the place of a rate law; rigs
 FURTHER_GAIN = 0.05, 1.0  # [of the squares, errors] beside one that comes late, and effects of other kinds; rigs
 REACH = 0.5  # [of what an effect does] by which it moves at most where blocks are left out; judged
 OUT_OF_STEP = 2.0  # [squares] of the best, that a resonance behind what is late leaves, from which more may grow; rigs
