@@ -286,6 +286,26 @@ def test_thinned_recordings_choose_and_whole_ones_are_fitted(monkeypatch: pytest
         assert all(low < one.acting.values[name] < high for name, (low, high) in one.ci95.items())
 
 
+def test_what_does_nothing_in_whole_recordings_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They come early: a delay that thinned ones showed is none here. The creep beside it stays."""
+    plain = fitted("creep").choice.plain
+    early = [replace(run, columns={**run.columns, "displacement_um": np.r_[run.displacement_um[1:],
+                                                                           run.displacement_um[-1]]})
+             for run in put("creep")]
+    thinned, whole = plain.state.setting, replace(plain.state.setting, runs=early)
+    delay, creep = CATALOGUE["delay"](), CATALOGUE["creep"]()
+    both = choice.judged(thinned, Hypothesis((Acting(creep, PUT["creep"]), Acting(delay, PUT["delay"]))),
+                         plain.state.found)
+    alone = {one.effect.name: choice.judged(thinned, Hypothesis((one,)), plain.state.found)
+             for one in both.hypothesis.acting}
+    kept = tuple(choice.Kept(one, {}, alone[other], ()) for one, other in
+                 zip(both.hypothesis.acting, ("delay", "creep")))
+    found = choice.refitted(Choice(plain, both, kept), whole, False)
+    assert [one.acting.effect.name for one in found.kept] == ["creep"]
+    assert found.found.hypothesis.acting == tuple(one.acting for one in found.kept)
+    assert found.kept[0].without.hypothesis.acting == ()
+
+
 def test_whole_recordings_that_miss_more_than_thinned_ones_are_no_reason_to_warn(
         monkeypatch: pytest.MonkeyPatch) -> None:
     """Where no effect was kept, there is none to leave out."""

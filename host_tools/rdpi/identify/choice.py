@@ -146,18 +146,26 @@ def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
 
 
 def refitted(choice: Choice, setting: Setting, rate_law: bool) -> Choice:
-    """The choice made with thinned recordings, and what it was compared with, fitted to the whole ones, `setting`."""
-    if choice.found.state.setting is setting:
-        return choice
+    """The choice made with thinned recordings, and what it was compared with, fitted to the whole ones, `setting`.
+    Without effects that do nothing there.
+    """
+    idle: set[str] = set()
 
     def again(one: Judged) -> Judged:
-        return judged(setting, one.hypothesis, one.state.found)
+        acting = tuple(here for here in one.hypothesis.acting if here.effect.name not in idle)
+        if one.state.setting is setting and len(acting) == len(one.hypothesis.acting):
+            return one
+        return judged(setting, replace(one.hypothesis, acting=acting), one.state.found)
 
     found = again(choice.found)
+    while still := {one.effect.name for one in found.hypothesis.acting if one.does_nothing}:
+        idle |= still
+        found = again(found)
     plain = found if choice.found is choice.plain else again(choice.plain)
-    kept = (replace(one, acting=acting, ci95=ci95, without=again(one.without)) for one, acting, ci95 in
-            zip(choice.kept, found.hypothesis.acting, _intervals(found, rate_law)))
-    return Choice(plain, found, tuple(kept))
+    kept = (one for one in choice.kept if one.acting.effect.name not in idle)
+    return Choice(plain, found, tuple(
+        replace(one, acting=acting, ci95=ci95, without=again(one.without))
+        for one, acting, ci95 in zip(kept, found.hypothesis.acting, _intervals(found, rate_law))))
 
 
 def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:

@@ -64,6 +64,12 @@ class Acting(NamedTuple):
                  for one in self.effect.parameters if not one.internal and self.values[one.name] != one.absent]
         return f"{self.effect.name} at stage {self.effect.stage}" + (f" ({', '.join(sizes)})" if sizes else "")
 
+    @property
+    def does_nothing(self) -> bool:
+        """Whether what a fit finds first, its size, is none."""
+        size = self.effect.fitted[0]
+        return self.values[size] == self.effect.absent()[size]
+
 
 def acting(model: Model) -> list[Acting]:
     """The model's effects in the order of the chain. Raises BadInput for one that is not known or not complete, and for
