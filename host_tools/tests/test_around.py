@@ -127,6 +127,59 @@ def test_a_resonance_that_rings_out_of_step_is_found_again_behind_what_is_late()
         assert dict(one.values) == pytest.approx(behind[one.effect.name], rel=0.1)
 
 
+@pytest.mark.parametrize("column", ["slope", "rate", "piece", "time_constant_s", "f0_hz"])
+def test_columns_are_what_a_resonance_makes_of_a_change(column: str) -> None:
+    """It rings ten times as much as what moves it. So does all that stands ahead of it, the operator's unknowns too."""
+    rated = column == "rate"  # without a saturation
+    plain = fitted().choice.plain.state
+    setting = replace(plain.setting, corners_um=plain.setting.corners_um[:0]) if rated else plain.setting
+    found = replace(plain.found, pieces=plain.found.pieces[:len(setting.corners_um)])
+
+    def at(slope: float = 0.0, rate: float = 0.0, piece: float = 0.0, time_constant_s: float = 0.0, f0_hz: float = 0.0
+           ) -> Linearised:
+        late = Acting(CATALOGUE["lag"](), {"time_constant_s": 0.002 + time_constant_s})
+        ringing = Acting(CATALOGUE["resonance"](), {"f0_hz": 60.0 + f0_hz, "damping": 0.02})
+        unknowns = replace(found, rest=found.rest + slope * (np.arange(len(found.rest)) == 2),
+                           change=found.change + rate * (np.arange(len(found.change)) == 2),
+                           pieces=found.pieces + piece * (np.arange(len(found.pieces)) == 1))
+        return Linearised(setting, Hypothesis((late, ringing), rated), unknowns)
+
+    def left(state: Linearised, rows: np.ndarray, step: float = 0.0) -> np.ndarray:
+        """The residual of this state's unknowns, by these columns; `step` of the parameter."""
+        weights = np.zeros(rows.shape[1])
+        weights[state.linear] = np.r_[state.found.rest, state.found.change[:len(found.change) * rated],
+                                      state.found.pieces]
+        weights[-1] = -1.0
+        weights[state.own[names.index(column) if column in names else 0]] = step
+        return rows @ weights
+
+    step = {"time_constant_s": 1e-6}.get(column, 1e-3)
+    here, there = at(), at(**{column: step})
+    names = [name for _, name in here.free]
+    moved = 0
+    for k in range(len(setting.runs)):
+        before, told, after = (one - np.mean(one) for one in (
+            left(here, here._rows(k, True)), left(there, here._rows(k, True), step * (column in names)),
+            left(there, there._rows(k, True))))
+        if np.std(after - before) > 1e-9:
+            assert np.std(told - after) < 0.1 * np.std(after - before)
+            moved += 1
+    assert moved
+
+
+def test_what_comes_in_ahead_of_a_resonance() -> None:
+    """It makes what comes out; of what is too fast to pass it no more than that comes in."""
+    resonance, values, model = CATALOGUE["resonance"](), {"f0_hz": 60.0, "damping": 0.02}, plain_model()
+    run = put()[0]
+    t = run.sample_time_s * np.arange(4000)
+    run = replace(run, columns={name: np.resize(column, 4000) for name, column in run.columns.items()})
+    inside = np.clip(np.minimum(t, t[-1] - t) / 0.5, 0, 1) ** 2
+    slow, fast = (inside * np.sin(2 * np.pi * f_hz * t) for f_hz in (58.0, 400.0))
+    again = resonance.displacement(resonance.before(slow, run, values), run, values, model)
+    assert np.std(again - slow) < 0.02 * np.std(slow)
+    assert np.std(resonance.before(fast, run, values)) < np.std(fast)
+
+
 def test_where_blocks_are_left_out_no_effect_moves_further_than_its_derivatives_hold(
         monkeypatch: pytest.MonkeyPatch) -> None:
     """At its best values none moves so far; where none may move at all, all else is fitted beside them."""
@@ -139,8 +192,8 @@ def test_where_blocks_are_left_out_no_effect_moves_further_than_its_derivatives_
     assert not np.array_equal(found, usual)
     for row, folds in zip(found, state.foldings):
         for fold in folds:
-            weights = state.solve(state.blocks[~fold], state.linear, False, state.target, state.residual)
-            assert row[fold] == pytest.approx(np.einsum("i,bij,j->b", weights, state.blocks[fold], weights))
+            weights = state.solve(state.still[~fold], state.linear, False, state.target, state.residual)
+            assert row[fold] == pytest.approx(np.einsum("i,bij,j->b", weights, state.still[fold], weights))
 
 
 def test_dead_zones_without_meaning_are_left_out() -> None:

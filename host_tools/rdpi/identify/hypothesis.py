@@ -127,6 +127,10 @@ class Setting:
             v += self.shares[k] * (outputs @ np.diff(found.change, prepend=0.0))
         return _differences(outputs[self.rows[k]]), v
 
+    def all_plays(self, k: int, drive_V: np.ndarray) -> np.ndarray:
+        """`plays` at every sample."""
+        return _differences(self._outputs(k, drive_V, slice(None)))
+
     def _outputs(self, k: int, drive_V: np.ndarray, used: np.ndarray | slice) -> np.ndarray:
         x, r, start = self.model.x_of(drive_V), self.model.thresholds_um, self.states_um[k]
         return firmware.plays(x[used], r, np.full(len(r), x[0]) if start is None else start)[0]

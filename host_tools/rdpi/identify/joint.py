@@ -10,6 +10,9 @@ free of noise. Its residual
 
 is linearised in slopes, pieces and parameters together (separable least squares, Golub and Pereyra 1973) and reduced to
 one Gram matrix per block of each recording. Steps, leaving blocks out and intervals are linear algebra on those.
+
+A resonance passes on far more than it gets: there F(z) - z, too, follows the slopes, the pieces and H. Where blocks are
+left out it stays.
 """
 
 from __future__ import annotations
@@ -58,7 +61,7 @@ class Linearised:
             self.join_columns.append((at, np.arange(at + 1, at + 1 + len(one.effect.fitted))))
             at += 1 + len(one.effect.fitted)
         self.predicted_um: list[np.ndarray] = []  # with all that acts
-        self._kept: list[tuple[np.ndarray, np.ndarray, np.ndarray, Recording, np.ndarray]] = []
+        self._kept: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Recording, np.ndarray]] = []
         self._displaced = [effects.Displaced() for _ in setting.runs]
         for k in range(len(setting.runs)):
             self._predict(k)
@@ -70,9 +73,22 @@ class Linearised:
         """Gram matrices, (blocks of every run, columns, columns): of the linear columns, the own parameters, what each
         effect does that may be stopped, what may join, and seg_0.
         """
-        grams = self._grams([self._rows(k) for k in range(len(self.setting.runs))])
-        self._displaced.clear()
+        return self._blocks(self.rings)
+
+    @cached_property
+    def still(self) -> np.ndarray:
+        """`blocks` where F(z) - z stays what it is: ringing would make of what is left out many times as much."""
+        return self._blocks(False) if self.rings else self.blocks
+
+    def _blocks(self, rung: bool) -> np.ndarray:
+        grams = self._grams([self._rows(k, rung) for k in range(len(self.setting.runs))])
+        self._displaced = [effects.Displaced() for _ in self.setting.runs]
         return grams
+
+    @property
+    def rings(self) -> bool:
+        """Whether F does, and passes on far more than it gets."""
+        return any(one.effect.rings for one in self.hypothesis.acting)
 
     def _grams(self, rows: Sequence[np.ndarray]) -> np.ndarray:
         """Of each block, every run without its mean; in units of the stroke."""
@@ -94,24 +110,28 @@ class Linearised:
             shown = self._displaced[k](acting, z, driven, setting.model)
             target = run.displacement_um - (shown - z)
         self.predicted_um.append(shown)
-        self._kept.append((counted, target[at], z, driven, shown))
+        self._kept.append((counted, target[at], v, z, driven, shown))
 
-    def _rows(self, k: int) -> np.ndarray:
+    def _rows(self, k: int, rung: bool) -> np.ndarray:
         setting, found, displaced = self.setting, self.found, self._displaced[k]
         acting, at = list(self.hypothesis.acting), setting.rows[k]
         share = setting.shares[k][at]
-        counted, target, z, driven, shown = self._kept[k]
-        slope = np.r_[1.0, found.pieces][np.searchsorted(setting.corners_um, target)]
+        counted, target, v, z, driven, shown = self._kept[k]
+        slope = self._slope(target)
 
         def change(new: Sequence[Acting], ahead: bool) -> np.ndarray:
             """Of the residual, with these in place of those that act."""
             if not ahead:
                 return slope * (displaced(new, z, driven, setting.model) - shown)[at]
-            moved = setting.plays(k, setting.driven(k, new).command_V) - counted
+            drive_V = setting.driven(k, new).command_V
+            if rung:
+                moved_um = setting.superposed(k, drive_V, found)[1] - v
+                return moved_um[at] + self._rung(k, new, target, moved_um[:, None])[:, 0]
+            moved = setting.plays(k, drive_V) - counted
             return moved @ found.rest + (share * (moved @ found.change) if np.any(found.change) else 0.0)
 
-        segments = setting.segments(target)
-        columns = [counted, counted * share[:, None], -segments[:, 1:]]
+        linear, last = self._linear(k, acting, driven.command_V, counted, target, rung)
+        columns = [linear]
         columns += [self._derivative(acting, place, name, change)[:, None] for place, name in self.free]
         columns += [change([*acting[:place], *acting[place + 1:]], acting[place].effect.ahead)[:, None]
                     for place in self.curved]
@@ -120,7 +140,42 @@ class Linearised:
             there = change(effects.in_order(new), join.effect.ahead)
             columns += [there[:, None], *(self._derivative(new, len(acting), name, change, there)[:, None]
                                           for name in join.effect.fitted)]
-        return np.hstack([*columns, segments[:, :1]])
+        return np.hstack([*columns, last])
+
+    def _linear(self, k: int, acting: Sequence[Acting], drive_V: np.ndarray, counted: np.ndarray, target: np.ndarray,
+                rung: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Columns of the linear unknowns, and seg_0, of a run whose operator is driven by `drive_V`.
+
+        Unknowns move z, and with it F(z) - z. Where F rings, that is far more than what they move themselves.
+        """
+        setting = self.setting
+        share, segments = setting.shares[k][:, None], setting.segments(target)
+        linear, last = [counted, counted * share[setting.rows[k]], -segments[:, 1:]], segments[:, :1]
+        if rung:
+            _, _, v, z, _, _ = self._kept[k]
+            plays, beyond = setting.all_plays(k, drive_V), setting.segments(z)[:, 1:]
+            for place, moved in enumerate([plays, plays * share if self.hypothesis.rated else plays[:, :0], -beyond]):
+                if moved.shape[1]:
+                    linear[place] = linear[place] + self._rung(k, acting, target, moved)
+            last = last + self._rung(k, acting, target, (v - beyond @ self.found.pieces)[:, None])
+        return np.hstack(linear), last
+
+    def _rung(self, k: int, acting: Sequence[Acting], target: np.ndarray, moved_um: np.ndarray) -> np.ndarray:
+        """What a ringing F adds to the residual's change where the operator's output moves before its saturation,
+        (samples, columns).
+        """
+        _, _, _, z, driven, _ = self._kept[k]
+        moved = (moved_um / self._slope(z)[:, None]).T
+        shown = moved
+        for one in acting:
+            if one.effect.rings:
+                shown = np.array([one.effect.displacement(line, driven, one.values, self.setting.model)
+                                  for line in shown])
+        return self._slope(target)[:, None] * (shown - moved)[:, self.setting.rows[k]].T
+
+    def _slope(self, displacement_um: np.ndarray) -> np.ndarray:
+        """Of the inverse saturation."""
+        return np.r_[1.0, self.found.pieces][np.searchsorted(self.setting.corners_um, displacement_um)]
 
     def _derivative(self, acting: Sequence[Acting], place: int, name: str,
                     change: Callable[[Sequence[Acting], bool], np.ndarray], at: np.ndarray | float = 0.0) -> np.ndarray:
@@ -219,15 +274,14 @@ class Linearised:
         before, setting, rows = self.hypothesis.acting, self.setting, []
         ahead = any(one.values != other.values for one, other in zip(acting, before) if one.effect.ahead)
         behind = any(one.values != other.values for one, other in zip(acting, before) if not one.effect.ahead)
-        for k, (counted, target, z, driven, shown) in enumerate(self._kept):
-            at = setting.rows[k]
+        for k, (counted, target, _, z, driven, shown) in enumerate(self._kept):
+            drive_V = driven.command_V
             if ahead:
-                counted = setting.plays(k, setting.driven(k, acting).command_V)
+                drive_V = setting.driven(k, acting).command_V
+                counted = setting.plays(k, drive_V)
             if behind:
-                target = target - (effects.displaced(acting, z, driven, setting.model) - shown)[at]
-            segments = setting.segments(target)
-            share = setting.shares[k][at, None]
-            rows.append(np.hstack([counted, counted * share, -segments[:, 1:], segments[:, :1]]))
+                target = target - (effects.displaced(acting, z, driven, setting.model) - shown)[setting.rows[k]]
+            rows.append(np.hstack(self._linear(k, acting, drive_V, counted, target, self.rings)))
         found, squares, _ = self.best(self._grams(rows))
         return found, squares
 
@@ -279,9 +333,17 @@ class Linearised:
         return Residuals(self.setting.model, self.setting.runs, self.predicted_um, left, left)
 
     def seen(self) -> list[Recording]:
-        """The recordings as the operator alone would have made them."""
-        return [replace(driven, columns={**driven.columns, "displacement_um": run.displacement_um - (shown - z)})
-                for run, (_, _, z, driven, shown) in zip(self.setting.runs, self._kept)]
+        """The recordings as the operator alone would have made them.
+
+        What is left of them is what is missed behind F. Where F rings, the operator has to add far less for it.
+        """
+        found = []
+        for run, (_, _, _, z, driven, shown) in zip(self.setting.runs, self._kept):
+            missed = run.displacement_um - shown
+            for effect, values in self.hypothesis.acting:
+                missed = effect.before(missed, driven, values)
+            found.append(replace(driven, columns={**driven.columns, "displacement_um": z + missed}))
+        return found
 
     # --- leaving out
 
@@ -310,19 +372,19 @@ class Linearised:
         result = np.zeros((len(self.foldings), len(self.blocks)))
         for row, folds in zip(result, self.foldings):
             for fold in folds:
-                weights = self._solve_within_reach(self.blocks[~fold], used.astype(int), rated, target)
-                row[fold] = np.maximum(np.einsum("i,bij,j->b", weights, self.blocks[fold], weights), 0.0)
+                weights = self._solve_within_reach(self.still[~fold], used.astype(int), rated, target)
+                row[fold] = np.maximum(np.einsum("i,bij,j->b", weights, self.still[fold], weights), 0.0)
         return result
 
     def _solve_within_reach(self, kept: np.ndarray, used: np.ndarray, rated: bool, target: np.ndarray) -> np.ndarray:
         """`solve`, where effects that would move too far stop on their way and the others are fitted beside them."""
         weights = self.solve(kept, used, rated, target, self.residual)
-        stopped, target = [], target.copy()
+        stopped, target, everything = [], target.copy(), np.sum(self.still, axis=0)
         for place, whole in zip(self.curved, self.whole):
             own = [self.own_start + j for j, (at, _) in enumerate(self.free) if at == place]
             move = weights[own]
-            energy = tuned.REACH**2 * self._all[whole, whole]
-            moved = float(move @ self._all[np.ix_(own, own)] @ move)
+            energy = tuned.REACH**2 * everything[whole, whole]
+            moved = float(move @ everything[np.ix_(own, own)] @ move)
             if moved > energy:
                 stopped += own
                 target[own] = -move * np.sqrt(energy / moved)

@@ -198,6 +198,10 @@ class Effect:
         """The displacement in um (samples,) that leaves this stage."""
         return z_um if self.drives else self.act(z_um, run, values, model)
 
+    def before(self, shown_um: np.ndarray, run: Recording, values: Values) -> np.ndarray:
+        """What has to come in where it rings, for this to come out; um, (samples,)."""
+        return shown_um
+
     def columns(self, run: Recording, values: Values, model: Model) -> np.ndarray:
         """Disturbances: what is fitted to each recording by itself, um, (samples, columns)."""
         raise NotImplementedError

@@ -47,6 +47,19 @@ class Resonance(Effect):
         turn = values["f0_hz"] * run.sample_time_s  # per sample
         return _ring(z_um, 2 * np.pi * turn, values["damping"]) if turn < 0.5 else z_um
 
+    def before(self, shown_um: np.ndarray, run: Recording, values: Values) -> np.ndarray:
+        """conj(F) / max(1, |F|^2) of it, with F the response: 1 / F as far as F amplifies; faster signals, which hardly
+        pass, are not made larger.
+        """
+        from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
+
+        count = next_fast_len(2 * len(shown_um), real=True)
+        turn = rfftfreq(count, run.sample_time_s) / values["f0_hz"]
+        response = 1 / (1 - turn**2 + 2j * values["damping"] * turn)
+        mean = float(np.mean(shown_um))
+        spectrum = rfft(shown_um - mean, count) * np.conj(response) / np.maximum(1, np.abs(response) ** 2)
+        return mean + irfft(spectrum, count)[:len(shown_um)]
+
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         w = 2 * np.pi * values["f0_hz"]
         return Treatment("compensated", f"by the lead, well below {values['f0_hz']:.4g} Hz; references that excite it "
