@@ -352,7 +352,7 @@ class Linearised:
         """Blocks that are left out in turn: parts of every recording; and whole recordings, where none of them holds so
         much that the others make no operator.
         """
-        block, rows = np.arange(len(self.blocks)), [len(at) for at in self.setting.rows]
+        block, rows = np.arange(BLOCKS * len(self.setting.runs)), [len(at) for at in self.setting.rows]
         owners = [block % BLOCKS] + ([block // BLOCKS] if max(rows) < tuned.MOST_LEFT_OUT * sum(rows) else [])
         return [[owner == one for one in range(owner[-1] + 1)] for owner in owners]
 
@@ -365,20 +365,25 @@ class Linearised:
         rated = self.hypothesis.rated if rated is None else rated
         n, m = len(self.found.rest), len(self.found.pieces)
         used = np.r_[np.arange(n * (1 + rated)), 2 * n + np.arange(m), self.own[~np.array(self.ends, bool)]]
-        target = self.target
+        target, residual = _last(self.still), self._still_residual
         if join is not None:
             used = np.r_[used, self.join_columns[join][1]]
             target[self.join_columns[join][0]] = -1.0
-        result = np.zeros((len(self.foldings), len(self.blocks)))
+        result = np.zeros((len(self.foldings), len(self.still)))
         for row, folds in zip(result, self.foldings):
             for fold in folds:
-                weights = self._solve_within_reach(self.still[~fold], used.astype(int), rated, target)
+                weights = self._solve_within_reach(self.still[~fold], used.astype(int), rated, target, residual)
                 row[fold] = np.maximum(np.einsum("i,bij,j->b", weights, self.still[fold], weights), 0.0)
         return result
 
-    def _solve_within_reach(self, kept: np.ndarray, used: np.ndarray, rated: bool, target: np.ndarray) -> np.ndarray:
+    @cached_property
+    def _still_residual(self) -> float:
+        return self.best(self.still)[2] if self.rings else self.residual
+
+    def _solve_within_reach(self, kept: np.ndarray, used: np.ndarray, rated: bool, target: np.ndarray, residual: float
+                            ) -> np.ndarray:
         """`solve`, where effects that would move too far stop on their way and the others are fitted beside them."""
-        weights = self.solve(kept, used, rated, target, self.residual)
+        weights = self.solve(kept, used, rated, target, residual)
         stopped, target, everything = [], target.copy(), np.sum(self.still, axis=0)
         for place, whole in zip(self.curved, self.whole):
             own = [self.own_start + j for j, (at, _) in enumerate(self.free) if at == place]
@@ -388,7 +393,7 @@ class Linearised:
             if moved > energy:
                 stopped += own
                 target[own] = -move * np.sqrt(energy / moved)
-        return self.solve(kept, np.setdiff1d(used, stopped), rated, target, self.residual) if stopped else weights
+        return self.solve(kept, np.setdiff1d(used, stopped), rated, target, residual) if stopped else weights
 
     @cached_property
     def _all(self) -> np.ndarray:
