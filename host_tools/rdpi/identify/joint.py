@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,17 @@ MOST_DAMPING = 10.0  # beyond which a step moves nothing
 ENOUGH = 1e-3  # relative change of the squares at which they end
 SINGULAR = 1e-12  # of a column's squares, added to them: columns that are alike have a solution all the same
 PROBE = 1e-3  # change of the prediction that a derivative is taken over, share of the stroke
+
+
+class _Predicted(NamedTuple):
+    """A run as parameters and unknowns have it: um, (samples,) or (counted samples,)."""
+
+    counted: np.ndarray  # y_i - y_(i+1), (counted samples, plays)
+    target: np.ndarray  # measured without F(z) - z, counted
+    v: np.ndarray  # the operator's output before its saturation
+    z: np.ndarray  # and behind it
+    driven: Recording  # by what H passes on
+    shown: np.ndarray  # F(z)
 
 
 class Linearised:
@@ -61,7 +73,7 @@ class Linearised:
             self.join_columns.append((at, np.arange(at + 1, at + 1 + len(one.effect.fitted))))
             at += 1 + len(one.effect.fitted)
         self.predicted_um: list[np.ndarray] = []  # with all that acts
-        self._kept: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Recording, np.ndarray]] = []
+        self._kept: list[_Predicted] = []
         self._displaced = [effects.Displaced() for _ in setting.runs]
         for k in range(len(setting.runs)):
             self._predict(k)
@@ -110,7 +122,7 @@ class Linearised:
             shown = self._displaced[k](acting, z, driven, setting.model)
             target = run.displacement_um - (shown - z)
         self.predicted_um.append(shown)
-        self._kept.append((counted, target[at], v, z, driven, shown))
+        self._kept.append(_Predicted(counted, target[at], v, z, driven, shown))
 
     def _rows(self, k: int, rung: bool) -> np.ndarray:
         setting, found, displaced = self.setting, self.found, self._displaced[k]
@@ -152,24 +164,24 @@ class Linearised:
         share, segments = setting.shares[k][:, None], setting.segments(target)
         linear, last = [counted, counted * share[setting.rows[k]], -segments[:, 1:]], segments[:, :1]
         if rung:
-            _, _, v, z, _, _ = self._kept[k]
-            plays, beyond = setting.all_plays(k, drive_V), setting.segments(z)[:, 1:]
+            kept = self._kept[k]
+            plays, beyond = setting.all_plays(k, drive_V), setting.segments(kept.z)[:, 1:]
             for place, moved in enumerate([plays, plays * share if self.hypothesis.rated else plays[:, :0], -beyond]):
                 if moved.shape[1]:
                     linear[place] = linear[place] + self._rung(k, acting, target, moved)
-            last = last + self._rung(k, acting, target, (v - beyond @ self.found.pieces)[:, None])
+            last = last + self._rung(k, acting, target, (kept.v - beyond @ self.found.pieces)[:, None])
         return np.hstack(linear), last
 
     def _rung(self, k: int, acting: Sequence[Acting], target: np.ndarray, moved_um: np.ndarray) -> np.ndarray:
         """What a ringing F adds to the residual's change where the operator's output moves before its saturation,
         (samples, columns).
         """
-        _, _, _, z, driven, _ = self._kept[k]
-        moved = (moved_um / self._slope(z)[:, None]).T
+        kept = self._kept[k]
+        moved = (moved_um / self._slope(kept.z)[:, None]).T
         shown = moved
         for one in acting:
             if one.effect.rings:
-                shown = np.array([one.effect.displacement(line, driven, one.values, self.setting.model)
+                shown = np.array([one.effect.displacement(line, kept.driven, one.values, self.setting.model)
                                   for line in shown])
         return self._slope(target)[:, None] * (shown - moved)[:, self.setting.rows[k]].T
 
@@ -338,11 +350,11 @@ class Linearised:
         What is left of them is what is missed behind F. Where F rings, the operator has to add far less for it.
         """
         found = []
-        for run, (_, _, _, z, driven, shown) in zip(self.setting.runs, self._kept):
-            missed = run.displacement_um - shown
+        for run, kept in zip(self.setting.runs, self._kept):
+            missed = run.displacement_um - kept.shown
             for effect, values in self.hypothesis.acting:
-                missed = effect.before(missed, driven, values)
-            found.append(replace(driven, columns={**driven.columns, "displacement_um": z + missed}))
+                missed = effect.before(missed, kept.driven, values)
+            found.append(replace(kept.driven, columns={**kept.driven.columns, "displacement_um": kept.z + missed}))
         return found
 
     # --- leaving out
