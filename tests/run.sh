@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Every test: C under CTest and Ceedling, Python under pytest. Installs what is missing first.
 #
-#   ./tests/run.sh           all that a change can break: also sanitizers, coverage, emulators, analysers, slow tests
+#   ./tests/run.sh           all that a change can break, as CI does: also sanitizers, coverage, emulators, slow tests
 #   ./tests/run.sh --quick   CTest and the fast pytests
-#   ./tests/run.sh --long    everything, as CI does: also mutation, instruction counts, withheld cases, all proofs
+#   ./tests/run.sh --long    everything: also mutation, instruction counts, withheld cases, all proofs
 #
 # All runners run even when one fails; their own closing lines come last, whole outputs are in build/logs.
 set -uo pipefail
