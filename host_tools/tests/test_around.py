@@ -211,6 +211,8 @@ def test_finds_nothing_where_nothing_is() -> None:
         assert found.choice.kept == () and found.model.effects == [] and found.model.rate.filter_s == 0
         assert found.model.operator_alone is None
         assert found.model.slope_rate_s_per_um.any()  # the law that was not switched off
+        helps = "with a rate law" if found.choice.found.hypothesis.rated else "no rate law that helps for certain"
+        assert f"around the operator: nothing, {helps};" in lines(found.choice)[0]
 
 
 def test_a_delay_and_a_rate_law_are_told_apart() -> None:

@@ -136,7 +136,9 @@ def _parameters(one: Kept) -> dict[str, records.EffectParameter]:
 def lines(choice: Choice) -> list[str]:
     """For people: each effect, its size, what it brought, and what may be in its place."""
     names, rated = [one.acting.effect.name for one in choice.kept], choice.found.hypothesis.rated
-    told = [f"around the operator: {', '.join(names) or 'nothing'}, {'with a' if rated else 'no'} rate law; rms of parts of "
+    # Where nothing stands around it, the operator keeps its rate law, whether that helps or not.
+    law = "with a rate law" if rated else "no rate law" if names else "no rate law that helps for certain"
+    told = [f"around the operator: {', '.join(names) or 'nothing'}, {law}; rms of parts of "
             f"these recordings, each predicted from the others: {choice.percent(choice.found.rms_um):.3g} % of the stroke"
             + (f", operator alone {choice.percent(choice.plain.rms_um):.3g} %" if names or rated else "")]
     for one in choice.kept:
