@@ -17,9 +17,10 @@ left out it stays.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -138,12 +139,12 @@ class Linearised:
             drive_V = setting.driven(k, new).command_V
             if rung:
                 moved_um = setting.superposed(k, drive_V, found)[1] - v
-                return moved_um[at] + self._rung(k, new, target, moved_um[:, None])[:, 0]
+                return moved_um[at] + self._rung(k, new, target, [moved_um])[:, 0]
             moved = setting.plays(k, drive_V) - counted
             return moved @ found.rest + (share * (moved @ found.change) if np.any(found.change) else 0.0)
 
-        linear, last = self._linear(k, acting, driven.command_V, counted, target, rung)
-        columns = [linear]
+        linear = self._linear(k, acting, driven.command_V, counted, target, rung)
+        columns = [linear[:, :-1]]
         columns += [self._derivative(acting, place, name, change)[:, None] for place, name in self.free]
         columns += [change([*acting[:place], *acting[place + 1:]], acting[place].effect.ahead)[:, None]
                     for place in self.curved]
@@ -152,38 +153,37 @@ class Linearised:
             there = change(effects.in_order(new), join.effect.ahead)
             columns += [there[:, None], *(self._derivative(new, len(acting), name, change, there)[:, None]
                                           for name in join.effect.fitted)]
-        return np.hstack([*columns, last])
+        return np.hstack([*columns, linear[:, -1:]])
 
     def _linear(self, k: int, acting: Sequence[Acting], drive_V: np.ndarray, counted: np.ndarray, target: np.ndarray,
-                rung: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Columns of the linear unknowns, and seg_0, of a run whose operator is driven by `drive_V`.
+                rung: bool) -> np.ndarray:
+        """Columns of the linear unknowns, and last seg_0, of a run whose operator is driven by `drive_V`.
 
         Unknowns move z, and with it F(z) - z. Where F rings, that is far more than what they move themselves.
         """
-        setting = self.setting
-        share, segments = setting.shares[k][:, None], setting.segments(target)
-        linear, last = [counted, counted * share[setting.rows[k]], -segments[:, 1:]], segments[:, :1]
+        setting, kept, share = self.setting, self._kept[k], self.setting.shares[k]
+        segments = setting.segments(target)
+        columns = np.hstack([counted, counted * share[setting.rows[k], None], -segments[:, 1:], segments[:, :1]])
         if rung:
-            kept = self._kept[k]
-            plays, beyond = setting.all_plays(k, drive_V), setting.segments(kept.z)[:, 1:]
-            for place, moved in enumerate([plays, plays * share if self.hypothesis.rated else plays[:, :0], -beyond]):
-                if moved.shape[1]:
-                    linear[place] = linear[place] + self._rung(k, acting, target, moved)
-            last = last + self._rung(k, acting, target, (kept.v - beyond @ self.found.pieces)[:, None])
-        return np.hstack(linear), last
+            plays, beyond = setting.all_plays(k, drive_V).T, setting.segments(kept.z)[:, 1:]
+            law = (share * one for one in plays) if self.hypothesis.rated else ()
+            moved = chain(plays, law, -beyond.T, [kept.v - beyond @ self.found.pieces])
+            columns[:, np.r_[self.linear, -1]] += self._rung(k, acting, target, moved)
+        return columns
 
-    def _rung(self, k: int, acting: Sequence[Acting], target: np.ndarray, moved_um: np.ndarray) -> np.ndarray:
-        """What a ringing F adds to the residual's change where the operator's output moves before its saturation,
-        (samples, columns).
+    def _rung(self, k: int, acting: Sequence[Acting], target: np.ndarray, moved_um: Iterable[np.ndarray]) -> np.ndarray:
+        """What a ringing F adds to the residual's change, (counted samples, columns), where the operator's output moves
+        by one of these, (samples,), before its saturation.
         """
-        kept = self._kept[k]
-        moved = (moved_um / self._slope(kept.z)[:, None]).T
-        shown = moved
-        for one in acting:
-            if one.effect.rings:
-                shown = np.array([one.effect.displacement(line, kept.driven, one.values, self.setting.model)
-                                  for line in shown])
-        return self._slope(target)[:, None] * (shown - moved)[:, self.setting.rows[k]].T
+        kept, at, columns = self._kept[k], self.setting.rows[k], []
+        slope = self._slope(kept.z)
+        for moved in moved_um:
+            shown = moved = moved / slope
+            for one in acting:
+                if one.effect.rings:
+                    shown = one.effect.displacement(shown, kept.driven, one.values, self.setting.model)
+            columns.append(shown[at] - moved[at])
+        return self._slope(target)[:, None] * np.array(columns).T
 
     def _slope(self, displacement_um: np.ndarray) -> np.ndarray:
         """Of the inverse saturation."""
@@ -293,7 +293,7 @@ class Linearised:
                 counted = setting.plays(k, drive_V)
             if behind:
                 target = target - (effects.displaced(acting, z, driven, setting.model) - shown)[setting.rows[k]]
-            rows.append(np.hstack(self._linear(k, acting, drive_V, counted, target, self.rings)))
+            rows.append(self._linear(k, acting, drive_V, counted, target, self.rings))
         found, squares, _ = self.best(self._grams(rows))
         return found, squares
 
