@@ -24,7 +24,7 @@ from rdpi.identify.identify import Fit
 from rdpi.identify.joint import Linearised
 from rdpi.model import Model
 from rdpi.simulate import ALL, chain, inverse_of
-from rdpi.simulate.effects import CATALOGUE, Acting
+from rdpi.simulate.effects import CATALOGUE, Acting, Residuals
 
 # Smaller than a sample of 1 ms, one sample, and several.
 PUT: dict[str, dict[str, float]] = {
@@ -112,6 +112,18 @@ def test_finds_what_hides_behind_strong_ringing() -> None:
     assert [one.acting.effect.name for one in found.choice.kept] == list(behind)
     for one in found.choice.kept:
         assert dict(one.acting.values) == pytest.approx(behind[one.acting.effect.name], rel=0.15)
+
+
+@pytest.mark.parametrize("f0_hz", [200.0, 201.0, 202.0, 203.0])
+def test_a_start_lies_on_a_sharp_peak_wherever_that_is(f0_hz: float) -> None:
+    """It is four tenths of a hertz wide, a tenth of the bands in which peaks are looked for."""
+    resonance, model = CATALOGUE["resonance"](), plain_model()
+    walk = np.cumsum(np.random.default_rng(1).standard_normal(20_000))
+    run = replace(put()[0], columns={"time_s": np.arange(len(walk)) / RATE_HZ, "command_V": walk,
+                                     "displacement_um": walk}, metadata={})
+    missed = resonance.displacement(walk, run, {"f0_hz": f0_hz, "damping": 0.001}, model) - walk
+    starts = resonance.starts(Residuals(model, [run], [walk], [missed], [missed]))
+    assert min(abs(one["f0_hz"] / f0_hz - 1) for one in starts if one["damping"] < 0.01) < 0.002
 
 
 def test_a_resonance_that_rings_out_of_step_is_found_again_behind_what_is_late() -> None:

@@ -15,7 +15,7 @@ from .treatment import Treatment
 DAMPINGS = 0.02, 0.1, 0.3
 PER_OCTAVE = 3  # of the grid, on which only strongly damped ones are found
 SHARP = 0.005, 0.02, 0.08  # dampings tried where the residual has a peak
-PEAKS = 3
+PEAKS, BANDS = 3, 400
 AROUND, COARSE = 4, 0.008  # steps tried on either side of a peak, of its damping or of the spectrum's grid
 LEAST_PERIOD = 3.0  # samples of a period that can be simulated
 OCTAVES = 8
@@ -102,21 +102,27 @@ def _peaks(residuals: Residuals, lowest_hz: float, highest_hz: float) -> list[fl
     """Frequencies at which the residual is strongest beside what was asked for, of the recordings together."""
     from scipy.fft import next_fast_len, rfft, rfftfreq
 
-    grid = np.geomspace(lowest_hz, highest_hz, 400)
-    ratio = np.zeros(len(grid))
+    edges = np.geomspace(lowest_hz, highest_hz, BANDS + 1)
+    ratio, lines = np.zeros(BANDS), []
     for run, residual, predicted in zip(residuals.runs, residuals.residual_um, residuals.predicted_um):
         count = next_fast_len(len(run), real=True)
-        frequencies = rfftfreq(count, run.sample_time_s)
+        hertz = rfftfreq(count, run.sample_time_s)
         window = np.hanning(len(run))
         missed, asked = (np.abs(rfft(window * signal, count)) ** 2
                          for signal in (residual, np.gradient(predicted - np.mean(predicted))))
         floor = max(1e-3 * np.mean(asked), 1e-9 * np.mean(missed), np.finfo(float).tiny)
-        ratio += np.interp(grid, frequencies, missed) / (np.interp(grid, frequencies, asked) + floor)
-    found = []
+        inside = (hertz > lowest_hz) & (hertz < highest_hz)
+        band = np.searchsorted(edges, hertz[inside]) - 1
+        ratio += (np.bincount(band, missed[inside], BANDS)
+                  / np.maximum(np.bincount(band, asked[inside] + floor, BANDS), np.finfo(float).tiny))
+        lines.append((hertz, missed / np.sum(missed)))
+    finest_hz, found = min(hertz[1] for hertz, _ in lines), []
     for _ in range(PEAKS):
         best = int(np.argmax(ratio))
-        found.append(float(grid[best]))
         ratio[max(0, best - 10):best + 11] = 0
+        # A sharp resonance is narrower than a band.
+        grid = np.arange(edges[best], edges[best + 1], finest_hz)
+        found.append(float(grid[np.argmax(sum(np.interp(grid, *line) for line in lines))]))
     return found
 
 
