@@ -542,6 +542,7 @@ def test_a_model_without_passport_says_what_it_cannot_claim() -> None:
     assert diagnose(model, later()).document.verdict == "none"
 
 
+@pytest.mark.filterwarnings("error")
 def test_recordings_that_show_no_noise() -> None:
     """Of a plant that is the model: what is left is nothing, and nothing divides by it."""
     model = plain_model()

@@ -115,7 +115,7 @@ def _peaks(residuals: Residuals, lowest_hz: float, highest_hz: float) -> list[fl
         band = np.searchsorted(edges, hertz[inside]) - 1
         ratio += (np.bincount(band, missed[inside], BANDS)
                   / np.maximum(np.bincount(band, asked[inside] + floor, BANDS), np.finfo(float).tiny))
-        lines.append((hertz, missed / np.sum(missed)))
+        lines.append((hertz, missed / max(np.sum(missed), np.finfo(float).tiny)))
     finest_hz, found = min(hertz[1] for hertz, _ in lines), []
     for _ in range(PEAKS):
         best = int(np.argmax(ratio))
