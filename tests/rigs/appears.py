@@ -47,7 +47,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import measure  # noqa: E402  before NumPy: it says how many threads
 import numpy as np  # noqa: E402
 import waves  # noqa: E402
-from rigs import FAMILIES, Rig, make_rig, record  # noqa: E402
+from rigs import Rig, make_rig, record  # noqa: E402
 
 SEEN = "decay", "moves", "biased"
 POOR = "5-20-35hz", "10hz"
@@ -374,8 +374,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rigs", type=int, default=1, help="per family (default 1)")
     parser.add_argument("--seed", type=int, default=1, help="of the first rig (default 1)")
-    parser.add_argument("--families", default=",".join(FAMILIES), help="names, commas between (default: all open ones)")
-    parser.add_argument("--except", dest="left_out", default="", metavar="FAMILY", help="leave this family out")
+    measure.add_families(parser)
     parser.add_argument("--effects", default=";".join(APPEARS), help="of APPEARS, semicolons between (default: all)")
     parser.add_argument("--chain", choices=["auto", "none"], default="auto",
                         help="effects that `rdpi fit` looks for; none: the model lacks the chain from the first day")
@@ -388,10 +387,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="write appears.json there")
     parser.add_argument("options", nargs="*", metavar="-- OPTION", help="options of rdpi gap")
     options = parser.parse_args(arguments)
-    families = [one for one in options.families.split(",") if one != options.left_out]
-    effects = options.effects.split(";")
-    if wrong := set(families) - set(FAMILIES) | set(effects) - set(APPEARS):
-        parser.error(f"no {', '.join(sorted(wrong))}: {', '.join(FAMILIES)}; {'; '.join(APPEARS)}")
+    families, effects = measure.families_of(parser, options), options.effects.split(";")
+    if wrong := set(effects) - set(APPEARS):
+        parser.error(f"no effect {', '.join(sorted(wrong))}: {'; '.join(APPEARS)}")
     jobs = [(family, seed) for family in families for seed in range(options.seed, options.seed + options.rigs)]
     work = partial(cases, effects=effects, rate_hz=options.rate, scale=options.scale, options=options.options,
                    chain=options.chain, shown=POOR if options.poor else SEEN, nones=options.nones, follow=options.follow)

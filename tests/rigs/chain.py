@@ -404,7 +404,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("what", choices=["plain", "recovered", "tracked", "law", "picma"])
     parser.add_argument("--rigs", type=int, default=2, help="per family, and per number of effects (default 2)")
     parser.add_argument("--seed", type=int, default=1, help="of the first rig (default 1)")
-    parser.add_argument("--families", default=",".join(FAMILIES), help="names, commas between (default: all open ones)")
+    measure.add_families(parser)
     parser.add_argument("--rate", type=float, default=5000.0, help="samples per second (default 5000)")
     parser.add_argument("--scale", type=float, default=0.5, help="length of the recordings (default 0.5)")
     parser.add_argument("--jobs", type=int, default=1)
@@ -412,11 +412,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     own = words.index("--") if "--" in words else len(words)
     options, of_fit = parser.parse_args(words[:own]), words[own + 1:]
-    families = options.families.split(",")
-    if wrong := set(families) - set(FAMILIES):
-        parser.error(f"no open family {', '.join(sorted(wrong))}: {', '.join(FAMILIES)}")
-
-    rigs = [(family, seed) for family in families for seed in range(options.seed, options.seed + options.rigs)]
+    rigs = [(family, seed) for family in measure.families_of(parser, options)
+            for seed in range(options.seed, options.seed + options.rigs)]
     work: dict[str, Callable] = {"plain": plain, "recovered": recovered, "tracked": tracked}
     tables: dict[str, Callable] = {"plain": plain_table, "recovered": recovered_table, "tracked": tracked_table}
     results: Any

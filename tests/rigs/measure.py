@@ -265,13 +265,28 @@ def run_all(work: Callable[[Any], Any], jobs: Sequence[Any], processes: int) -> 
         return list(pool.map(work, jobs))
 
 
+def add_families(parser: argparse.ArgumentParser) -> None:
+    """The options that say which families of rigs are measured."""
+    parser.add_argument("--families", default=",".join(FAMILIES), help="names, commas between (default: all open ones)")
+    parser.add_argument("--except", dest="left_out", default="", metavar="FAMILY", help="leave this family out")
+    parser.add_argument("--sealed", action="store_true", help="measure the sealed family, once per issue (README.md)")
+
+
+def families_of(parser: argparse.ArgumentParser, options: argparse.Namespace) -> list[str]:
+    """The families that were asked for; ends the program if there is no such family."""
+    if options.sealed:
+        return [*SEALED]
+    families = options.families.split(",")
+    if wrong := {*families, options.left_out or families[0]} - set(FAMILIES):
+        parser.error(f"no open family {', '.join(sorted(wrong))}: {', '.join(FAMILIES)}")
+    return [one for one in families if one != options.left_out]
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rigs", type=int, default=2, help="per family (default 2)")
     parser.add_argument("--seed", type=int, default=1, help="of the first rig (default 1)")
-    parser.add_argument("--families", default=",".join(FAMILIES), help="names, commas between (default: all open ones)")
-    parser.add_argument("--except", dest="left_out", default="", metavar="FAMILY", help="leave this family out")
-    parser.add_argument("--sealed", action="store_true", help="measure the sealed family, once per issue")
+    add_families(parser)
     parser.add_argument("--put", choices=["ordinary", "alone", "threes"], default="ordinary",
                         help="sins that the rig's seed draws, or one or three of delay, lag, relaxation, creep, "
                              "resonance in their place (default ordinary)")
@@ -282,12 +297,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="write results.json there")
     parser.add_argument("options", nargs="*", metavar="-- OPTION", help="options of rdpi fit")
     options = parser.parse_args(arguments)
-    families = [*SEALED] if options.sealed else [one for one in options.families.split(",") if one != options.left_out]
-    known = SEALED if options.sealed else FAMILIES
-    if wrong := set(families + [options.left_out or families[0]]) - set(known):
-        parser.error(f"no open family {', '.join(sorted(wrong))}: {', '.join(FAMILIES)}")
-
-    jobs = [(family, seed) for family in families for seed in range(options.seed, options.seed + options.rigs)]
+    jobs = [(family, seed) for family in families_of(parser, options)
+            for seed in range(options.seed, options.seed + options.rigs)]
     results = run_all(partial(both, put=options.put, rate_hz=options.rate, scale=options.scale,
                               options=options.options), jobs, options.jobs)
     print(table(results, options.leave_one_out))

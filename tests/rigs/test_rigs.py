@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from dataclasses import replace
 from functools import cache
@@ -66,6 +67,23 @@ def test_rigs_share_no_statement_with_rdpi(path):
 def test_sealed_family_is_in_no_default():
     assert len(FAMILIES) >= 8 and not set(SEALED) & set(FAMILIES)
     assert not any(name in (HERE / "loops.py").read_text() for name in SEALED)
+
+
+@pytest.mark.parametrize(("arguments", "families"), [
+    ([], [*FAMILIES]), (["--sealed"], [*SEALED]), (["--families", "duhem,dahl", "--except", "dahl"], ["duhem"])])
+def test_families_are_the_open_ones_unless_the_sealed_one_is_asked_for(arguments, families):
+    parser = argparse.ArgumentParser()
+    measure.add_families(parser)
+    assert measure.families_of(parser, parser.parse_args(arguments)) == families
+
+
+def test_families_that_are_not_open_are_refused(capsys):
+    parser = argparse.ArgumentParser()
+    measure.add_families(parser)
+    for arguments in (["--families", next(iter(SEALED))], ["--except", "dalh"]):
+        with pytest.raises(SystemExit):
+            measure.families_of(parser, parser.parse_args(arguments))
+        assert "no open family" in capsys.readouterr().err
 
 
 # --- loops -----------------------------------------------------------------------------------------------------------
