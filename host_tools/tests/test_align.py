@@ -136,17 +136,19 @@ def test_a_clock_that_both_share(kind: str) -> None:
         assert abs(found.start_s - 0.5 - late / 2000) * 2000 < 0.5
 
 
+@pytest.mark.parametrize(("before", "after"), [(600, 400), (0, 0)])
 @pytest.mark.parametrize("kind", ["steps", "chirp", "startup", "sawtooth"])
-def test_a_drive_that_was_logged_itself(kind: str) -> None:
-    """At the drive's own rate, to the digits of a file: its samples are told, also of a drive that mostly rests."""
+def test_a_drive_that_was_logged_itself(kind: str, before: int, after: int) -> None:
+    """At the drive's own rate, to the digits of a file: its samples are told, also of a drive that mostly rests, and
+    of one that fills the recording."""
     drive = drive_of(kind)
-    logged = np.round(np.concatenate([np.full(600, drive.command_V[0]), drive.command_V, np.full(400, 50.0)]), 6)
+    logged = np.round(np.concatenate([np.full(before, drive.command_V[0]), drive.command_V, np.full(after, 50.0)]), 6)
     run = Recording("logged.csv", {}, {"time_s": sample_times(len(logged), 2000.0), "command_V": logged,
                                        "displacement_um": np.arange(len(logged)) / 7})
     found = align(run, drive)
-    assert found.start_s == pytest.approx(0.3) and found.clock == 1 and found.doubt_s * 2000 < 0.01
+    assert found.start_s == pytest.approx(before / 2000) and found.clock == 1 and 0 < found.doubt_s * 2000 < 0.01
     imported, lines = beside_drive(run, drive)
-    assert imported.displacement_um[0] == pytest.approx((600 + len(drive) - len(imported)) / 7)
+    assert imported.displacement_um[0] == pytest.approx((before + len(drive) - len(imported)) / 7)
     assert "clock +0 ppm, recorded voltage = 1 x drive + 0 V" in lines[1]
 
 

@@ -34,6 +34,7 @@ NOISY = 0.02  # of the drive's rms: less noise is not what keeps a drive from be
 ROUNDS = 40  # of refinement, at most, with each smoothing
 HELD = 1 / 8, 3 / 4, 1 / 8  # what two means over a sample's length make of samples that a converter holds
 LOGGED, MISPLACED = 1e-4, 10.0  # of its rms: what a logged drive differs from the drive, and how many times a sample off
+NEIGHBOURS = 2  # samples, to either side of where a drive seems to be, that are tried
 ROUNDING = 1e-6  # of the drive's range: a smaller offset is none
 SETTLED = 0.02  # samples of the drive: a round that moves its ends by less is the last
 
@@ -149,17 +150,23 @@ def _logged(run: Recording, wanted: np.ndarray, step_s: float, start_s: float) -
     """
     if abs(run.sample_time_s / step_s - 1) * len(wanted) > 0.5:
         return None
-    usual, found = float(np.std(wanted)), []
-    for sample in round(start_s / step_s) + np.arange(-2, 3):
-        heard = run.command_V[max(sample, 0):sample + len(wanted)]
-        if sample >= 0 and len(heard) == len(wanted):
-            gain, offset_V = np.polyfit(wanted, heard, 1)
-            found.append((float(np.std(heard - gain * wanted)) / (abs(gain) * usual or np.inf), int(sample), float(gain),
-                          float(offset_V)))
-    if not found:
+    # Its ends aside, a drive that fills the recording has neighbours, too.
+    core = wanted[NEIGHBOURS:len(wanted) - NEIGHBOURS]
+    usual, found = float(np.std(core)) if len(core) else 0.0, []
+    if not usual:
         return None
-    (least, sample, gain, offset_V), *others = sorted(found)
-    next_best = others[0][0] if others else np.inf
+    for sample in round(start_s / step_s) + np.arange(-NEIGHBOURS, NEIGHBOURS + 1):
+        first = max(sample + NEIGHBOURS, 0)
+        heard = run.command_V[first:first + len(core)]
+        if first == sample + NEIGHBOURS and len(heard) == len(core):
+            gain, offset_V = np.polyfit(core, heard, 1)
+            found.append((float(np.std(heard - gain * core)) / (abs(gain) * usual or np.inf), int(sample), float(gain),
+                          float(offset_V)))
+    if len(found) < 2:
+        return None
+    (least, sample, gain, offset_V), (next_best, *_), *_ = sorted(found)
+    if not 0 <= sample <= len(run) - len(wanted):
+        return None
     if least > LOGGED or next_best < MISPLACED * least:
         return None
     return sample, gain, offset_V, least / next_best
