@@ -289,6 +289,15 @@ def test_nothing_beyond_the_model() -> None:
         "commissioning. Nothing goes beyond the model's own error and the sensor's noise.")
 
 
+def test_nothing_for_certain() -> None:
+    """A passport from one recording tells little of the next; "nothing" beside a ratio of 1.8 says why."""
+    content = document("none")
+    content["passport"] |= {"ratio": 1.8, "spread": 0.8}
+    assert sentence(content) == (
+        "The gap is 0.103 µm rms (0.79 % of the stroke) over 4 recordings, 1.8 times what the model missed at "
+        "commissioning. This is not clearly more: commissioning told that to a factor of 2.2 only.")
+
+
 def test_an_unknown_cause() -> None:
     assert sentence(document("unknown")) == (
         "The gap is 0.371 µm rms (2.8 % of the stroke) over 4 recordings, 3.8 times what the model missed at "

@@ -230,7 +230,11 @@ def _cause(document: GapDocument, effect: AcceptedEffect) -> str:
 
 
 def _nothing(document: GapDocument) -> str:
-    if document.passport:
+    passport = document.passport
+    if passport and passport.ratio > 1 + SAME:
+        factor = number(math.exp(passport.spread), 2)
+        return f"This is not clearly more: commissioning told that to a factor of {factor} only."
+    if passport:
         return f"Nothing goes beyond {terms(document).nothing_beyond}."
     return f"{_none_tried(document)} reduces it by more than chance would."
 
