@@ -87,7 +87,7 @@ def plain_table(results: Sequence[dict[str, Any]]) -> str:
     done = [one for one in results if "failed" not in one]
     for name, part in by_family(done):
         wrong, bare = (sum(bool(late(one, which)) for one in part) for which in ("effects", "bare"))
-        lines.append(f"{name:24}{len(part):5}{wrong:6}{100 * wrong / len(part):6.1f} %{bare:8}"
+        lines.append(f"{name:25}{len(part):4}{wrong:6}{100 * wrong / len(part):6.1f} %{bare:8}"
                      f"{100 * bare / len(part):6.1f} %")
     for one in done:
         for effect in late(one):
@@ -230,14 +230,14 @@ def _sine(rig: Any, folder: Path, model: Path, hz: float, rate_hz: float, *optio
 def tracked_table(results: Sequence[dict[str, Any]]) -> str:
     """Per family, and number of effects: rigs, median and worst ratio of every way; below, the sines."""
     columns = *WAYS, "rung"
-    lines = [f"{'tracking error over plain':36}" + "".join(f"{way:>16}" for way in columns),
-             f"{'family':24}{'put':8}{'rigs':4}" + f"{'median':>9}{'worst':>7}" * len(columns)]
+    lines = [f"{'tracking error over plain':37}" + "".join(f"{way:>16}" for way in columns),
+             f"{'family':25}{'put':8}{'rigs':4}" + f"{'median':>9}{'worst':>7}" * len(columns)]
     done = [one for one in results if "failed" not in one]
     for name, part in by_family(done):
         for put in PUTS:
             some = [one for one in part if one["put"] == put]
             if some:
-                lines.append(f"{name:24}{put:8}{len(some):4}" + "".join(
+                lines.append(f"{name:25}{put:8}{len(some):4}" + "".join(
                     f"{np.median(ratio):9.2f}{np.max(ratio):7.2f}" for ratio in (_ratios(some, way) for way in columns)))
     if done:
         lines += ["", f"{'sines, median rms %':24}" + "".join(f"{f'{hz:g} Hz':>9}" for hz in SINES_HZ)]
