@@ -19,6 +19,7 @@ from ...simulate.effects import CATALOGUE, PARAMETERS
 from ..sections import AcceptedEffect, CandidateEntry, GapDocument, NextExperiment
 
 NOTICED = 0.005  # shrink: less is 0 %
+TWO_SIGMA = 2.0  # standard deviations: within them, a ratio may be chance
 EXPLAINED = 0.9  # of the energy, from where on an effect explains the gap, and not most of it
 
 
@@ -232,8 +233,9 @@ def _cause(document: GapDocument, effect: AcceptedEffect) -> str:
 def _nothing(document: GapDocument) -> str:
     passport = document.passport
     if passport and passport.ratio > 1 + SAME:
-        factor = number(math.exp(passport.spread), 2)
-        return f"This is not clearly more: commissioning told that to a factor of {factor} only."
+        factor = math.exp(TWO_SIGMA * passport.spread)
+        why = f": commissioning told that to a factor of {number(factor, 2)} only" if passport.ratio < factor else ""
+        return f"This is not clearly more{why}."
     if passport:
         return f"Nothing goes beyond {terms(document).nothing_beyond}."
     return f"{_none_tried(document)} reduces it by more than chance would."
