@@ -60,13 +60,15 @@ def test_of_two_effects_that_help_only_together_both_stay(monkeypatch: pytest.Mo
         def beats(self, other: Standing) -> bool:
             return self.left * 1.5 < other.left
 
+        def trying(self, names: str) -> Standing:
+            return fitted_ones[names]
+
         is_better = beats
 
     left = {"": 10.0, "curve": 7.0, "creep": 9.0, "creep, curve": 6.0}
     early = SimpleNamespace(comes_late=False)
-    fitted_ones = {names: Standing(left=value, hypothesis=early, state=SimpleNamespace(
-        names=names, setting=None, found=None)) for names, value in left.items()}
-    monkeypatch.setattr(choice, "judged", lambda setting, names, found: fitted_ones[names])
+    fitted_ones = {names: Standing(left=value, hypothesis=early, state=SimpleNamespace(names=names))
+                   for names, value in left.items()}
     monkeypatch.setattr(choice, "_smaller", lambda state, rate_law: {"creep, curve": ["curve", "creep"]}.get(
         state.names, [""] * bool(state.names)))
     pruned = partial(choice._pruned, fitted_ones["creep, curve"], False)
@@ -330,6 +332,22 @@ def test_a_delay_that_hides_a_lag_is_parted() -> None:
     both = choice._joined(late, [delay, lag], False)
     assert both is not None and both.left < 0.1 * late.left
     assert [next(iter(one.values.values())) for one in both.hypothesis.acting] == pytest.approx([0.0025, 0.002], abs=0.0002)
+
+
+def test_nothing_is_fitted_twice_from_the_same_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pruning, exchanging and comparing all ask what is left without each effect."""
+    asked, judged = [], choice.judged
+
+    def watched(*place: Any) -> choice.Judged:
+        asked.append(place)
+        return judged(*place)
+
+    monkeypatch.setattr(choice, "judged", watched)
+    fit(put("delay", "lag", "creep"))
+    assert len(asked) > 10
+    for k, (setting, hypothesis, found) in enumerate(asked):
+        assert not any(setting is other and found is there and hypothesis == again
+                       for other, again, there in asked[:k])
 
 
 def test_thinned_recordings_choose_and_whole_ones_are_fitted(monkeypatch: pytest.MonkeyPatch) -> None:

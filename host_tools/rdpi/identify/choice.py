@@ -13,7 +13,7 @@ resonance, it also goes forward from each of these two.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,6 +35,15 @@ class Judged:
 
     state: Linearised
     held_out: np.ndarray  # (foldings, blocks)
+    _tried: list[tuple[Hypothesis, Judged]] = field(default_factory=list)
+
+    def trying(self, hypothesis: Hypothesis) -> Judged:
+        """Another hypothesis, fitted from here; what was tried before is not fitted again."""
+        for tried, found in self._tried:
+            if tried == hypothesis:
+                return found
+        self._tried.append((hypothesis, judged(self.state.setting, hypothesis, self.state.found)))
+        return self._tried[-1][1]
 
     @property
     def hypothesis(self) -> Hypothesis:
@@ -120,7 +129,8 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
            progress: Progress = lambda fraction: None) -> Choice:
     """The best hypothesis of these effects and, if wanted, a rate law; `candidates` start with the simplest."""
     plain = judged(setting, Hypothesis(), unknowns)
-    now = _pruned(_grown(plain, candidates, rate_law, lambda share: progress(0.5 * share)), rate_law)
+    grown = _grown(plain, candidates, rate_law, lambda share: progress(0.5 * share))
+    now = _pruned(grown, rate_law)
     now = _late_first(plain, now, candidates, rate_law)
     progress(0.6)
     full = _full(now, candidates)
@@ -130,9 +140,9 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     progress(0.8)
     now, compared = _exchanged(now, candidates)
     for _ in candidates:  # what was exchanged may show more
-        if (more := _grown(now, candidates, rate_law)) is now:
+        if now is grown or (grown := _grown(now, candidates, rate_law)) is now:
             break
-        now, compared = _exchanged(_pruned(more, rate_law), candidates)
+        now, compared = _exchanged(_pruned(grown, rate_law), candidates)
     return Choice(plain, now, tuple(_kept(now, compared, rate_law)))
 
 
@@ -140,7 +150,7 @@ def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     """All of these effects, wanted by name, whether they bring something or not."""
     plain = judged(setting, Hypothesis(), unknowns)
     now = _full(plain, candidates, whatever=True)
-    rated = judged(setting, replace(now.hypothesis, rated=True), now.state.found) if rate_law else now
+    rated = now.trying(replace(now.hypothesis, rated=True)) if rate_law else now
     now = rated if rated.beats(now) else now
     return Choice(plain, now, tuple(_kept(now, _compared(now, ()), rate_law)))
 
@@ -172,8 +182,7 @@ def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:
     """The same effects where the model shall have no rate law, which only took part so that none passes for it."""
     if not choice.found.hypothesis.rated:
         return choice
-    state = choice.found.state
-    now = judged(state.setting, replace(state.hypothesis, rated=False), state.found)
+    now = choice.found.trying(replace(choice.found.hypothesis, rated=False))
     return Choice(choice.plain, now, tuple(_kept(now, _compared(now, candidates), False)))
 
 
@@ -250,8 +259,8 @@ def _late_first(plain: Judged, now: Judged, candidates: Sequence[Effect], rate_l
         return now
     both = []
     for _, late in _to_first_order(plain.state, [one for one in candidates if one.comes_late]).values():
-        state = judged(plain.state.setting, late, plain.state.found).state
-        both += [judged(state.setting, one, state.found) for _, one in _to_first_order(state, rings).values()]
+        one = plain.trying(late)
+        both += [one.trying(ringing) for _, ringing in _to_first_order(one.state, rings).values()]
     for other in [one for one in both if one.left < tuned.OUT_OF_STEP * now.left]:
         other = _pruned(_grown(other, candidates, rate_law), rate_law)
         now = other if other.is_better(now) else now
@@ -269,8 +278,7 @@ def _joined(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged
     # A rate law moves delays and lags too far for the first order to say what it brings.
     promising = [hypothesis for name, (left, hypothesis) in first.items()
                  if left < (1 - tuned.FURTHER_GAIN[0]) * now.left or not name]
-    fitted = [judged(state.setting, hypothesis, state.found) for hypothesis in [*promising, *parted]]
-    fitted = [one for one in fitted if one.beats(now)]
+    fitted = [one for one in map(now.trying, [*promising, *parted]) if one.beats(now)]
     if not fitted:
         return None
     best = min(fitted, key=lambda one: one.left)
@@ -329,7 +337,7 @@ def _pruned(now: Judged, rate_law: bool, than: Judged | None = None, whole: Judg
     """
     whole = whole or now
     for hypothesis in _smaller(now.state, rate_law):
-        less = judged(now.state.setting, hypothesis, now.state.found)
+        less = now.trying(hypothesis)
         if not now.beats(less) and not whole.beats(less) and (
                 than is None or now.hypothesis.comes_late or less.is_better(than)):
             return _pruned(less, rate_law, than, whole)
@@ -344,7 +352,7 @@ def _intervals(now: Judged, rate_law: bool) -> list[dict[str, tuple[float, float
     """
     other = now
     if rate_law:
-        other = judged(now.state.setting, replace(now.hypothesis, rated=not now.hypothesis.rated), now.state.found)
+        other = now.trying(replace(now.hypothesis, rated=not now.hypothesis.rated))
     found = []
     for one, there, errors in zip(now.hypothesis.acting, other.hypothesis.acting, now.state.errors()):
         ends = {}
@@ -369,7 +377,7 @@ def _compared(now: Judged, candidates: Sequence[Effect]) -> list[Compared]:
     """For each effect that acts."""
     found, others = [], _absent(now.state, candidates)
     for one in now.hypothesis.acting:
-        less = judged(now.state.setting, now.hypothesis.lacking(one), now.state.found)
+        less = now.trying(now.hypothesis.lacking(one))
         found.append(Compared(less, _rivals(now, one, less, others) if others else []))
     return found
 
@@ -380,10 +388,11 @@ def _rivals(now: Judged, one: Acting, less: Judged, others: Sequence[Effect]) ->
     To first order from where each starts, beside what acts else fitted anew or as it is: without that one it may have
     gone astray. One that is late by a time starts as late as that one.
     """
-    setting, fewer, enough = now.state.setting, less.hypothesis, (now.left + less.left) / 2
+    fewer, enough = less.hypothesis, (now.left + less.left) / 2
     as_late = [effect for effect in others if effect.late_by and one.effect.late_by]
     further = [effect for effect in others if effect not in as_late]
-    firsts = [_to_first_order(state, further) for state in (less.state, Linearised(setting, fewer, now.state.found))]
+    firsts = [_to_first_order(state, further) for state in (
+        less.state, Linearised(now.state.setting, fewer, now.state.found))]
     hypotheses = [fewer.having(Acting(effect, {**effect.absent(), effect.late_by: one.values[one.effect.late_by]}))
                   for effect in as_late]
     for effect in further:
@@ -391,8 +400,7 @@ def _rivals(now: Judged, one: Acting, less: Judged, others: Sequence[Effect]) ->
                                key=lambda promise: promise[0], default=(np.inf, fewer))
         if left < enough:
             hypotheses.append(hypothesis)
-    found = [judged(setting, hypothesis, less.state.found) for hypothesis in hypotheses]
-    return [rival for rival in found if rival.left < enough]
+    return [rival for rival in map(less.trying, hypotheses) if rival.left < enough]
 
 
 def _exchanged(now: Judged, candidates: Sequence[Effect]) -> tuple[Judged, list[Compared]]:
