@@ -22,6 +22,7 @@ What cannot be used raises `rdpi.BadInput`, which names the argument, the file o
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
@@ -53,6 +54,11 @@ class Model:
     def __init__(self, parameters: Parameters) -> None:
         self.parameters: Parameters = arguments.of_kind(parameters, Parameters, "parameters")
 
+    def __repr__(self) -> str:
+        known = self.parameters
+        return (f"<rdpi.Model {known.actuator or known.where}: {len(known.slopes) - 1} plays, "
+                f"{len(known.deadzones_um) - 1} dead zones, {len(known.effects)} effects, stroke {known.stroke_um:.4g} um>")
+
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Model:
         """Read a model file. Raises BadInput for one that the firmware would refuse."""
@@ -82,7 +88,7 @@ class Model:
 
         The engines "f32", "q31" and "f64" are the firmware library, "numpy" is an independent implementation. What the
         firmware would compensate is compensated; the reference's own future is the preview. The hysteresis starts from
-        the model's memory.
+        the model's memory. Warns (UserWarning) where the drive is clipped because the reference is out of reach.
 
         >>> reference_um = 5 + np.sin(np.arange(100) / 20)
         >>> Model.load("model.json").compensate(reference_um, 1e-3).shape
@@ -97,7 +103,13 @@ class Model:
             raise BadInput("reference_um: give at least one value")
         run = Recording("reference_um", {"sample_rate_hz": repr(1 / step_s)},
                         {"time_s": step_s * np.arange(len(wanted)), "reference_um": wanted})
-        return followed(self.parameters, run, "reference_um", engine).steps.drive_V.astype(float)
+        found = followed(self.parameters, run, "reference_um", engine)
+        if clipped := found.flag_counts["range"]:
+            low_um, high_um = chain.reachable_um(inverse_of(self.parameters).model)
+            warnings.warn(f"the drive is clipped at {clipped} of {len(wanted)} samples: the reference spans "
+                          f"{found.asked_um[0]:.5g} to {found.asked_um[1]:.5g} um, the model reaches {low_um:.5g} to "
+                          f"{high_um:.5g} um", stacklevel=2)
+        return found.steps.drive_V.astype(float)
 
     def header(self, path: str | os.PathLike[str], name: str = "rdpi_params") -> None:
         """Write the C header that the firmware compiles in; `name` is the C name of the parameters.

@@ -86,7 +86,8 @@ def test_the_recording_has_the_samples_of_the_drive() -> None:
 
 @pytest.mark.parametrize(("changes", "memory"), [
     ({}, "reset"), ({"rest_V": "5"}, "unknown"), ({"sweep_s": None}, "unknown"), ({"max_V": None}, "unknown"),
-    ({"max_V": "many"}, "unknown")])
+    ({"max_V": "many"}, "unknown"), ({"sweep_V": "0 100"}, "reset"), ({"sweep_V": "0 200"}, "unknown"),
+    ({"sweep_V": "0"}, "unknown"), ({"sweep_V": "0 many"}, "unknown")])
 def test_memory(changes: dict, memory: str) -> None:
     drive = drive_of()
     metadata = {key: value for key, value in {**drive.metadata, **changes}.items() if value is not None}

@@ -90,6 +90,16 @@ def test_predict_is_simulate(there: Path, command: Callable) -> None:
     assert np.array_equal(rdpi.Model.load("model.json").predict(rdpi.read_recording("today.csv")), expected)
 
 
+def test_a_reference_out_of_reach_is_told() -> None:
+    model, reference_um = rdpi.Model(commissioned()), np.full(50, 1e3)
+    with pytest.warns(UserWarning, match="clipped at [0-9]+ of 50 samples: the reference spans 1000 to 1000 um"):
+        model.compensate(reference_um, 1e-3)
+
+
+def test_a_model_says_what_it_is() -> None:
+    assert "plays" in repr(rdpi.Model(commissioned())) and "stroke" in repr(rdpi.Model(commissioned()))
+
+
 @pytest.mark.parametrize("engine", ["f32", "q31", "f64", "numpy"])
 def test_compensate_is_the_command(there: Path, command: Callable, engine: str) -> None:
     reference_um = 5 + np.sin(2 * np.pi * 10 * T)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -147,6 +148,28 @@ def test_sweep_makes_memory_known(rest_V: float) -> None:
         states = [play(columns["command_V"], threshold, start)[after:] for start in starts]
         np.testing.assert_array_equal(states[0], states[1])
         np.testing.assert_array_equal(states[0], states[2])
+
+
+def test_a_small_drive_begins_with_a_sweep_over_the_range_that_is_asked_for() -> None:
+    """A sweep over the drive's own tenth of the range would leave what larger moves left."""
+    small = Limits(4.5, 5.5, sample_rate_hz=1000, slew_V_per_s=300)
+    columns, metadata = make_drive("sine", replace(small, sweep_V=(0, 10)), frequencies_hz=(5,), cycles=1)
+    swept, after = np.split(columns["command_V"], [round(float(metadata["sweep_s"]) * 1000) + 1])
+    assert (swept.min(), swept.max(), after.min(), after.max()) == (0, 10, 4.5, 5.5) and metadata["sweep_V"] == "0 10"
+    assert np.abs(np.diff(columns["command_V"])).max() * 1000 <= 300
+    for threshold in (0.5, 2, 4):
+        states = [play(swept, threshold, start)[-1] for start in (-threshold, 10 + threshold)]
+        assert states[0] == states[1] == pytest.approx(5, abs=0.3)
+    alone, _ = make_drive("sine", small, frequencies_hz=(5,), cycles=1)
+    np.testing.assert_array_equal(alone["command_V"][-len(after):], after)
+
+
+@pytest.mark.parametrize(("kind", "sweep", "sweep_V", "words"), [
+    ("sine", True, (1, 10), "`sweep_V` 1,10: must hold the drive"), ("sine", True, (0, np.nan), "must hold the drive"),
+    ("sine", False, (0, 10), "no sweep"), ("startup", True, (0, 10), "the sweep itself")])
+def test_sweeps_that_cannot_be(kind: str, sweep: bool, sweep_V: tuple[float, float], words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        make_drive(kind, Limits(0, 10, sample_rate_hz=1000, sweep_V=sweep_V), sweep)
 
 
 def test_startup_ends_without_memory() -> None:

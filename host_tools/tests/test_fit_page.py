@@ -117,7 +117,7 @@ def test_the_sentence_tells_the_worst_of_those_that_judge() -> None:
     assert without[1] > 3 * document.runs[1].rms_percent
     page = text_of(written(result)).replace("\N{NO-BREAK SPACE}", " ")
     assert (f"The model predicts the held-out recordings to {document.runs[1].rms_percent:.2g} % rms of their "
-            f"stroke; without the effects, the same fit predicts them to {without[1]:.2g} %.") in page
+            f"stroke; an operator fitted to them without the effects, to {without[1]:.2g} %.") in page
     for run, missed in zip(document.runs, without):
         assert f"{run.rms_percent:.2g} % {missed:.2g} %" in page
     alone = replace(fitted(False), scores=[one._replace(held_out=False) for one in fitted(False).scores])

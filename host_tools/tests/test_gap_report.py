@@ -289,14 +289,15 @@ def test_nothing_beyond_the_model() -> None:
         "commissioning. Nothing goes beyond the model's own error and the sensor's noise.")
 
 
-@pytest.mark.parametrize(("ratio", "why"), [(1.8, ": commissioning told that to a factor of 4.7 only"), (6.0, "")])
+@pytest.mark.parametrize(("ratio", "why"), [(1.8, ": what it missed then is known to a factor of 4.7 only"), (6.0, "")])
 def test_nothing_for_certain(ratio: float, why: str) -> None:
     """A passport from one recording tells little of the next; "nothing" beside a ratio of 1.8 says why."""
     content = document("none")
     content["passport"] |= {"ratio": ratio, "spread": 0.77}
     assert sentence(content) == (
         f"The gap is 0.103 µm rms (0.79 % of the stroke) over 4 recordings, {ratio:g} times what the model missed at "
-        f"commissioning. This is not clearly more{why}.")
+        f"commissioning. This is not clearly more{why}. Play a drive of commissioning again and give the recording of that "
+        "time with --earlier: this tells more.")
 
 
 def test_an_unknown_cause() -> None:

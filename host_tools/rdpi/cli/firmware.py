@@ -276,7 +276,11 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     for note in scoring.doubts(parameters, inverse, run, sweep):
         click.echo(f"note: {note}")
     if not sweep and recorded == () and scoring.estimated_start(parameters) is None:
-        click.echo("the drive follows on the start-up sweep: where no firmware plays it, play `rdpi excite startup` first")
+        drive = inverse.model.drive
+        slew = f" --slew {drive.slew_V_per_s:.12g}" if drive.slew_V_per_s else ""
+        click.echo("the drive follows on the start-up sweep; where no firmware plays it, first play what this makes: "
+                   f"rdpi excite startup --min-V {drive.min_V:.12g} --max-V {drive.max_V:.12g} "
+                   f"--end-V {inverse.model.sweep_end():.12g} --sample-rate {run.sample_rate_hz:.12g}{slew} -o startup.csv")
     drive_V = found.steps.drive_V
     flagged = ", ".join(f"{found.flag_counts[name]} {name}" for name in ("guard", "range", "slew", "input")
                         + (("lead",) if inverse.chain.leads else ()))

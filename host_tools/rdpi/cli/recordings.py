@@ -287,6 +287,9 @@ def record_(port: str, outputs: tuple[str, ...], baud: int, duration_s: float | 
 @click.option("--slew", "slew_V_per_s", type=float, metavar="V/S",
               help="Largest rate of change of the drive, V/s.")
 @click.option("--no-sweep", is_flag=True, help="Leave out the decaying sweep at the start.")
+@click.option("--sweep-V", "sweep_V", type=Numbers(), metavar="LOW,HIGH",
+              help="Ends of that sweep, V. Default: those of the drive. If the drive has a part of the actuator's range, "
+                   "give the whole range: a smaller sweep leaves what larger moves left.")
 @click.option("--frequencies", "frequencies_hz", type=Numbers(), metavar="HZ,HZ,...",
               help="sawtooth, sine: one wave at each, default 1,2,5,10,20 Hz. commission: its triangles, default "
                    "1,5,10,20,40 Hz. multisine: its lines, default about 16 from 0.5 to 50 Hz, of whole periods. "
@@ -305,7 +308,7 @@ def record_(port: str, outputs: tuple[str, ...], baud: int, duration_s: float | 
 @click.option("--seed", type=click.IntRange(min=0), help="commission, multisine: seed of the random phases, default 0.")
 @click.option("--end-V", "end_V", type=float, help="startup: voltage at which the sweep ends, V. Default: --rest-V.")
 def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | None, sample_rate_hz: float,
-           slew_V_per_s: float | None, no_sweep: bool, **options: Any) -> dict[str, Any]:
+           slew_V_per_s: float | None, no_sweep: bool, sweep_V: tuple[float, ...] | None, **options: Any) -> dict[str, Any]:
     """Generate a drive signal for identification.
 
     \b
@@ -328,7 +331,9 @@ def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | N
     from ..data import Limits, make_drive, write_recording
     from ..simulate import ASSUMED, shown
 
-    limits = Limits(min_V, max_V, rest_V, sample_rate_hz, slew_V_per_s)
+    if sweep_V is not None and len(sweep_V) != 2:
+        raise BadInput(f"--sweep-V has {len(sweep_V)} values; give two, the lowest and the highest voltage of the sweep")
+    limits = Limits(min_V, max_V, rest_V, sample_rate_hz, slew_V_per_s, sweep_V)
     given = {name: value for name, value in options.items() if value is not None}
     with progress("generating"):
         columns, metadata = make_drive(kind, limits, not no_sweep, **given)

@@ -190,14 +190,17 @@ class _Fitted(NamedTuple):
 
 def _after_sweep(drive: Recording) -> tuple[int, bool]:
     """The sample at which the start-up sweep of the drive ends, and whether it leaves a known memory."""
-    def number(key: str) -> float | None:
+    def number(text: str | None) -> float | None:
         try:
-            value = float(drive.metadata[key])
-        except (KeyError, ValueError):
+            value = float(text)
+        except (TypeError, ValueError):
             return None
         return value if np.isfinite(value) else None
 
-    sweep_s, low, high, end = (number(key) for key in ("sweep_s", "min_V", "max_V", "rest_V"))
+    known = drive.metadata
+    ends = known["sweep_V"].split() if "sweep_V" in known else [known.get("min_V"), known.get("max_V")]
+    sweep_s, end = number(known.get("sweep_s")), number(known.get("rest_V"))
+    low, high = map(number, ends) if len(ends) == 2 else (None, None)
     if sweep_s is None:
         return 0, False
     first = round(sweep_s * drive.sample_rate_hz)

@@ -39,14 +39,18 @@ def make_drive(kind: str, limits: Limits, sweep: bool = True,
                            + ", ".join(f"`{other}`" for other in known))
     pen = Pen(limits, rest_V)
     swept = sweep and kind != "startup"  # which is the sweep itself
+    if limits.sweep_V is not None and not swept:
+        raise BadInput("`sweep_V`: this drive begins with no sweep" if kind != "startup" else
+                       "`sweep_V`: startup is the sweep itself; its ends are `min_V` and `max_V`")
+    ends_V = limits.sweep_V or (limits.min_V, limits.max_V)
     if swept:
-        _decay(pen, rest_V, SWEEP_CYCLES, _sweep_hz(pen))
+        _decay(pen, ends_V, rest_V, SWEEP_CYCLES, _sweep_hz(pen))
     swept_samples = pen.count
     used = known | options
     used |= draw(pen, **used)
     if kind != "startup":
         pen.move(rest_V)
-    voltage = np.clip(np.round(np.concatenate(pen.pieces), 9), limits.min_V, limits.max_V)
+    voltage = np.clip(np.round(np.concatenate(pen.pieces), 9), *ends_V)
     rate = limits.sample_rate_hz
     metadata = {"drive": kind, "min_V": _text(limits.min_V), "max_V": _text(limits.max_V), "rest_V": _text(rest_V)}
     if limits.slew_V_per_s is not None:
@@ -55,6 +59,7 @@ def make_drive(kind: str, limits: Limits, sweep: bool = True,
     metadata |= {"sample_rate_hz": _text(rate), "memory": "unknown"}
     if swept:
         metadata["sweep_s"] = _text((swept_samples - 1) / rate)
+        metadata |= {} if limits.sweep_V is None else {"sweep_V": _text(ends_V)}
     if pen.parts:
         begun = [("sweep", 0)] * swept + pen.parts + [("", len(voltage) - 1)]
         metadata["parts"] = ", ".join(f"{name} {first / rate:.12g}-{last / rate:.12g} s"
@@ -201,7 +206,7 @@ def startup(pen: Pen, end_V: float | None = None, frequencies_hz: Sequence[float
     end_V = pen.rest_V if end_V is None else end_V
     if not pen.limits.min_V <= end_V <= pen.limits.max_V:
         raise BadInput(f"`end_V` {end_V:g}: is outside `min_V` {pen.limits.min_V:g} to `max_V` {pen.limits.max_V:g}")
-    _decay(pen, end_V, whole("cycles", cycles), frequencies_hz[0])
+    _decay(pen, (pen.limits.min_V, pen.limits.max_V), end_V, whole("cycles", cycles), frequencies_hz[0])
     return {"end_V": end_V, "frequencies_hz": frequencies_hz}
 
 
@@ -213,9 +218,9 @@ OPTION_NAMES = {"frequencies_hz": "frequencies", "rates_V_per_s": "rates", "cycl
                 "hold_s": "hold", "duration_s": "duration", "seed": "seed", "end_V": "end-V"}
 
 
-def _decay(pen: Pen, end_V: float, cycles: int, frequency_hz: float) -> None:
-    """Triangles around the end voltage, the first from limit to limit, each smaller than the one before."""
-    high, low, half_s = pen.limits.max_V - end_V, pen.limits.min_V - end_V, 0.5 / frequency_hz
+def _decay(pen: Pen, ends_V: tuple[float, float], end_V: float, cycles: int, frequency_hz: float) -> None:
+    """Triangles around the end voltage, the first between these ends, each smaller than the one before."""
+    low, high, half_s = ends_V[0] - end_V, ends_V[1] - end_V, 0.5 / frequency_hz
     for cycle in range(cycles):
         left = 1 - cycle / cycles
         pen.ramp(end_V + high * left, half_s)

@@ -27,6 +27,7 @@ class Limits:
     rest_V: float | None = None  # None: the middle, where a sweep can decay from both sides
     sample_rate_hz: float = 10_000.0
     slew_V_per_s: float | None = None
+    sweep_V: tuple[float, float] | None = None  # ends of the sweep at the start; None: those of the drive
 
     @property
     def span_V(self) -> float:
@@ -113,6 +114,11 @@ def check_limits(limits: Limits) -> float:
     rest_V = limits.middle_V if limits.rest_V is None else limits.rest_V
     if not limits.min_V <= rest_V <= limits.max_V:
         raise BadInput(f"`rest_V` {rest_V:g}: is outside `min_V` {limits.min_V:g} to `max_V` {limits.max_V:g}")
+    if limits.sweep_V is not None:
+        low, high = limits.sweep_V
+        if not -MAX_V <= low <= limits.min_V or not limits.max_V <= high <= MAX_V:
+            raise BadInput(f"`sweep_V` {low:g},{high:g}: must hold the drive, `min_V` {limits.min_V:g} to `max_V` "
+                           f"{limits.max_V:g}, within {MAX_V:g} V")
     rate = limits.sample_rate_hz
     if not RATES_HZ[0] <= rate <= RATES_HZ[1]:
         raise BadInput(f"`sample_rate_hz` {rate:g}: give a positive number of Hz, {RATES_HZ[0]:g} to {RATES_HZ[1]:g}")

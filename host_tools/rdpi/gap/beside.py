@@ -22,7 +22,9 @@ from ..errors import BadInput
 from . import thresholds
 from .augmented import AugmentedModel
 from .candidates import Candidate
-from .selection import Excess, Round, Score, Selection, detection_threshold, one_round
+from .normal_equations import NormalEquations
+from .selection import (Excess, Round, Score, Selection, detection_threshold, one_round, shrink_interval,
+                        shrink_of)
 
 PAIRS = 4  # of effects, those that leave least to first order, that are fitted
 ASKED = 9  # times that an effect is searched beside the others at most
@@ -132,7 +134,7 @@ def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, 
             names_known = {rival.name for rival in done.rivals}
             beside = (*done.rivals, *(rival for rival in beside if rival.name not in names_known))
         else:
-            best = replace(best, candidate=one)
+            best = _joined(best, one, state, reached if k + 1 == len(reached.chosen) else state.accept(one))
             done = replace(done, scores=_with(done.scores, place, best), rejected=_with(done.rejected, place, None),
                            best=best)
         rounds.append(replace(done, rivals=beside))
@@ -140,6 +142,13 @@ def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, 
     if names == before:
         rounds += selection.rounds[len(names):]
     return replace(selection, reached=reached, accepted=reached, rounds=tuple(rounds), states=(*states, reached))
+
+
+def _joined(score: Score, one: Candidate, before: AugmentedModel, after: AugmentedModel) -> Score:
+    """The score of an effect with which the others moved far: what it brought with all fitted together."""
+    now, then = (NormalEquations(state.dataset, state.residual, [], state.chosen).held_out() for state in (after, before))
+    return replace(score, candidate=one, shrink=shrink_of(now, then),
+                   shrink_ci=shrink_interval(now, then, len(before.recordings)))
 
 
 def _with(values: tuple[Any, ...], place: int, new: Any) -> tuple[Any, ...]:

@@ -310,7 +310,8 @@ def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Off
     """Zero, noise, and the place where the gap exceeds the passport most."""
     notes, before_um = [], rms(selection.before_um)
     if offset.moved:
-        notes.append(f"the recordings also lie {offset.low:.3g} to {offset.high:.3g} um from "
+        ends_um = dict.fromkeys(f"{end:.3g}" for end in (offset.low, offset.high))
+        notes.append(f"the recordings also lie {' to '.join(ends_um)} um from "
                      f"{'the earlier ones' if selection.given.earlier else 'the model'}; these constants, one "
                      "a recording, are not counted; the sensor's zero or the mount has changed"
                      + ("; the improved model includes their mean" if offset.added else ""))
@@ -381,7 +382,7 @@ def _remarks(selection: Selection, gap: Excess, verdict: str) -> list[str]:
                      f"what {_terms(selection).usual}; the cause may be a similar effect that rdpi does not know")
     top = state.model.rate.identified_um_per_s
     fastest = max(float(np.percentile(one.rate_um_per_s, 99.9)) for one in state.dataset.model_runs)
-    far = top and not 1 / thresholds.OTHER_RATE < fastest / top < thresholds.OTHER_RATE
+    far = top and fastest > thresholds.OTHER_RATE * top
     if far and not np.any(state.model.slope_rate_s_per_um) and any(one.effect.hides_rate for one in state.chosen):
         notes.append(f"the model is rate-independent and was fitted up to {top:.3g} um/s, but these recordings "
                      f"reach {fastest:.3g} um/s; a rate dependence looks like a changed loop or gain; "

@@ -19,7 +19,7 @@ from .dataset import Dataset
 from .normal_equations import NormalEquations
 from .sections import (AcceptedEffect, BeforeAfter, CandidateEntry, GapDocument, GapFigures, Leftover, Matrix,
                        NotExcited, NotKnown, Offset, PassportFigures, Promise, Refit, RunEntry, StageShares, Verdict, Where)
-from .selection import Excess, Round, Selection, promised_interval, shrink_of
+from .selection import NOT_CLEAR, Excess, Round, Selection, promised_interval, shrink_of
 
 
 def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport | None, axes: Sequence[localise.Axis],
@@ -31,7 +31,7 @@ def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport |
                                                           held_out=known.held_out, spread=gap.spread)
     return GapDocument(
         tool=f"rdpi {version()}", verdict=verdict, detection=selection.detection, paired=bool(state.earlier),
-        effects=_effects(selection, final), candidates=_candidates(selection), gap=_gap(selection, noise_um),
+        effects=_effects(selection, final), candidates=_candidates(selection, verdict), gap=_gap(selection, noise_um),
         where=_where(selection, axes), runs=_runs(selection, gap), passport=passport,
         promised=promised(selection, final), refit=Refit(shrink=first.baseline.refit_alone),
         numerics=numerics.compare(selection.given.model, state.recordings), not_excited=_not_excited(selection),
@@ -131,7 +131,7 @@ def _confidence(done: Round) -> float:
     return float(1 / (1 + sum(weights)))
 
 
-def _candidates(selection: Selection) -> list[CandidateEntry]:
+def _candidates(selection: Selection, verdict: Verdict) -> list[CandidateEntry]:
     """Every effect that was tried, each at its stage that explains most, as the first round scored it."""
     first, accepted = selection.rounds[0], [one.effect.name for one in selection.accepted.chosen]
     result = {}
@@ -146,6 +146,8 @@ def _candidates(selection: Selection) -> list[CandidateEntry]:
         elif rejected is None and one not in first.rivals:
             more = "more of the gap" if first.best.shrink >= one.shrink else "as much of the gap in a simpler way"
             rejected = f"{first.best.name} explains {more}"
+        elif rejected == NOT_CLEAR and verdict == "unknown":  # it is one by its spectrum
+            rejected = "explains too little of the gap"
         result[one.name] = CandidateEntry(
             name=one.name, stage=one.candidate.effect.stage, shrink=one.shrink, shrink_ci95=one.shrink_ci,
             refitted_shrink=one.refitted_shrink,

@@ -155,14 +155,16 @@ def _limits(state: AugmentedModel, kind: str = "") -> excite.Limits:
 
 
 def _amid(limits: excite.Limits, half_V: float) -> excite.Limits:
-    """So far to both sides of the middle."""
+    """So far to both sides of the middle, after a sweep over all of the range."""
     middle_V = (limits.min_V + limits.max_V) / 2
-    return replace(limits, min_V=middle_V - half_V, max_V=middle_V + half_V)
+    return replace(limits, min_V=middle_V - half_V, max_V=middle_V + half_V, sweep_V=(limits.min_V, limits.max_V))
 
 
 def _command(limits: excite.Limits, kind: str, options: dict[str, Any]) -> str:
     parts = ["rdpi excite", kind, "-o next.csv", f"--min-V {limits.min_V:.12g}", f"--max-V {limits.max_V:.12g}",
              f"--sample-rate {limits.sample_rate_hz:.12g}"]
+    if limits.sweep_V is not None:
+        parts.append("--sweep-V " + ",".join(f"{one:.12g}" for one in limits.sweep_V))
     if limits.slew_V_per_s is not None:
         parts.append(f"--slew {limits.slew_V_per_s:.12g}")
     return " ".join(parts + [f"--{excite.OPTION_NAMES[name]} " + ",".join(f"{one:g}" for one in np.atleast_1d(value))

@@ -27,6 +27,7 @@ from .dataset import BLOCKS
 from .normal_equations import NormalEquations
 
 DRAWS = 400  # of the bootstrap
+NOT_CLEAR = "the gap is not clearly larger than the passport expects"  # why an effect is rejected
 Progress = Callable[[float], None]
 
 
@@ -408,7 +409,7 @@ def _why_rejected(one: Score, further: bool, clear: bool, born_in: float) -> str
     if one.was_there:
         return "was already in the earlier recordings"
     if not clear and min(one.gain, one.refitted_shrink) < born_in:
-        return "the gap is not clearly larger than the passport expects"
+        return NOT_CLEAR
     return None
 
 

@@ -92,4 +92,4 @@ ZERO = 1.0  # [gap rms] offsets from which the zero has moved; tune
 MUCH_ZERO = 0.01  # [stroke] ... and of the stroke; tune
 MUCH_LEFT = 1.8  # [passport] left with the effects; tune
 UNSEEN = 0.05  # [of the squares] of a monitor, left without an effect of the model, below which it is not there; judged
-OTHER_RATE = 2.0  # [rate] times the identified one, or that part of it: the recordings are at other rates; tune
+OTHER_RATE = 2.0  # [rate] times the identified one: the recordings are faster than the model knows; tune

@@ -56,14 +56,16 @@ class SweepStart(NamedTuple):
 
     def line(self) -> str:
         """For people."""
+        text = f"a decaying sweep takes the plays {100 * self.share:.3g} % of the way from the middle of the range to its end"
         if self.remembers is None:
-            return f"a decaying sweep takes the plays {100 * self.share:.3g} % of the way, as actuators that remember " \
-                   "do; these recordings show no loops to tell"
+            return f"{text}: assumed, for these recordings show no loops to tell"
         compared = f"of the loops' rms, plays that remember miss {100 * self.remembers:.3g} %, plays that forget " \
                    f"{100 * self.forgets:.3g} %"
-        return f"a decaying sweep takes the plays {100 * self.share:.3g} % of the way, as " + {
-            "beginnings": "the beginnings of these recordings show", "inner loops": f"inner loops show: {compared}",
-            "nothing": f"actuators that remember do ({compared}); no beginning aside of the middle shows how far"}[self.shown_by]
+        return text + {
+            "beginnings": f", as the beginnings of these recordings show: {compared}",
+            "inner loops": f", as inner loops show: {compared}",
+            "nothing": f": assumed, for the loops look remembered ({compared}), and no recording begins after a sweep that "
+                       "ended aside of the middle"}[self.shown_by]
 
 
 class _Part(NamedTuple):

@@ -73,6 +73,7 @@ def tables(document: GapDocument) -> str:
     Of letters beyond ASCII only those that came from files, as with the other commands.
     """
     lines = [_wrapped(text) for text in (words.sentence(document), words.promise(document)) if text]
+    lines.append(f"verdict: {document.verdict}")
     if document.effects:
         lines += [_wrapped(f"where: {spot}", "  ") for spot in [words.place(document)] if spot]
         lines.append(f"stage of the chain: {document.where.stage}")

@@ -36,6 +36,8 @@ class Terms(NamedTuple):
     usually: str  # the same in a legend and a tile
     ratio: str  # to it, in the head of a column
     nothing_beyond: str
+    known: str  # what makes the passport's expectation
+    sharper: str  # what tells more, a sentence with a space ahead; ""
     unjudged: str  # a sentence where there is no passport
 
 
@@ -44,7 +46,8 @@ GAP = Terms(
     usual="the model missed at commissioning",
     usual_there="the model missed there at commissioning", as_usual="The model missed as much at commissioning.",
     usually="at commissioning", ratio="ratio to commissioning",
-    nothing_beyond="the model's own error and the sensor's noise",
+    nothing_beyond="the model's own error and the sensor's noise", known="what it missed then",
+    sharper=" Play a drive of commissioning again and give the recording of that time with --earlier: this tells more.",
     unjudged="The model has no passport, so it is not known how much of this it missed at commissioning.")
 CHANGE = Terms(
     heading="Change since the earlier recordings", gap="change", left="change",
@@ -52,7 +55,7 @@ CHANGE = Terms(
     usual="two recordings of the same drive may differ by",
     usual_there="two recordings of the same drive may differ by there",
     as_usual="Two recordings of the same drive may differ by as much.", usually="may differ anyway",
-    ratio="ratio to usual", nothing_beyond="that",
+    ratio="ratio to usual", nothing_beyond="that", known="how much they may differ", sharper="",
     unjudged="The model has no passport, so it is not known how much two recordings of the same drive may differ.")
 
 
@@ -234,8 +237,8 @@ def _nothing(document: GapDocument) -> str:
     passport = document.passport
     if passport and passport.ratio > 1 + SAME:
         factor = math.exp(TWO_SIGMA * passport.spread)
-        why = f": commissioning told that to a factor of {number(factor, 2)} only" if passport.ratio < factor else ""
-        return f"This is not clearly more{why}."
+        why = f": {terms(document).known} is known to a factor of {number(factor, 2)} only" if passport.ratio < factor else ""
+        return f"This is not clearly more{why}.{terms(document).sharper}"
     if passport:
         return f"Nothing goes beyond {terms(document).nothing_beyond}."
     return f"{_none_tried(document)} reduces it by more than chance would."

@@ -50,6 +50,7 @@ def page_of(result: Fit, runs: Sequence[Recording], document: FitDocument) -> st
         return TEMPLATES.get_template("fit.html.j2").render(
             heading=plain(result.model.actuator or "actuator", 100), sentence=_sentence(document, sides),
             tiles=_tiles(result, document), effects=_effects(result), brought=_brought(result.choice),
+            sweep=sentence_of(result.sweep.line()),
             rows=_rows(document, sides), compared=len(sides) > 1, sections=_sections(result, runs, sides),
             warnings=[sentence_of(plain(warning, 1000)) for warning in document.warnings],
             facts=[("model", plain(document.model, 200)), ("tool", f"rdpi {version()}")],
@@ -81,7 +82,7 @@ def _sentence(document: FitDocument, sides: Sequence[Side]) -> str:
     text = f"The model predicts the {kind} recordings to {number(worst, 2)} % rms of their stroke"
     if len(sides) > 1:
         before = max(float(row) for row in (_percent(sides[0], k) for k in judged))
-        text += f"; without the effects, the same fit predicts them to {number(before, 2)} %"
+        text += f"; an operator fitted to them without the effects, to {number(before, 2)} %"
     return text + (" or better." if len(judged) > 1 else ".")
 
 
