@@ -13,7 +13,7 @@ from plants import changed, marked, quasi_static, stack, thresholds_um, waves
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.identify import passport
+from rdpi.identify import checks, passport
 from rdpi.identify.identify import FOLDS, Fit, Options, fit
 from rdpi.simulate import chain
 
@@ -186,6 +186,35 @@ def test_runs_that_do_not_belong_together(change: dict[str, Callable], message: 
 ])
 def test_doubtful_recordings_are_remarked_on(run: Recording, note: str) -> None:
     assert [text for text in fit([run], STATIC).warnings if re.search(note, text)]
+
+
+@pytest.mark.parametrize("aside_um", [50.0, -6.0])
+def test_a_disturbed_reading_is_named(aside_um: float) -> None:
+    """It would pass for stroke. A pulse that the command has as well, or a step, is none."""
+    run = static_run()
+    z, V = run.displacement_um.copy(), run.command_V.copy()
+    z[700] += aside_um
+    with pytest.raises(BadInput, match=rf"run\.csv: displacement_um is .* in sample 700 .*{abs(aside_um):.0f}.* um from"):
+        fit([replace(run, columns={**run.columns, "displacement_um": z})], STATIC)
+    V[700] += 60 if V[700] < 50 else -60
+    checks.check_readings(replace(run, columns={**run.columns, "displacement_um": z, "command_V": V}))
+    z[700:] += aside_um
+    z[700] -= aside_um
+    checks.check_readings(replace(run, columns={**run.columns, "displacement_um": z}))
+
+
+def test_a_displacement_that_comes_first_is_remarked_on() -> None:
+    """Its loops get narrower with the rate."""
+    def early(time_s: float) -> list[str]:
+        runs = []
+        for run in moving_runs("displacement", law=0.0):
+            samples = round(time_s * run.sample_rate_hz)
+            runs.append(replace(run, columns={"time_s": run.time_s[samples:],
+                                              "command_V": run.command_V[:len(run) - samples],
+                                              "displacement_um": run.displacement_um[samples:]}))
+        return [text for text in fit(runs, Options(effects="none")).warnings if "come before the command" in text]
+
+    assert not early(0.0) and early(0.002)
 
 
 def test_a_start_unlike_the_others_is_remarked_on() -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from test_chain import paper_model, recording
 
+from rdpi import board
 from rdpi.data import Recording
 from rdpi.errors import BadInput
 from rdpi.simulate import Prediction, chain, inverse_of, scoring
@@ -72,17 +74,47 @@ def test_a_models_own_name() -> None:
         chain.simulate(model, [recording(np.zeros(50))])
 
 
+def referred(samples: int) -> Recording:
+    run = recording(np.linspace(0, 100, samples))
+    run.columns["reference_um"] = np.linspace(0, 10, samples)
+    return run
+
+
+def test_rounding_that_the_chain_differentiates_is_noted() -> None:
+    """A resonance and a lag at ten thousand samples per second: as much noise as single precision makes of it."""
+    model = replace(paper_model(), effects=[{"name": "resonance", "parameters": {"f0_hz": 30.0, "damping": 0.05}},
+                                            {"name": "lag", "parameters": {"time_constant_s": 0.002}}])
+    inverse, run = inverse_of(model), referred(10_000)
+    run.columns["reference_um"] = 5 + np.sin(2 * np.pi * 5 * run.time_s)
+    (note,) = scoring.doubts(model, inverse, run, "reference_um", True, True)
+    assert "single precision" in note and scoring.doubts(model, inverse, run, "reference_um", True, False) == []
+    single, double = (board.compensate(model, run, engine=engine, by=inverse).steps.drive_V for engine in ("f32", "f64"))
+    told_V = inverse.chain.rounding_um(run.sample_time_s, 6.0) / abs(model.gain_um_per_V)
+    assert 0.3 < np.std((single - double)[100:-100]) / told_V < 3
+
+
+@pytest.mark.parametrize(("measured", "words"), [
+    (lambda z: z, None), (lambda z: -z, "moves opposite"), (lambda z: 1000 * z, "moves 1e+03 times as far"),
+    (lambda z: 0 * z, None)])
+def test_a_run_of_another_sign_or_in_other_units(measured: Callable, words: str | None) -> None:
+    run, prediction = case(np.linspace(0, 100, 50))
+    prediction = replace(prediction, predicted_um=np.linspace(0, 10, 50))
+    run.columns["displacement_um"] = measured(prediction.predicted_um)
+    notes = scoring.notes(paper_model(), run, prediction)
+    assert [words in note for note in notes] == [True] if words else notes == []
+
+
 def test_what_makes_a_drive_doubtful() -> None:
     model = replace(paper_model(), effects=[{"name": "cross_coupling", "parameters": {"um_per_V": 1.0}},
                                             {"name": "delay", "parameters": {"delay_s": 0.2}}],
                     fit={"runs": [{"file": "first.csv", "memory": "estimated"}]})
-    inverse, run = inverse_of(model), recording(np.linspace(0, 100, 50))
-    coupled, estimated, short = scoring.doubts(model, inverse, run, False)
+    inverse, run = inverse_of(model), referred(50)
+    coupled, estimated, short = scoring.doubts(model, inverse, run, "reference_um", False, True)
     assert "no column other_axis_V" in coupled and "first.csv" in estimated and "--sweep" in estimated
     assert "50 samples" in short and "ahead" in short
-    assert len(scoring.doubts(model, inverse, run, True)) == 2
+    assert len(scoring.doubts(model, inverse, run, "reference_um", True, True)) == 2
     assert "cross_coupling is left out" in scoring.notes(model, *case(np.zeros(50)))[0]
-    whole = recording(np.linspace(0, 100, 10_000))
+    whole = referred(10_000)
     whole.columns["other_axis_V"] = np.zeros(10_000)
-    assert scoring.doubts(replace(model, fit={}), inverse, whole, False) == []
+    assert scoring.doubts(replace(model, fit={}), inverse, whole, "reference_um", False, True) == []
     assert scoring.lacking(model, whole) == []

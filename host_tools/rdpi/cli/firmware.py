@@ -273,7 +273,8 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
         low_um, high_um = chain.reachable_um(inverse.model)
         click.echo(f"note: the drive was clipped; the reachable range is {low_um:.5g} to {high_um:.5g} um, "
                    f"the reference spans {found.asked_um[0]:.5g} to {found.asked_um[1]:.5g} um")
-    for note in scoring.doubts(parameters, inverse, run, sweep):
+    single = not fixed_point and engine not in ("q31", "f64", "numpy")
+    for note in scoring.doubts(parameters, inverse, run, reference_column, sweep, single):
         click.echo(f"note: {note}")
     if not sweep and recorded == () and scoring.estimated_start(parameters) is None:
         drive = inverse.model.drive
@@ -281,6 +282,8 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
         click.echo("the drive follows on the start-up sweep; where no firmware plays it, first play what this makes: "
                    f"rdpi excite startup --min-V {drive.min_V:.12g} --max-V {drive.max_V:.12g} "
                    f"--end-V {inverse.model.sweep_end():.12g} --sample-rate {run.sample_rate_hz:.12g}{slew} -o startup.csv")
+    if preview := inverse.chain.preview_samples(run.sample_time_s):
+        click.echo(f"preview: the firmware needs the reference {preview} samples ahead at {run.sample_rate_hz:g} per second")
     drive_V = found.steps.drive_V
     flagged = ", ".join(f"{found.flag_counts[name]} {name}" for name in ("guard", "range", "slew", "input")
                         + (("lead",) if inverse.chain.leads else ()))

@@ -71,6 +71,16 @@ class Chain:
         return ahead + (self.lag_s > 0)
 
 
+    def rounding_um(self, sample_time_s: float, largest_um: float) -> float:
+        """About the rms by which single precision moves what drives the actuator, in um of the reference.
+
+        The reference is rounded; the lead takes its second difference, and the lag's inverse the difference of that.
+        """
+        rounded = float(np.spacing(np.float32(largest_um))) / math.sqrt(12)
+        led = math.hypot(1.0, self.lead_s / sample_time_s / math.sqrt(2), math.sqrt(6) * self.lead_s2 / sample_time_s**2)
+        return rounded * led * max(1.0, self.lag_s / sample_time_s)
+
+
 def ahead(reference_um: np.ndarray, samples: int) -> np.ndarray:
     """References so many samples ahead, as who knows the future passes them; the last one is held at the end."""
     if not samples or not len(reference_um):

@@ -50,6 +50,27 @@ def check_run(run: Recording, related: bool = True) -> None:
                        "the firmware's single precision cannot hold both: subtract the offset first")
 
 
+def check_readings(run: Recording) -> None:
+    """Raise BadInput for a reading far from both its neighbours, which lie together, where the command has none such: it
+    would pass for stroke.
+    """
+    spikes = _spikes(run.displacement_um)
+    if not 0 < len(spikes) <= tuned.FEW_SPIKES or len(_spikes(run.command_V)):
+        return
+    at, z = int(spikes[0]), run.displacement_um
+    raise BadInput(f"{run.path}: displacement_um is {z[at]:.6g} um in sample {at} (at {run.time_s[at]:.6g} s), "
+                   f"{abs(z[at] - z[at - 1]):.3g} um from the readings before and after it: a disturbed reading; correct "
+                   "it, or cut the recording there (`rdpi import --rows`)")
+
+
+def _spikes(values: np.ndarray) -> np.ndarray:
+    """Samples that lie aside of both neighbours, by far more than these lie apart."""
+    off = np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2)
+    apart = np.abs(values[2:] - values[:-2])
+    low, high = np.percentile(values, (1, 99))
+    return 1 + np.flatnonzero((off > tuned.SPIKE * (high - low)) & (apart < tuned.SPIKE * off))
+
+
 def reversals(command: np.ndarray, share: float, first: int = 0) -> int:
     """How often the command turns round, by more than this share of its range, from sample `first` on."""
     band = share * np.ptp(command)

@@ -19,8 +19,8 @@ from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES,
 from ..simulate import chain, signals
 from . import around, localise, passport
 from . import thresholds as tuned
-from .checks import (LARGEST_INPUT, check_run, check_together, correlation, late_correlations, same_samples,
-                     stays_at_an_end)
+from .checks import (LARGEST_INPUT, check_readings, check_run, check_together, correlation, late_correlations,
+                     same_samples, stays_at_an_end)
 from .bands import RateSlopes, slopes_of_bands
 from .choice import Choice
 from .document import FitDocument
@@ -99,6 +99,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     options = checked_options(options)
     for run in (*runs, *hold_out):
         check_run(run)
+        check_readings(run)
     check_together(runs, hold_out)
     warnings = same_samples([*runs, *hold_out])
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
@@ -129,6 +130,11 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if (beyond := _beyond(model, frame.range_V)) is not None:
         warnings.append(beyond)
     _check_reset(found.model, found.runs, warnings)
+    narrower = found.model.slopes_at(found.model.rate.max_um_per_s)[0] / found.model.slopes[0] - 1
+    if narrower > tuned.NARROWER:
+        warnings.append(f"loops get narrower the faster they are: the lowest slope is {100 * narrower:.2g} % larger at the "
+                        "highest rate; so the displacement may come before the command as recorded; check that both "
+                        "were sampled at the same time (`rdpi import --drive` aligns them)")
     progress(0.7)
     predictions = chain.simulate(model, [*runs, *hold_out])
     scores = _scores(runs, hold_out, predictions, warnings)
@@ -430,6 +436,8 @@ def _remark(plant: Plant, scores: Sequence[RunScore], warnings: list[str]) -> No
             warnings.append(f"{path}: {stays} samples stay at the highest or lowest reading "
                             "while the command moves; check whether the sensor is clipped")
         if run.score.rms_percent > tuned.POOR_PERCENT:
+            aside = f"; it lies {run.score.offset_um:.3g} um aside of the model: check the sensor's zero" \
+                if abs(run.score.offset_um) > run.score.rms_um / 2 else ""
             warnings.append(f"{path}: the model misses this run by {run.score.rms_percent:.2g} % rms of its stroke and "
                             "may not be fit for use; check that the run is of the same actuator, in the same units, "
-                            "and without drift, delay or ringing")
+                            f"and without drift, delay or ringing{aside}")

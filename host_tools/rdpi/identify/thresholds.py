@@ -48,6 +48,7 @@ SEVERAL_SIZES = 2.0  # [1] ratio of the strokes' sizes, from which they are seve
 SEVERAL_RATES = 3.0  # [1] ratio of the strokes' mean rates, from which they are several; judged
 
 # --- what a fit remarks on (identify.py)
+NARROWER = 0.05  # [of the lowest slope] that it grows with the rate; actuators' loops get wider; judged
 POOR_PERCENT = 3.0  # [% of the stroke] rms of a run; judged
 RESET_DOUBT = 0.7  # [1] error of a run's beginning, best start over rest, below which reset is doubted; judged
 OTHER_SOURCE = 0.6  # [1] residual with the other rate source over this one's; below, that one is proposed; judged
@@ -82,6 +83,8 @@ AT_ONCE = 0.8  # [correlation] of a monitor with the command from which it is no
 LATEST_S = 0.05  # [s] by which a displacement may follow and still be of this drive; judged
 MIN_CORRELATION = 0.5  # [correlation] of command and displacement; judged
 BEYOND = 0.05  # [range] by which drives may exceed what was recorded without a remark; judged
+SPIKE = 0.3  # [of the movement] by which a single reading lies aside; judged
+FEW_SPIKES = 20  # [samples] more are no disturbed readings, but what happens; judged
 GAIN_SPREAD = 5.0  # [1] ratio of two runs' um per V; judged
 MODEL_SPREAD = 3.0  # [1] ratio of the model's um per V and a recording's; judged
 OTHER_UNITS = 200.0  # [1] the same, from which it is a matter of units; judged

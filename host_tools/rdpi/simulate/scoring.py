@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from ..data import Recording
 from ..model import Model
 from . import effects
@@ -13,6 +15,9 @@ from .inverse import Inverse
 from .tracking import Tracked
 
 WORTH_A_NOTE = 0.01  # of the drive's range, or of the samples
+ROUNDED = 2e-4  # of the drive's range: noise that single precision adds
+OTHER_SIZE = 10.0  # times as far, or a tenth: a run is in other units
+OPPOSITE = -0.5  # correlation with the prediction, below which a run is upside down
 
 
 def lacking(model: Model, run: Recording) -> list[str]:
@@ -28,9 +33,10 @@ def estimated_start(model: Model) -> dict[str, Any] | None:
     return first if isinstance(first, dict) and first.get("memory") == "estimated" else None
 
 
-def doubts(model: Model, inverse: Inverse, run: Recording, swept: bool) -> list[str]:
-    """Why the drive for a reference may not take the actuator there: a memory that was only estimated, where no
-    start-up sweep comes first; a lead that looks beyond the reference's end; columns that the reference lacks.
+def doubts(model: Model, inverse: Inverse, run: Recording, column: str, swept: bool, single: bool) -> list[str]:
+    """Why the drive for a reference, a column of `run` in um, may not take the actuator there: a memory that was only
+    estimated, where no start-up sweep comes first; a lead that looks beyond the reference's end; columns that the
+    reference lacks; `single` precision, where the chain differentiates its rounding.
     """
     found = [f"{run.path}: has no column {one.column}, so nothing is subtracted for it" for one in inverse.addends
              if one.column not in run.columns]
@@ -40,6 +46,12 @@ def doubts(model: Model, inverse: Inverse, run: Recording, swept: bool) -> list[
     if (ahead := inverse.chain.preview_samples(run.sample_time_s)) >= len(run):
         found.append(f"{run.path}: its {len(run)} samples are no more than the {ahead} that the lead looks ahead, so "
                      "its last value is all that is tracked")
+    drive, largest_um = inverse.model.drive, float(np.nanmax(np.abs(run.columns[column])))
+    rounded_V = inverse.chain.rounding_um(run.sample_time_s, largest_um) / abs(inverse.model.gain_um_per_V)
+    if single and rounded_V > ROUNDED * (drive.max_V - drive.min_V):
+        found.append(f"single precision rounds the reference, and the chain differentiates that: the drive has about "
+                     f"{rounded_V:.2g} V rms of noise at {run.sample_rate_hz:g} samples per second; use fixed point "
+                     "(q31), fewer samples per second, or leave out what the lead compensates")
     return found
 
 
@@ -57,11 +69,25 @@ def table(rows: Sequence[tuple[str, Score | Tracked, str]], of: str = "the run's
                     f"{score.rms_percent:7.3f} {score.max_percent:7.3f}   {remark}" for path, score, remark in rows]
 
 
+def _at_odds(run: Recording, prediction: Prediction) -> list[str]:
+    """That a run moves opposite to its prediction, or far more or less: of another sign, or in other units."""
+    measured, predicted = run.columns.get("displacement_um"), prediction.predicted_um
+    if measured is None or not np.ptp(measured) > 0 or not np.ptp(predicted) > 0:
+        return []
+    times, alike = float(np.ptp(measured) / np.ptp(predicted)), float(np.corrcoef(measured, predicted)[0, 1])
+    found = [f"{run.path}: moves opposite to the prediction; check the sign of command and displacement"] \
+        if alike < OPPOSITE else []
+    if not 1 / OTHER_SIZE < times < OTHER_SIZE:
+        found.append(f"{run.path}: moves {times:.3g} times as far as predicted; give volts as at commissioning and the "
+                     "displacement in um")
+    return found
+
+
 def notes(model: Model, run: Recording, prediction: Prediction) -> list[str]:
     """Why the prediction of a run may be worse than the model: its drive, its rate, a rate that did not settle, a
     column that it lacks.
     """
-    found = lacking(model, run)
+    found = lacking(model, run) + _at_odds(run, prediction)
     low_V, high_V = model.drive.min_V, model.drive.max_V
     beyond = max(low_V - run.command_V.min(), run.command_V.max() - high_V)
     if beyond > WORTH_A_NOTE * (high_V - low_V):
