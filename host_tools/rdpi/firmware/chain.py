@@ -76,7 +76,7 @@ class Chain:
 
         The reference is rounded; the lead takes its second difference, and the lag's inverse the difference of that.
         """
-        rounded = float(np.spacing(np.float32(largest_um))) / math.sqrt(12)
+        rounded = largest_um * float(np.finfo(np.float32).eps) / math.sqrt(24)
         led = math.hypot(1.0, self.lead_s / sample_time_s / math.sqrt(2), math.sqrt(6) * self.lead_s2 / sample_time_s**2)
         return rounded * led * max(1.0, self.lag_s / sample_time_s)
 

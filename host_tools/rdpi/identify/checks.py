@@ -64,11 +64,12 @@ def check_readings(run: Recording) -> None:
 
 
 def _spikes(values: np.ndarray) -> np.ndarray:
-    """Samples that lie aside of both neighbours, by far more than these lie apart."""
+    """Samples that lie aside of both neighbours, by far more than these lie apart, and than others do."""
     off = np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2)
     apart = np.abs(values[2:] - values[:-2])
     low, high = np.percentile(values, (1, 99))
-    return 1 + np.flatnonzero((off > tuned.SPIKE * (high - low)) & (apart < tuned.SPIKE * off))
+    least = max(tuned.SPIKE * (high - low), tuned.USUAL_SPIKE * np.median(off))
+    return 1 + np.flatnonzero((off > least) & (apart < tuned.SPIKE * off))
 
 
 def reversals(command: np.ndarray, share: float, first: int = 0) -> int:

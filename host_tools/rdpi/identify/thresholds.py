@@ -84,6 +84,7 @@ LATEST_S = 0.05  # [s] by which a displacement may follow and still be of this d
 MIN_CORRELATION = 0.5  # [correlation] of command and displacement; judged
 BEYOND = 0.05  # [range] by which drives may exceed what was recorded without a remark; judged
 SPIKE = 0.3  # [of the movement] by which a single reading lies aside; judged
+USUAL_SPIKE = 10.0  # [of the usual, between neighbours] ... and more than noise does; judged
 FEW_SPIKES = 20  # [samples] more are no disturbed readings, but what happens; judged
 GAIN_SPREAD = 5.0  # [1] ratio of two runs' um per V; judged
 MODEL_SPREAD = 3.0  # [1] ratio of the model's um per V and a recording's; judged
