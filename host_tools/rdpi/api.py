@@ -103,9 +103,10 @@ class Model:
             raise BadInput("reference_um: give at least one value")
         run = Recording("reference_um", {"sample_rate_hz": repr(1 / step_s)},
                         {"time_s": step_s * np.arange(len(wanted)), "reference_um": wanted})
-        found = followed(self.parameters, run, "reference_um", engine)
+        by = inverse_of(self.parameters)
+        found = followed(self.parameters, run, "reference_um", engine, by=by)
         if clipped := found.flag_counts["range"]:
-            low_um, high_um = chain.reachable_um(inverse_of(self.parameters).model)
+            low_um, high_um = chain.reachable_um(by.model)
             warnings.warn(f"the drive is clipped at {clipped} of {len(wanted)} samples: the reference spans "
                           f"{found.asked_um[0]:.5g} to {found.asked_um[1]:.5g} um, the model reaches {low_um:.5g} to "
                           f"{high_um:.5g} um", stacklevel=2)

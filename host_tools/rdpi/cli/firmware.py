@@ -251,7 +251,7 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     directory.
     """
     from .. import board
-    from ..data import Recording, read_recording, write_recording
+    from ..data import Limits, Recording, excite, read_recording, write_recording
     from ..model import read_model
     from ..simulate import chain, scoring
 
@@ -278,10 +278,9 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
         click.echo(f"note: {note}")
     if not sweep and recorded == () and scoring.estimated_start(parameters) is None:
         drive = inverse.model.drive
-        slew = f" --slew {drive.slew_V_per_s:.12g}" if drive.slew_V_per_s else ""
+        limits = Limits(drive.min_V, drive.max_V, None, run.sample_rate_hz, drive.slew_V_per_s)
         click.echo("the drive follows on the start-up sweep; where no firmware plays it, first play what this makes: "
-                   f"rdpi excite startup --min-V {drive.min_V:.12g} --max-V {drive.max_V:.12g} "
-                   f"--end-V {inverse.model.sweep_end():.12g} --sample-rate {run.sample_rate_hz:.12g}{slew} -o startup.csv")
+                   + excite.command_line("startup", limits, "startup.csv", end_V=inverse.model.sweep_end()))
     if preview := inverse.chain.preview_samples(run.sample_time_s):
         click.echo(f"preview: the firmware needs the reference {preview} samples ahead at {run.sample_rate_hz:g} per second")
     drive_V = found.steps.drive_V

@@ -218,6 +218,18 @@ OPTION_NAMES = {"frequencies_hz": "frequencies", "rates_V_per_s": "rates", "cycl
                 "hold_s": "hold", "duration_s": "duration", "seed": "seed", "end_V": "end-V"}
 
 
+def command_line(kind: str, limits: Limits, output: str, **options: object) -> str:
+    """The command that makes a drive, as `make_drive` does; to be typed."""
+    parts = ["rdpi excite", kind, f"-o {output}", f"--min-V {limits.min_V:.12g}", f"--max-V {limits.max_V:.12g}",
+             f"--sample-rate {limits.sample_rate_hz:.12g}"]
+    if limits.sweep_V is not None:
+        parts.append("--sweep-V " + ",".join(f"{one:.12g}" for one in limits.sweep_V))
+    if limits.slew_V_per_s is not None:
+        parts.append(f"--slew {limits.slew_V_per_s:.12g}")
+    return " ".join(parts + [f"--{OPTION_NAMES[name]} " + ",".join(f"{one:g}" for one in np.atleast_1d(value))
+                             for name, value in options.items()])
+
+
 def _decay(pen: Pen, ends_V: tuple[float, float], end_V: float, cycles: int, frequency_hz: float) -> None:
     """Triangles around the end voltage, the first between these ends, each smaller than the one before."""
     low, high, half_s = ends_V[0] - end_V, ends_V[1] - end_V, 0.5 / frequency_hz

@@ -22,8 +22,7 @@ from ..errors import BadInput
 from . import thresholds
 from .augmented import AugmentedModel
 from .candidates import Candidate
-from .normal_equations import NormalEquations
-from .selection import (Excess, Round, Score, Selection, detection_threshold, one_round, shrink_interval,
+from .selection import (Excess, Round, Score, Selection, detection_threshold, equations_of, one_round, shrink_interval,
                         shrink_of)
 
 PAIRS = 4  # of effects, those that leave least to first order, that are fitted
@@ -146,7 +145,7 @@ def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, 
 
 def _joined(score: Score, one: Candidate, before: AugmentedModel, after: AugmentedModel) -> Score:
     """The score of an effect with which the others moved far: what it brought with all fitted together."""
-    now, then = (NormalEquations(state.dataset, state.residual, [], state.chosen).held_out() for state in (after, before))
+    now, then = (equations_of(state).held_out() for state in (after, before))
     return replace(score, candidate=one, shrink=shrink_of(now, then),
                    shrink_ci=shrink_interval(now, then, len(before.recordings)))
 

@@ -23,7 +23,7 @@ from .augmented import AugmentedModel
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
 from .sections import GapDocument, Offset, TrackingPromise, Verdict
-from .selection import Excess, Selection, detection_threshold, excess, select, shrink_of, zeros_agree
+from .selection import Excess, Selection, detection_threshold, equations_of, excess, select, shrink_of, zeros_agree
 from .spectrum import Spectrum
 
 REFERENCE_COLUMNS = "time_s", "reference_um"
@@ -143,7 +143,7 @@ def _worth_tracking(decision: Decision, known: Passport | None, references: Sequ
             tracked = promise.tracking(selection, improved, known, decision.coords, references)
         except BadInput as error:
             said = [f"no promise for tracking: {error}"]
-        ci90 = document.promised(selection, document.equations_of(state)).ci90
+        ci90 = document.promised(selection, equations_of(state)).ci90
         if ci90 is not None and ci90[0] < 0:
             why = "recordings that were left out may as well be predicted worse"
         elif not all(one.per_run for one in state.chosen) and (

@@ -19,14 +19,14 @@ from .dataset import Dataset
 from .normal_equations import NormalEquations
 from .sections import (AcceptedEffect, BeforeAfter, CandidateEntry, GapDocument, GapFigures, Leftover, Matrix,
                        NotExcited, NotKnown, Offset, PassportFigures, Promise, Refit, RunEntry, StageShares, Verdict, Where)
-from .selection import NOT_CLEAR, Excess, Round, Selection, promised_interval, shrink_of
+from .selection import NOT_CLEAR, Excess, Round, Selection, equations_of, promised_interval, shrink_of
 
 
 def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport | None, axes: Sequence[localise.Axis],
           unseen: list[NotKnown], noise_um: float, offset_um: Offset, notes: list[str]) -> GapDocument:
     """The document, from a selection that has ended; `known` is the passport of the model that was given."""
     state, first = selection.accepted, selection.rounds[0]
-    final = equations_of(state)
+    final = equations_of(state) if state.chosen else None  # for what the effects promise
     passport = None if known is None else PassportFigures(ratio=gap.ratio, rms_um=gap.expected_um,
                                                           held_out=known.held_out, spread=gap.spread)
     return GapDocument(
@@ -37,11 +37,6 @@ def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport |
         numerics=numerics.compare(selection.given.model, state.recordings), not_excited=_not_excited(selection),
         not_known_from_commissioning=unseen, leftover=_leftover(selection, gap), matrix=_matrix(first),
         next_experiment=experiment.propose(selection, verdict, unseen), notes=notes, offset_um=offset_um)
-
-
-def equations_of(state: AugmentedModel) -> NormalEquations | None:
-    """Of the accepted effects, for what they promise; None: none was accepted."""
-    return NormalEquations(state.dataset, state.residual, [], state.chosen) if state.chosen else None
 
 
 def _finite(value: float) -> float | None:

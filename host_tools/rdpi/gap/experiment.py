@@ -57,7 +57,7 @@ def propose(selection: Selection, verdict: Verdict, unseen: Sequence[NotKnown] =
     if verdict == "unknown":
         for kind, options, why in SHOWING:
             if _missing(state, kind, options) is not None:
-                return NextExperiment(command=_command(_limits(state, kind), kind, options),
+                return NextExperiment(command=excite.command_line(kind, _limits(state, kind), "next.csv", **options),
                                       why=f"{why}; record a column monitor_V too", seconds=None)
         return None
     done = next((done for done in selection.rounds if selection.rivals(done)), None) if verdict == "ambiguous" else None
@@ -81,7 +81,7 @@ def propose(selection: Selection, verdict: Verdict, unseen: Sequence[NotKnown] =
         why += "; no earlier recording has this drive: give its recording beside these without --earlier, with --no-kept"
     else:
         why += "; give its recording beside these"
-    return NextExperiment(command=_command(_limits(state, best.kind), best.kind, best.options), why=why,
+    return NextExperiment(command=excite.command_line(best.kind, _limits(state, best.kind), "next.csv", **best.options), why=why,
                           seconds=best.seconds)
 
 
@@ -143,7 +143,7 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
         return None
     why = f"this drive goes where commissioning did not: {unknown.low:.4g} to {unknown.high:.4g} {unknown.unit}; give " \
           "its recording to `rdpi fit` with those of commissioning, and ask again"
-    return NextExperiment(command=_command(limits, kind, options), why=why, seconds=float(columns["time_s"][-1]))
+    return NextExperiment(command=excite.command_line(kind, limits, "next.csv", **options), why=why, seconds=float(columns["time_s"][-1]))
 
 
 def _limits(state: AugmentedModel, kind: str = "") -> excite.Limits:
@@ -158,17 +158,6 @@ def _amid(limits: excite.Limits, half_V: float) -> excite.Limits:
     """So far to both sides of the middle, after a sweep over all of the range."""
     middle_V = (limits.min_V + limits.max_V) / 2
     return replace(limits, min_V=middle_V - half_V, max_V=middle_V + half_V, sweep_V=(limits.min_V, limits.max_V))
-
-
-def _command(limits: excite.Limits, kind: str, options: dict[str, Any]) -> str:
-    parts = ["rdpi excite", kind, "-o next.csv", f"--min-V {limits.min_V:.12g}", f"--max-V {limits.max_V:.12g}",
-             f"--sample-rate {limits.sample_rate_hz:.12g}"]
-    if limits.sweep_V is not None:
-        parts.append("--sweep-V " + ",".join(f"{one:.12g}" for one in limits.sweep_V))
-    if limits.slew_V_per_s is not None:
-        parts.append(f"--slew {limits.slew_V_per_s:.12g}")
-    return " ".join(parts + [f"--{excite.OPTION_NAMES[name]} " + ",".join(f"{one:g}" for one in np.atleast_1d(value))
-                             for name, value in options.items()])
 
 
 def _apart(dataset: Dataset, known: Sequence[Acting], rival: Effect) -> float:

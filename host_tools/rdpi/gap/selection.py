@@ -459,6 +459,11 @@ def _one_rate(state: AugmentedModel) -> bool:
 
 # ---- shrinks ----
 
+def equations_of(state: AugmentedModel) -> NormalEquations:
+    """Of the effects that act, all fitted together."""
+    return NormalEquations(state.dataset, state.residual, [], state.chosen)
+
+
 
 def shrink_of(after: np.ndarray, before: np.ndarray) -> float:
     """1 - rms after / rms before, of sums of squares."""

@@ -130,11 +130,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if (beyond := _beyond(model, frame.range_V)) is not None:
         warnings.append(beyond)
     _check_reset(found.model, found.runs, warnings)
-    narrower = found.model.slopes_at(found.model.rate.max_um_per_s)[0] / found.model.slopes[0] - 1
-    if narrower > tuned.NARROWER:
-        warnings.append(f"loops get narrower the faster they are: the lowest slope is {100 * narrower:.2g} % larger at the "
-                        "highest rate; so the displacement may come before the command as recorded; check that both "
-                        "were sampled at the same time (`rdpi import --drive` aligns them)")
+    _check_order(found.model, warnings)
     progress(0.7)
     predictions = chain.simulate(model, [*runs, *hold_out])
     scores = _scores(runs, hold_out, predictions, warnings)
@@ -415,6 +411,15 @@ def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], prediction
         score = chain.score(prediction.predicted_um, run.displacement_um, where=run.path)
         scores.append(RunScore(run, k >= len(runs), score, prediction.memory))
     return scores
+
+
+def _check_order(model: Model, warnings: list[str]) -> None:
+    """Loops that get narrower with the rate are not an actuator's: the columns may be out of step."""
+    narrower = model.slopes_at(model.rate.max_um_per_s)[0] / model.slopes[0] - 1
+    if narrower > tuned.NARROWER:
+        warnings.append(f"loops get narrower the faster they are: the lowest slope is {100 * narrower:.2g} % larger at the "
+                        "highest rate; so the displacement may come before the command as recorded; check that both "
+                        "were sampled at the same time (`rdpi import --drive` aligns them)")
 
 
 def _remark(plant: Plant, scores: Sequence[RunScore], warnings: list[str]) -> None:

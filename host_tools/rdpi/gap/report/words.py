@@ -37,7 +37,7 @@ class Terms(NamedTuple):
     ratio: str  # to it, in the head of a column
     nothing_beyond: str
     known: str  # what makes the passport's expectation
-    sharper: str  # what tells more, a sentence with a space ahead; ""
+    sharper: str  # a sentence on what tells more; ""
     unjudged: str  # a sentence where there is no passport
 
 
@@ -47,7 +47,7 @@ GAP = Terms(
     usual_there="the model missed there at commissioning", as_usual="The model missed as much at commissioning.",
     usually="at commissioning", ratio="ratio to commissioning",
     nothing_beyond="the model's own error and the sensor's noise", known="what it missed then",
-    sharper=" Play a drive of commissioning again and give the recording of that time with --earlier: this tells more.",
+    sharper="Play a drive of commissioning again and give the recording of that time with --earlier: this tells more.",
     unjudged="The model has no passport, so it is not known how much of this it missed at commissioning.")
 CHANGE = Terms(
     heading="Change since the earlier recordings", gap="change", left="change",
@@ -238,7 +238,7 @@ def _nothing(document: GapDocument) -> str:
     if passport and passport.ratio > 1 + SAME:
         factor = math.exp(TWO_SIGMA * passport.spread)
         why = f": {terms(document).known} is known to a factor of {number(factor, 2)} only" if passport.ratio < factor else ""
-        return f"This is not clearly more{why}.{terms(document).sharper}"
+        return " ".join(filter(None, (f"This is not clearly more{why}.", terms(document).sharper)))
     if passport:
         return f"Nothing goes beyond {terms(document).nothing_beyond}."
     return f"{_none_tried(document)} reduces it by more than chance would."
