@@ -209,10 +209,10 @@ def ask(before: Rig, after: Rig, folder: Path, model: Path, random: np.random.Ge
 
 
 def said(gap: dict[str, Any]) -> dict[str, Any]:
-    """The verdict, the names, and the rivals of the first of them."""
-    first = gap["effects"][:1]
+    """The verdict, the names, the rivals of the first of them, and those of the others."""
+    rivals = [one["confusable_with"] for one in gap["effects"]]
     return {"verdict": gap["verdict"], "names": [one["name"] for one in gap["effects"]],
-            "rivals": first[0]["confusable_with"] if first else []}
+            "rivals": rivals[0] if rivals else [], "rivals_of_others": sum(rivals[1:], [])}
 
 
 def followed(rig: Rig, folder: Path, model: Path, seen: Sequence[Path], gap: dict[str, Any], rate_hz: float, most: int
@@ -309,7 +309,7 @@ def targets(found: Sequence[dict[str, Any]]) -> list[str]:
     open_ = [case for case in loud if case["then"]]
 
     def both(case: dict[str, Any]) -> bool:
-        said = {*case["names"], *case["rivals"]}
+        said = {*case["names"], *case["rivals"], *case["rivals_of_others"]}
         return all(said & set(APPEARS[part][0]) for part in PAIRS[case["effect"]])
 
     def share(label: str, aim: str, of: Sequence[dict[str, Any]], hit: Callable[[dict[str, Any]], bool]) -> str:
