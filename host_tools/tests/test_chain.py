@@ -380,6 +380,12 @@ def test_offset_of_a_reference_alone_cannot_be_removed() -> None:
         chain.follow(paper_model(), reference_run(np.zeros(20)), remove_offset=True)
 
 
+def test_a_recording_at_rest_whose_offset_cannot_be_removed_is_named() -> None:
+    at_rest = recording(np.full(20, 50.0), np.full(20, 5.0))
+    with pytest.raises(BadInput, match=f"{at_rest.path}: the measured range is 0"):
+        chain.follow(paper_model(), at_rest, "displacement_um", remove_offset=True)
+
+
 def test_follow_keeps_the_estimated_start_inside_the_drive() -> None:
     """The recording began outside what the model may output: the firmware starts at the limit."""
     wide = paper_model()

@@ -225,7 +225,7 @@ def _offset_um(model: Model, run: Recording) -> float:
     if run.command_V is None or run.displacement_um is None:
         raise BadInput(f"{run.path}: an offset can only be removed from a recording "
                        "(command_V and displacement_um)")
-    return score(simulate(model, [run])[0].predicted_um, run.displacement_um).offset_um
+    return score(simulate(model, [run])[0].predicted_um, run.displacement_um, where=run.path).offset_um
 
 
 def _memory_before(model: Model, by: Inverse, run: Recording, first_um: float) -> Memory:
