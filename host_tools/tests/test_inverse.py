@@ -297,6 +297,20 @@ def test_a_lag_leaves_nothing_where_the_reference_rests(edge_s: float, engine: s
     assert np.max(np.abs(missed.reshape(len(levels), each)[1:, each // 2:])) < 1e-3 * (high - low)
 
 
+@pytest.mark.parametrize("engine", ["numpy", "f64", "f32", "q31"])
+def test_a_slow_slew_gets_from_code_to_code_behind_a_lag(engine: str) -> None:
+    """A fifth of a code per sample: the drive moves as far as the slew limit lets it."""
+    model = model_with("lag")
+    drive = replace(model.drive, dac_bits=10)
+    per_sample_V = (drive.max_V - drive.min_V) / 1023 / 5
+    model = replace(model, drive=replace(drive, slew_V_per_s=per_sample_V / STEP_S))
+    low, high = chain.reachable_um(inverse_of(model).model)
+    wanted = np.r_[np.full(10, (low + high) / 2), np.full(1000, low + 0.9 * (high - low))]
+    run = Recording("r.csv", {}, {"time_s": np.arange(len(wanted)) * STEP_S, "reference_um": wanted})
+    found = chain.follow(model, run, engine=engine)[0].drive_V
+    assert abs(found[-1] - found[0]) == pytest.approx(1000 * per_sample_V, rel=0.01)
+
+
 # --- what the host makes of the model's effects --------------------------------------------------------------------
 
 @pytest.mark.parametrize("name", CATALOGUE)

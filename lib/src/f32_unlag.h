@@ -30,6 +30,7 @@ static inline void rdpi_f32_unlag_settle(rdpi_f32_unlag_t *unlag, const rdpi_f32
 {
     unlag->followed_V = axis->drive_V;
     unlag->dac_code = axis->dac_code;
+    unlag->ramp_V = axis->drive_V;
     unlag->carried_V = 0;
     unlag->first = true;
 }
@@ -69,17 +70,16 @@ static inline rdpi_real_t rdpi_f32_unlag_wish(rdpi_f32_unlag_t *unlag, const rdp
     return rdpi_f32_fma(unlag->per_step, rdpi_f32_unlag_slope(step_V, before_V), now_V);
 }
 
-/* Outputs a drive as near to `wish_V` as range and slew allow, `latest_V` having been output before it. Returns whether
- * they allow it. */
-static inline bool rdpi_f32_unlag_output(rdpi_f32_unlag_t *unlag, rdpi_f32_t *axis, rdpi_real_t wish_V,
-                                         rdpi_real_t latest_V)
+/* Outputs a drive as near to `wish_V` as range and slew allow. Returns whether they allow it. */
+static inline bool rdpi_f32_unlag_output(rdpi_f32_unlag_t *unlag, rdpi_f32_t *axis, rdpi_real_t wish_V)
 {
     const rdpi_f32_params_t *params = axis->params;
     rdpi_real_t drive_V = rdpi_f32_clamp(wish_V, params->min_V, params->max_V);
     if (unlag->max_step_V > 0) {
-        drive_V = rdpi_f32_clamp(drive_V, latest_V - unlag->max_step_V, latest_V + unlag->max_step_V);
+        drive_V = rdpi_f32_clamp(drive_V, unlag->ramp_V - unlag->max_step_V, unlag->ramp_V + unlag->max_step_V);
     }
     bool allowed = drive_V == wish_V;
+    unlag->ramp_V = drive_V;
     axis->drive_V = drive_V;
     if (params->dac_bits > 0u) {
         rdpi_real_t shaped_V = drive_V + unlag->carried_V;

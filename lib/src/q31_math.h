@@ -32,6 +32,12 @@ static inline int32_t rdpi_q31_clamp(int64_t value, int32_t low, int32_t high)
     return value < low ? low : (value > high ? high : (int32_t)value);
 }
 
+/* A drive times 2^32: slopes need the fractions. */
+static inline int64_t rdpi_q31_widen(int32_t drive)
+{
+    return drive * ((int64_t)1 << 32);
+}
+
 /* The same number, as one of which the compiler knows nothing. On cores with a long multiply, gcc would widen a factor
  * early, share it between products, and then multiply 64 by 64 bits. It does not do so with a new number. */
 static inline int32_t rdpi_q31_fresh(int32_t number)

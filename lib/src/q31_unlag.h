@@ -23,6 +23,7 @@ static inline void rdpi_q31_unlag_settle(rdpi_q31_unlag_t *unlag, const rdpi_q31
 {
     unlag->followed = axis->drive;
     unlag->dac_code = axis->dac_code;
+    unlag->ramp = rdpi_q31_widen(axis->drive);
     unlag->carried = 0;
     unlag->first = true;
 }
@@ -68,18 +69,19 @@ static inline int64_t rdpi_q31_unlag_wish(rdpi_q31_unlag_t *unlag, const rdpi_q3
     return (preview ? (int64_t)asked - step : asked) + (rdpi_q31_mul(unlag->per_step, slope) >> unlag->shift);
 }
 
-/* Outputs a drive as near to `wish` as range and slew allow, `latest` having been output before it. Returns whether they
- * allow it. A slew of less than a drive unit in a sample counts as one. */
-static inline bool rdpi_q31_unlag_output(rdpi_q31_unlag_t *unlag, rdpi_q31_t *axis, int64_t wish, int32_t latest)
+/* Outputs a drive as near to `wish` as range and slew allow. Returns whether they allow it. */
+static inline bool rdpi_q31_unlag_output(rdpi_q31_unlag_t *unlag, rdpi_q31_t *axis, int64_t wish)
 {
     const rdpi_q31_params_t *params = axis->params;
     int32_t drive = rdpi_q31_clamp(wish, params->min_drive, params->max_drive);
-    if (axis->slew > 0) {
-        int64_t most = (axis->slew >> 32) + 1;
-        drive = drive > latest + most ? (int32_t)(latest + most) : drive;
-        drive = drive < latest - most ? (int32_t)(latest - most) : drive;
-    }
     bool allowed = drive == wish;
+    int64_t change = rdpi_q31_widen(drive) - unlag->ramp;
+    if (axis->slew > 0 && (change > axis->slew || change < -axis->slew)) {
+        change = change > 0 ? axis->slew : -axis->slew;
+        allowed = false;
+    }
+    unlag->ramp += change;
+    drive = (int32_t)(unlag->ramp >> 32);
     axis->drive = drive;
     if (params->dac_bits > 0u) {
         int32_t shaped = rdpi_q31_clamp((int64_t)drive + unlag->carried, params->min_drive, params->max_drive);

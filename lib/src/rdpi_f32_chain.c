@@ -395,7 +395,7 @@ static RDPI_F32_SELDOM rdpi_real_t step_lag(rdpi_f32_chain_t *self, rdpi_real_t 
         return latest_V;
     }
     rdpi_real_t wish_V = rdpi_f32_unlag_wish(unlag, axis, self->params->preview != 0u, missed);
-    if (!rdpi_f32_unlag_output(unlag, axis, wish_V, latest_V)) {
+    if (!rdpi_f32_unlag_output(unlag, axis, wish_V)) {
         flag_lead(axis);
     }
     return axis->drive_V;
@@ -433,7 +433,10 @@ void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks)
 
 bool rdpi_f32_chain_sweep(rdpi_f32_chain_t *self)
 {
-    if (self->axis.sweep_turns == 0u) { /* it begins */
+    if (self->axis.sweep_turns == 0u) { /* it begins, at what was output */
+        if (has_lag(self)) {
+            self->axis.ramp_V = self->unlag.ramp_V;
+        }
         rdpi_f32_chain_swept(self, 0);
     }
     bool goes_on = rdpi_f32_sweep(&self->axis);

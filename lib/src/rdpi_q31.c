@@ -11,12 +11,6 @@
 
 typedef char right_shift_is_arithmetic[(-1 >> 1) == -1 ? 1 : -1];
 
-/* A drive times 2^32: slopes need the fractions. */
-static int64_t widen(int32_t drive)
-{
-    return drive * ((int64_t)1 << 32);
-}
-
 uint32_t rdpi_q31_digest_layout(uint64_t layout, const rdpi_q31_params_t *params)
 {
     return layout == RDPI_Q31_LAYOUT ? rdpi_q31_checksum(params) : 0u;
@@ -88,7 +82,7 @@ static void put_drive(rdpi_q31_t *self, int32_t drive)
     const rdpi_q31_params_t *params = self->params;
     self->drive = rdpi_q31_in_range(params, drive);
     self->x = rdpi_q31_x_in_range(params, self->bank.y[0]);
-    self->ramp = widen(self->drive);
+    self->ramp = rdpi_q31_widen(self->drive);
     self->dac_code = params->dac_bits > 0u ? (uint32_t)rdpi_q31_code_of_drive(params, self->drive) : 0u;
     self->sweep_turns = 0;
     forget_codes(self);
@@ -256,7 +250,7 @@ static void output(rdpi_q31_t *self, int32_t from)
 /* Outputs the drive of an x in range, as far as the slew limit allows. */
 static RDPI_Q31_SELDOM void output_limited(rdpi_q31_t *self, int32_t x, int32_t reference)
 {
-    int64_t change = widen(rdpi_q31_drive_of_x(self->params, x)) - self->ramp;
+    int64_t change = rdpi_q31_widen(rdpi_q31_drive_of_x(self->params, x)) - self->ramp;
     int64_t limited = change;
     if (self->slew > 0) {
         limited = change > self->slew ? self->slew : (change < -self->slew ? -self->slew : change);
@@ -290,7 +284,7 @@ static inline void output_direct(rdpi_q31_t *self, int32_t drive)
     int64_t way = rdpi_q31_mul(code << (31u - params->drive_shift), params->drive_per_code);
     int32_t rounded = params->drive_of_code_0 + (int32_t)((way + RDPI_Q31_ONE) >> 31);
 
-    self->ramp = widen(drive);
+    self->ramp = rdpi_q31_widen(drive);
     self->dac_code = (uint32_t)code;
     if (!rdpi_q31_bank_try_slide(&self->bank, rounded)) {
         /* clamped, because the last code may round past the end of the range */
@@ -342,12 +336,12 @@ bool rdpi_q31_sweep(rdpi_q31_t *self)
         self->sweep_turns = (uint16_t)(2u * params->sweep_cycles + 1u);
     }
     if (self->rate_estimator.oldest < self->rate_estimator.window && self->slew == 0) {
-        self->ramp = widen(self->drive); /* there have been steps: the sweep begins at what they have output */
+        self->ramp = rdpi_q31_widen(self->drive); /* there have been steps: the sweep begins at what they have output */
     }
     /* 2 C + 1: all the way to max_V; 2 C: all the way to min_V; ... 3, 2: a C-th part of that; 1: to sweep_end */
     int32_t limit = self->sweep_turns % 2u != 0u ? rdpi_q31_drive_of_last_code(params) : params->drive_of_code_0;
-    int64_t swing = widen(limit) - widen(params->sweep_end);
-    int64_t turn = widen(params->sweep_end) + swing / params->sweep_cycles * (self->sweep_turns / 2u);
+    int64_t swing = rdpi_q31_widen(limit) - rdpi_q31_widen(params->sweep_end);
+    int64_t turn = rdpi_q31_widen(params->sweep_end) + swing / params->sweep_cycles * (self->sweep_turns / 2u);
     int64_t change = turn - self->ramp;
 
     self->flags = 0;

@@ -155,7 +155,7 @@ static void undo_lag(rdpi_q31_chain_t *self, int32_t latest, uint32_t latest_cod
         return;
     }
     int64_t wish = rdpi_q31_unlag_wish(unlag, axis, self->params->preview > 0u, missed);
-    if (!rdpi_q31_unlag_output(unlag, axis, wish, latest)) {
+    if (!rdpi_q31_unlag_output(unlag, axis, wish)) {
         report_lead(axis);
     }
 }
@@ -207,7 +207,10 @@ void rdpi_q31_chain_missed(rdpi_q31_chain_t *self, uint32_t ticks)
 
 bool rdpi_q31_chain_sweep(rdpi_q31_chain_t *self)
 {
-    if (self->axis.sweep_turns == 0u) { /* it begins */
+    if (self->axis.sweep_turns == 0u) { /* it begins, at what was output */
+        if (self->unlag.per_step > 0) {
+            self->axis.ramp = self->unlag.ramp;
+        }
         rdpi_q31_chain_swept(self, 0);
     }
     bool goes_on = rdpi_q31_sweep(&self->axis);

@@ -117,6 +117,33 @@ void test_range_and_slew_are_kept_flagged_and_counted(void)
     TEST_ASSERT_EQUAL_UINT32(0, chain.axis.flags);
 }
 
+/* A quarter of a code per sample: rounded to codes in between, the drive would never leave one. */
+void test_a_slow_slew_gets_from_code_to_code(void)
+{
+    with_codes(10, false);
+    const double code_V = 128.0 / 1023;
+    given.params.slew_V_per_s = given.params.sweep_V_per_s = (rdpi_real_t)(1024 * code_V / 4);
+    start_with_lag(1);
+    double from_V = (double)chain.axis.drive_V;
+    for (int k = 1; k <= 400; k++) { /* as ever, it begins a sample late */
+        WITHIN(0.51 * code_V, from_V + (k > 1 ? k - 1 : k) * code_V / 4, step(40));
+    }
+    TEST_ASSERT_EQUAL_UINT32(400, chain.axis.clip_count);
+}
+
+void test_a_sweep_begins_at_what_was_output(void)
+{
+    given.params.slew_V_per_s = given.params.sweep_V_per_s = 1024 * 3; /* 3 V a sample */
+    start_with_lag(1);
+    for (int k = 0; k < 8; k++) {
+        (void)step(k); /* the operator asks for 6, and 10 is output */
+    }
+    double before_V = (double)chain.axis.drive_V;
+    EQUAL(6 + LAG, before_V);
+    (void)rdpi_f32_chain_sweep(&chain);
+    EQUAL(3, fabs((double)chain.axis.drive_V - before_V));
+}
+
 void test_a_reference_that_is_not_usable_holds_what_was_output(void)
 {
     with_codes(12, false);

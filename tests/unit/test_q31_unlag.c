@@ -96,6 +96,39 @@ void test_range_and_slew_are_kept_flagged_and_counted(void)
     }
 }
 
+/* A quarter of a code per sample: rounded to codes in between, the drive would never leave one. */
+void test_a_slow_slew_gets_from_code_to_code(void)
+{
+    for (int way = -1; way <= 1; way += 2) {
+        setUp();
+        actuator_q31_codes(&actuator, 10, false);
+        actuator.params.slew_per_us = actuator.params.sweep_per_us; /* MAX / 8 a sample */
+        start_with_lag(1);
+        const int32_t code = MAX / 1023 * 2;
+        chain.axis.slew = (int64_t)code * (1 << 30);
+        int32_t from = chain.axis.drive;
+        for (int k = 1; k <= 400; k++) { /* as ever, it begins a sample late */
+            ahead(way * (MAX / 2));
+            int32_t expected = from + way * (k > 1 ? k - 1 : k) * (code / 4);
+            TEST_ASSERT_INT32_WITHIN(code / 2 + code / 50, expected, chain.axis.drive);
+        }
+        TEST_ASSERT_EQUAL_UINT32(400, chain.axis.clip_count);
+    }
+}
+
+void test_a_sweep_begins_at_what_was_output(void)
+{
+    actuator.params.slew_per_us = actuator.params.sweep_per_us; /* MAX / 8 a sample */
+    start_with_lag(1);
+    for (int k = 0; k < 8; k++) {
+        ahead(MAX / 32 * k);
+    }
+    int32_t before = chain.axis.drive;
+    TEST_ASSERT_INT32_WITHIN(100, MAX / 32 * (6 + LAG), before);
+    (void)rdpi_q31_chain_sweep(&chain);
+    TEST_ASSERT_INT32_WITHIN(100, MAX / 8, chain.axis.drive > before ? chain.axis.drive - before : before - chain.axis.drive);
+}
+
 void test_a_reference_that_is_not_usable_holds_what_was_output(void)
 {
     actuator_q31_codes(&actuator, 14, false);

@@ -59,7 +59,8 @@ class Unlag:
     def __init__(self, chain: Chain, drive: Drive, sample_time_s: float, drive_V: float) -> None:
         self.chain, self.drive, self.per_step, self.step_s = chain, drive, chain.lag_s / sample_time_s, sample_time_s
         self.before_V: float | None = None
-        self.change_V, self.carried_V, self.output_V = 0.0, 0.0, drive_V
+        self.change_V, self.carried_V = 0.0, 0.0
+        self.ramp_V = drive_V  # what was output before it was rounded to a code: a slow slew would never leave one
 
     def step(self, asked_V: float, missed: int) -> tuple[float, int, int]:
         """The drive to output, its code, and flags."""
@@ -76,12 +77,12 @@ class Unlag:
         limited_V = min(max(wish_V, drive.min_V), drive.max_V)
         if drive.slew_V_per_s is not None:
             most_V = drive.slew_V_per_s * self.step_s
-            limited_V = min(max(limited_V, self.output_V - most_V), self.output_V + most_V)
-        shaped_V = limited_V + self.carried_V
-        self.output_V, code = operators.quantise(drive, min(max(shaped_V, drive.min_V), drive.max_V))
+            limited_V = min(max(limited_V, self.ramp_V - most_V), self.ramp_V + most_V)
+        self.ramp_V, shaped_V = limited_V, limited_V + self.carried_V
+        output_V, code = operators.quantise(drive, min(max(shaped_V, drive.min_V), drive.max_V))
         if drive.noise_shaping:
-            self.carried_V = shaped_V - self.output_V if limited_V == wish_V else 0.0
-        return self.output_V, code, LEAD * (limited_V != wish_V)
+            self.carried_V = shaped_V - output_V if limited_V == wish_V else 0.0
+        return output_V, code, LEAD * (limited_V != wish_V)
 
 
 class Poles:

@@ -74,6 +74,7 @@ typedef struct {
     rdpi_real_t asked_V;    /**< what the operator asked for in the latest step */
     rdpi_real_t before_V;   /**< how much it differed from the one before */
     rdpi_real_t followed_V; /**< the operator's own drive, which the plays have followed */
+    rdpi_real_t ramp_V;     /**< what was output, before it was rounded to a code: as rdpi_f32_t.ramp_V */
     rdpi_real_t carried_V;  /**< noise shaping: what the codes so far have missed */
     rdpi_real_t codes_per_V; /**< DAC codes in a V; 0 without codes */
     rdpi_real_t max_step_V; /**< of the slew limit; 0: unlimited */

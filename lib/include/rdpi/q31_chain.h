@@ -72,6 +72,7 @@ typedef struct {
 
 /** Private part of rdpi_q31_chain_t: lag^-1, as rdpi_f32_unlag_t. */
 typedef struct {
+    int64_t ramp;      /**< what was output, before it was rounded to a code: as rdpi_q31_t.ramp */
     int32_t per_step;  /**< lag / sample time, times 2^shift; <= 2^30; 0: there is no lag */
     int32_t asked;     /**< what the operator asked for in the latest step, not rounded to a code */
     int32_t before;    /**< how much it differed from the one before */
