@@ -187,6 +187,20 @@ def operators_flags(*names: str) -> int:
     return sum(firmware.FLAGS[name] for name in names)
 
 
+@pytest.mark.parametrize("engine", ["numpy", "f64", "q31"])
+@pytest.mark.parametrize(("delay_s", "step_s"), [(2.5e-3, 1e-3), (1.5e-4, 1e-4), (1.05e-3, 1e-4), (4.5e-5, 2e-5)])
+def test_half_a_sample_of_delay_is_looked_ahead_as_the_engine_rounds_it(delay_s: float, step_s: float, engine: str
+                                                                        ) -> None:
+    model = model_with(entry("delay", parameters={"delay_s": delay_s}))
+    low, high = chain.reachable_um(inverse_of(model).model)
+    time_s = np.arange(1000) * step_s
+    wanted = low + (high - low) * (0.5 + 0.2 * np.sin(2 * np.pi * 0.005 * time_s / step_s))
+    run = Recording("r.csv", {}, {"time_s": time_s, "reference_um": wanted})
+    found, single = (chain.follow(model, run, engine=one)[0].drive_V for one in (engine, "f32"))
+    missed_V = np.mean(np.abs(found - single)[50:])  # where the reference turns, a sample has no lead
+    assert missed_V < 1e-4 * (model.drive.max_V - model.drive.min_V)
+
+
 @pytest.mark.parametrize("engine", ["f32", "q31"])
 def test_the_flashed_ones_follow(engine: str) -> None:
     model = model_with()

@@ -63,13 +63,17 @@ class Chain:
         """Whether it does anything."""
         return self.leads or bool(self.poles) or self.direct != 1
 
+    def whole_delay(self, sample_time_s: float) -> int:
+        """Samples of the delay that the preview makes up for, as single precision rounds them; the other engines may
+        round half a sample the other way.
+        """
+        return int(np.float32(self.delay_s) / np.float32(sample_time_s) + np.float32(0.5)) if self.preview else 0
+
     def preview_samples(self, sample_time_s: float) -> int:
-        """How far ahead of the present the firmware needs the reference."""
+        """How far ahead of the present the firmware needs the reference, in single precision."""
         if not self.preview:
             return 0
-        ahead = math.floor(self.delay_s / sample_time_s + 0.5) + 1 if self.leads_reference else 0
-        return ahead + (self.lag_s > 0)
-
+        return (self.whole_delay(sample_time_s) + 1 if self.leads_reference else 0) + (self.lag_s > 0)
 
     def rounding_um(self, sample_time_s: float, largest_um: float) -> float:
         """About the rms by which single precision moves what drives the actuator, in um of the reference.

@@ -206,9 +206,10 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
         inverted = replace(by.model, memory=_memory_before(model, by, run, float(usable[0] - offset)))
     if callable(engine):
         return engine(inverted, reference - offset), offset
-    asked = firmware.ahead(reference - offset, by.chain.preview_samples(run.sample_time_s))
+    asked = reference - offset
     swept = swept_ticks(run.sample_time_s) if run.memory == "reset" and not sweep else None
     if engine == "numpy":
+        asked = firmware.ahead(asked, by.chain.preview_samples(run.sample_time_s))
         return numpy_inverse.step(inverted, by.chain, asked, run.sample_time_s, swept)[0], offset
     if engine == "f32":
         by.check_sweep(run)
@@ -217,7 +218,7 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
         library.sweep()
     elif swept is not None:
         library.swept(swept)
-    return library.step(asked), offset
+    return library.step(firmware.ahead(asked, library.preview_samples)), offset
 
 
 def _offset_um(model: Model, run: Recording) -> float:

@@ -20,8 +20,7 @@ class Lead:
 
     def __init__(self, chain: Chain, sample_time_s: float) -> None:
         self.chain, self.step_s = chain, sample_time_s
-        whole = math.floor(chain.delay_s / sample_time_s + 0.5) * sample_time_s if chain.preview else 0.0
-        late = chain.delay_s - whole
+        late = chain.delay_s - chain.whole_delay(sample_time_s) * sample_time_s
         self.rings = chain.lead_s > 0 or chain.lead_s2 > 0
         self.first = chain.lead_s + late
         self.second = chain.lead_s2 + chain.lead_s * late + late**2 / 2
