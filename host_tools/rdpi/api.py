@@ -119,7 +119,7 @@ class Model:
         """
         inverse = inverse_of(self.parameters)
         write_header(inverse.model, arguments.path(path), arguments.of_kind(name, str, "name"), "",
-                     inverse.chain, [(one.column, one.um_per_unit) for one in inverse.addends], inverse.jump)
+                     inverse.chain, inverse.addends, inverse.jump)
 
 
 class Diagnosis:

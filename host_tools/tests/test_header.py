@@ -414,11 +414,18 @@ def test_a_library_with_too_few_poles_is_an_error(model: Model, compiled: Callab
 
 
 def test_addends_are_macros(model: Model, compiled: Callable) -> None:
-    text = render(model, addends=[("other_axis_V", -0.25), ("temperature_degC", 0.5)])
+    text = render(model, addends=[("other_axis_V", -0.25, False), ("temperature_degC", 0.5, True)])
+    assert "`value` is that of the recordings' column other_axis_V." in text
+    assert "`value` is what the recordings' column temperature_degC has changed since the start." in text
     done = compiled('#include <stdio.h>\n#include "rdpi_params.h"\nint main(void) { printf("%g %g", '
                     "RDPI_PARAMS_OTHER_AXIS_V_UM(2 + 2), RDPI_PARAMS_TEMPERATURE_DEGC_UM(3)); return 0; }",
                     {"rdpi_params.h": text})
     assert (done.stdout, done.stderr) == ("-1 1.5", "")
+
+
+def test_addends_of_one_name_in_c_are_refused(model: Model) -> None:
+    with pytest.raises(BadInput, match="columns axis-b_V and axis_b_V: are the same name in C, AXIS_B_V"):
+        render(model, addends=[("axis-b_V", 0.1, False), ("axis_b_V", 0.2, False)])
 
 
 def test_backlash_is_two_macros(model: Model, compiled: Callable) -> None:

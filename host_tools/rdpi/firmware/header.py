@@ -137,14 +137,16 @@ def template(name: str) -> jinja2.Template:
 
 
 def render(model: Model, name: str = NAME, source: str = "", chain: Chain = Chain(),
-           addends: Sequence[tuple[str, float]] = (), jump: tuple[float, float] = (0.0, 0.0)) -> str:
+           addends: Sequence[tuple[str, float, bool]] = (), jump: tuple[float, float] = (0.0, 0.0)) -> str:
     """The header's text; the same for the same model, whenever and wherever it is made.
 
     `name` is what the parameters are called in C, and the prefix of arrays and (in capitals) macros, so that a firmware
     can hold several actuators. `source` is the model's file, for the banner and for messages. `addends` are columns of
-    recordings and the displacement in um per unit of each, which the application subtracts from the reference.
+    recordings, the displacement in um per unit of each, which the application subtracts from the reference, and whether
+    only what the column has changed since the start counts.
     `jump` is the width of backlash in um and the time in s that its jump at a reversal is spread over.
-    Raises BadInput for a name that C cannot use and for a model that 32-bit floats cannot hold.
+    Raises BadInput for a name that C cannot use, for columns of one name in C, and for a model that 32-bit floats cannot
+    hold.
     """
     return _render(model, name, source, chain, addends, jump).text
 
@@ -157,7 +159,7 @@ class Header(NamedTuple):
     no_fixed_point: str  # why it has no parameters in fixed point; "" if it has
 
 
-def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequence[tuple[str, float]],
+def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequence[tuple[str, float, bool]],
             jump: tuple[float, float]) -> Header:
     _check_name(name)
     where = source or model.where
@@ -184,7 +186,7 @@ def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequenc
 
 
 def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "",
-                 chain: Chain = Chain(), addends: Sequence[tuple[str, float]] = (),
+                 chain: Chain = Chain(), addends: Sequence[tuple[str, float, bool]] = (),
                  jump: tuple[float, float] = (0.0, 0.0)) -> Header:
     """Render and write atomically. Raises BadInput as `render` does, OSError when the file cannot be written."""
     header = _render(model, name, source, chain, addends, jump)
@@ -221,10 +223,17 @@ def _chain_parts(chain: Chain) -> dict[str, Any]:
             "chain_rows": _rows(numbers.pole, literal)}
 
 
-def _addends(addends: Sequence[tuple[str, float]]) -> list[tuple[str, str, str]]:
-    """Macro's name without prefix, column and um per unit."""
-    return [(re.sub(r"[^A-Z0-9]+", "_", comment(column).upper()), comment(column), f"({float(size)!r})")
-            for column, size in addends]
+def _addends(addends: Sequence[tuple[str, float, bool]]) -> list[tuple[str, str, str, bool]]:
+    """Macro's name without prefix, column, um per unit, and whether only its change since the start counts."""
+    columns: dict[str, str] = {}  # by macro
+    rows = []
+    for column, size, from_first in addends:
+        macro = re.sub(r"[^A-Z0-9]+", "_", comment(column).upper())
+        if columns.setdefault(macro, column) != column:
+            raise BadInput(f"columns {columns[macro]} and {column}: are the same name in C, {macro}; rename one in the "
+                           "recordings and in the model")
+        rows.append((macro, comment(column), f"({float(size)!r})", from_first))
+    return rows
 
 
 def _sample_time_s(model: Model) -> float:
