@@ -13,7 +13,7 @@ from rdpi import firmware
 from rdpi.data import Recording
 from rdpi.errors import BadInput
 from rdpi.firmware import Chain, ahead
-from rdpi.model import Drive, Model, Rate
+from rdpi.model import Drive, Memory, Model, Rate, loop_ends_um
 from rdpi.simulate import ALL, Inverse, chain, effects, inverse_of, numpy_inverse
 from rdpi.simulate.effects import CATALOGUE, Sensor
 from rdpi.simulate.effects.base import low_pass
@@ -549,3 +549,18 @@ def test_the_jump_over_backlash() -> None:
 def test_a_jump_takes_time(jump_s: float) -> None:
     with pytest.raises(BadInput, match="--backlash-time"):
         inverse_of(model_with(), jump_s=jump_s)
+
+
+@pytest.mark.parametrize("volts", [(0.0, 100.0), (40.0, 60.0), (45.0, 55.0)])
+@pytest.mark.parametrize("gain_um_per_V", [0.1, -0.1])
+def test_the_greatest_loop_of_a_narrow_range_has_plays_that_rest(gain_um_per_V: float, volts: tuple[float, float]
+                                                                 ) -> None:
+    """Thresholds of 2 and 4 um, and a range of 1 and 2 um: the ends are those that the library reaches."""
+    model = Model(gain_um_per_V=gain_um_per_V, offset_V=50.0, offset_um=0.0, stroke_um=10.0,
+                  slopes=np.array([0.5, 0.7, 0.9, 1]), thresholds_um=np.array([0.0, 1.0, 2.0, 4.0]), slope_rate_s_per_um=np.zeros(4),
+                  deadzones_um=np.zeros(1), deadzone_weights=np.ones(1), drive=Drive(*volts),
+                  rate=Rate(max_um_per_s=1e5), memory=Memory(0.0, np.zeros(4)))
+    assert loop_ends_um(model) == pytest.approx(chain.reachable_um(model))
+    curved = replace(model, effects=[{"name": "static_nonlinearity",
+                                      "parameters": {"linear": 0.0, "quadratic": 0.05, "cubic": 0.0}}])
+    assert inverse_of(curved).told[0].how in ("folded", "left out")

@@ -30,6 +30,17 @@ def intercepts(thresholds_um: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     return np.cumsum(np.diff(slopes, prepend=slopes[0]) * thresholds_um)
 
 
+def loop_ends_um(model: Model) -> tuple[float, float]:
+    """Output of the plays, before the saturation, at the lowest and at the highest x of the greatest loop.
+
+    There plays lag by their thresholds: v = W_n x + sum of w_i r_i at the low end, minus it at the high end. A play whose
+    threshold exceeds half of the range rests in its middle.
+    """
+    low_um, high_um = np.sort(model.x_of(np.array([model.drive.min_V, model.drive.max_V])))
+    lag_um = np.diff(model.slopes, prepend=0.0) @ np.minimum(model.thresholds_um, (high_um - low_um) / 2)
+    return float(model.slopes[-1] * low_um + lag_um), float(model.slopes[-1] * high_um - lag_um)
+
+
 def inverse_saturation(deadzones_um: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Eq. 13: thresholds d'_j = S(d_j), and weights w'_j whose partial sums are one over those of the weights."""
     slopes = np.cumsum(weights)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...data import Recording
-from ...model import Model, operators
+from ...model import Model, loop_ends_um, operators
 from .. import signals
 from .base import Effect, Parameter, Residuals, Values
 from .treatment import Treatment, left_out
@@ -57,13 +57,7 @@ class RateDependence(Effect):
 
 
 def _ends(model: Model) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Drive in V and displacement in um at both ends of the greatest loop, lower drive first.
-
-    There the plays lag by their thresholds: v = W_n x + sum of w_i r_i at the low end, minus it at the high end.
-    """
-    ends_V = np.array([model.drive.min_V, model.drive.max_V])
-    x = model.x_of(ends_V)
-    lag = float(np.diff(model.slopes, prepend=0.0) @ model.thresholds_um)
-    v = model.slopes[-1] * x + np.where(x == np.min(x), lag, -lag)
+    """Drive in V and displacement in um at both ends of the greatest loop, lower drive first."""
+    v = np.array(loop_ends_um(model))[::1 if model.gain_um_per_V > 0 else -1]
     z = operators.saturation(v, model.deadzones_um, model.deadzone_weights) + model.offset_um
-    return (float(ends_V[0]), float(z[0])), (float(ends_V[1]), float(z[1]))
+    return (model.drive.min_V, float(z[0])), (model.drive.max_V, float(z[1]))

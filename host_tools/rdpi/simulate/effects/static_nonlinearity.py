@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...data import Recording
-from ...model import Model, operators
+from ...model import Model, loop_ends_um, operators
 from .base import Effect, Parameter, Residuals, Values
 from .gain_change import GainChange
 from .treatment import Treatment, folded, left_out
@@ -51,7 +51,7 @@ class StaticNonlinearity(Effect):
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         d, weights, offset_um = folded_into.deadzones_um, folded_into.deadzone_weights, folded_into.offset_um
-        low, high = _outputs_um(folded_into)
+        low, high = loop_ends_um(folded_into)
         v = np.unique(np.concatenate([np.linspace(min(low, 0.0), max(high, d[-1]), POINTS), d]))
         z = self._curve(operators.saturation(v, d, weights) + offset_um, values, model)
         corners = _corners(v[v >= 0], z[v >= 0])
@@ -73,13 +73,6 @@ class StaticNonlinearity(Effect):
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [self.absent()]
-
-
-def _outputs_um(model: Model) -> tuple[float, float]:
-    """Lowest and highest output of the plays, in um, over the drive's range."""
-    lag = float(np.diff(model.slopes, prepend=0.0) @ model.thresholds_um)
-    ends = model.slopes[-1] * np.sort(model.x_of(np.array([model.drive.min_V, model.drive.max_V])))
-    return float(ends[0] + lag), float(ends[1] - lag)
 
 
 def _corners(v_um: np.ndarray, z_um: np.ndarray) -> np.ndarray:
