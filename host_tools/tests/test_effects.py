@@ -265,6 +265,15 @@ def test_cross_coupling() -> None:
 
 # --- creep -----------------------------------------------------------------------------------------------------------
 
+def test_predictions_that_are_kept_know_their_covariate() -> None:
+    """Two axes couple alike: without the one, the other's part is asked for."""
+    run = drive(np.zeros(4), a_V=np.arange(4.0), b_V=-np.arange(4.0))
+    one, other = (Acting(CATALOGUE["cross_coupling"](column=column), {"um_per_V": 0.05}) for column in ("a_V", "b_V"))
+    z, model, kept = np.zeros(4), straight(), effects.Displaced()
+    assert kept([one, other], z, run, model) == pytest.approx(np.zeros(4))
+    assert kept([other], z, run, model) == pytest.approx(-0.05 * np.arange(4))
+
+
 @pytest.mark.parametrize("percent", [-1.0, 0.5, 3.0])
 def test_creep_is_so_many_percent_of_a_step_for_every_decade(percent: float) -> None:
     command = np.r_[np.full(20, 20.0), np.full(20_000, 60.0)]

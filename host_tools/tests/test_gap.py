@@ -804,7 +804,9 @@ def test_monitors_that_contradict_each_other_are_left_out() -> None:
     """One is a copy of the command, the others show an amplifier that lags: so does the actuator's, in all of them."""
     lag = entry("lag", "amplifier", time_constant_s=0.003)
     seen = shown_filtered(later(lag))
-    document = diagnose(commissioned(), [changed(seen[0], monitor_V=seen[0].command_V), *seen[1:]]).document
+    found = diagnose(commissioned(), [changed(seen[0], monitor_V=seen[0].command_V), *seen[1:]])
+    document = found.document
+    assert not any("monitor_V" in run.columns for run in found.runs)  # a model that is refitted must not see it again
     assert "lag" in {document.effects[0].name, *document.effects[0].confusable_with}
     assert any(f"in {seen[0].path} it is the command to the last digit" in note
                for note in document.notes)

@@ -46,6 +46,13 @@ def references(model: Model, samples: int = 1500) -> np.ndarray:
     return ends.mean() + np.ptp(ends) / 2 * np.sin(0.02 * k) * np.linspace(0.05, 1.2, samples)
 
 
+def test_no_two_points_of_a_coarse_dac_lie_at_one_code() -> None:
+    """Rounding to volts left two at the last code, an ulp apart."""
+    points, _ = InputCurve().pieces(values(-0.103, 0.091, -25.61, 75.63), -25.61, 75.63, 2)
+    codes = (np.array([volts for volts, _ in points]) + 25.61) / (75.63 + 25.61) * 3
+    assert np.all(np.diff(codes) > 0.5) and codes == pytest.approx(np.rint(codes))
+
+
 @pytest.mark.parametrize(("quadratic", "cubic"), CURVES)
 @pytest.mark.parametrize(("low_V", "high_V", "bits"), [(0.0, 100.0, None), (-10.0, 110.0, 16), (20.0, 90.0, 5)])
 def test_the_pieces_follow_the_curve(quadratic: float, cubic: float, low_V: float, high_V: float, bits: int | None) -> None:

@@ -334,7 +334,11 @@ def test_defaults(written: Callable) -> None:
 
 def test_plays_follow_x_when_only_x_is_given(written: Callable) -> None:
     """Straight from 0 to 3.5: the play of threshold 2 has moved to 1.5, that of 4.5 not at all."""
-    assert read_model(written(changed("memory", {"x_um": 3.5}))).memory.plays_um.tolist() == [3.5, 1.5, 0]
+    model = read_model(written(changed("memory", {"x_um": 3.5})))
+    assert model.memory.plays_um.tolist() == [3.5, 1.5, 0]
+    made = replace(model, memory=Memory(x_um=3.5))  # and without a file
+    made.validate()
+    assert made.memory.plays_um.tolist() == model.memory.plays_um.tolist()
 
 
 def test_writing_a_bad_model_leaves_the_old_file(written: Callable) -> None:

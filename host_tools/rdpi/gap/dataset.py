@@ -64,7 +64,7 @@ class ModelRun:
 
     def _remembered(self, shown: Sequence[Acting]) -> tuple[Recording, np.ndarray]:
         """_operate, which takes longest, only where an effect ahead of the displacement differs from the last two."""
-        key = tuple((repr(one.effect), *one.values.items()) for one in shown if one.effect.ahead)
+        key = tuple(one.key for one in shown if one.effect.ahead)
         if key not in self._last:
             while len(self._last) >= REMEMBERED:
                 del self._last[next(iter(self._last))]

@@ -59,7 +59,8 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     given = AugmentedModel.given(model, runs, earlier)
     if (contradicted := _contradicted(given)) is not None:
         notes.append(contradicted)
-        given = replace(given, dataset=given.by_command_before)
+        runs, earlier = ([_without_monitor(run) for run in some] for some in (runs, earlier))
+        given = AugmentedModel.given(model, runs, earlier)
     decision = decide(given, known, without, progress)
     decision, offset, tracked = _worth_tracking(decision, passport.read(model), references)
     if held := decision.held_back or _spoils(decision.selection):
@@ -83,6 +84,10 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     progress(1.0)
     return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords),
                      spectrum_after)
+
+
+def _without_monitor(run: Recording) -> Recording:
+    return replace(run, columns={name: values for name, values in run.columns.items() if name != "monitor_V"})
 
 
 def _contradicted(given: AugmentedModel) -> str | None:

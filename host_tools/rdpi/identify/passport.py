@@ -251,7 +251,7 @@ def _terms(features: np.ndarray) -> np.ndarray:
 
 
 def _coefficients(windows: _Windows) -> np.ndarray:
-    """Of TERMS, none negative, so that the relative errors of the windows' mean squares are least; unbiased in log."""
+    """Of _terms, none negative, so that the relative errors of the windows' mean squares are least; unbiased in log."""
     from scipy.optimize import nnls
 
     terms, square = _terms(np.stack(windows[:_FEATURES], axis=-1)), windows.rms_um**2

@@ -66,7 +66,7 @@ class Drive(Document):
     sweep_end_V: float | None = json_key("drive at which the start-up sweep ends; null: the one that holds the memory",
                                          "V", default=None)
     # The input curve that the firmware inverts, and no key of the file: points in V at the output and in V at the
-    # plays, the ends of the range first and last. None: straight, the same V at both.
+    # plays, the ends of the range first and last. Empty: straight, the same V at both.
     curve_V: tuple[tuple[float, float], ...] = ()
     # Whether the firmware carries what a code misses to the next one; no key of the file either.
     noise_shaping: bool = False
@@ -108,7 +108,8 @@ class Model(Document):
     """One actuator.
 
     Arrays are float64: thresholds, slopes, slope rates (n + 1,), dead zones and weights (m + 1,). `fit`, `effects` and
-    `passport` are JSON as it was read. What uses them checks them first: identify.checks, simulate.effects, identify.passport.
+    `passport` are JSON as it was read. What uses them checks them first: identify.checks, simulate.effects,
+    identify.passport_file.
     """
 
     SCHEMA: ClassVar[str] = "rdpi-model/1"
@@ -143,7 +144,8 @@ class Model(Document):
     def __post_init__(self) -> None:
         self._take_kinds(self.where)
         if len(self.memory.plays_um) == 0:
-            self.memory.plays_um = np.zeros(len(self.thresholds_um))
+            self.memory.plays_um = np.clip(0.0, self.memory.x_um - self.thresholds_um,
+                                           self.memory.x_um + self.thresholds_um)
 
     def slopes_at(self, rate_um_per_s: float | np.ndarray) -> np.ndarray:
         """W_i(rate), eq. 14; shape (..., n + 1). No guard."""

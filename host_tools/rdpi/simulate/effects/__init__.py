@@ -65,6 +65,11 @@ class Acting(NamedTuple):
         return f"{self.effect.name} at stage {self.effect.stage}" + (f" ({', '.join(sizes)})" if sizes else "")
 
     @property
+    def key(self) -> tuple[Any, ...]:
+        """What it is, as keys of a dictionary: effect, place, covariate and values."""
+        return (self.effect.name, self.effect.stage, self.effect.column, *self.values.items())
+
+    @property
     def does_nothing(self) -> bool:
         """Whether what a fit finds first, its size, is none."""
         size = self.effect.fitted[0]
@@ -170,10 +175,9 @@ class Displaced:
         last, self._last = self._last, []
         same, shown_um = True, z_um
         for k, one in enumerate(effects):
-            what = repr(one.effect), *one.values.items()
-            same = same and k < len(last) and last[k][0] == what and last[k][1] is z_um
+            same = same and k < len(last) and last[k][0] == one.key and last[k][1] is z_um
             shown_um = last[k][2] if same else displaced([one], shown_um, run, model)
-            self._last.append((what, z_um, shown_um))
+            self._last.append((one.key, z_um, shown_um))
         return shown_um
 
 

@@ -64,7 +64,7 @@ class Residuals:
 
 
 class Effect:
-    """One effect at one stage; stateless: what a run remembers starts settled at its first sample."""
+    """One effect at one stage; stateless: what a run remembers starts settled at its first sample, or as a sweep before it left it."""
 
     name: ClassVar[str]
     title: ClassVar[str]  # in plain words

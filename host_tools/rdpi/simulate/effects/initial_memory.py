@@ -13,7 +13,7 @@ from .treatment import Treatment, left_out
 class InitialMemory(Effect):
     """The plays start as after a straight move from position_um; sought anew in every recording.
 
-    The chain does it: with this effect every run is treated as one whose memory is unknown.
+    The chain does it: with this effect the plays of every run start as if its memory were unknown.
     """
 
     name = "initial_memory"

@@ -102,8 +102,7 @@ class InputCurve(Effect):
         ends_V = grid_V[_corners(grid_V, plays_V, high)]
         if dac_bits is not None:
             step_V = (max_V - min_V) / (2**dac_bits - 1)
-            ends_V[1:-1] = min_V + step_V * np.rint((ends_V[1:-1] - min_V) / step_V)
-            ends_V = np.unique(ends_V)
+            ends_V = min_V + step_V * np.unique(np.rint((ends_V - min_V) / step_V))
         ends_V[[0, -1]] = min_V, max_V
         heights_V = self.bent(ends_V, values)
         missing_V = plays_V - along(grid_V, ends_V, heights_V)  # of one sign along a piece: half of it to either side
