@@ -19,6 +19,7 @@ from rdpi.board.telemetry import Decoder, rates_um_per_s, references_um, volts
 from rdpi.data import Recording, read_recording, write_recording
 from rdpi.firmware import Firmware, FixedPoint, engine
 from rdpi.firmware.header import render, write_header
+from rdpi.firmware.parameters import f32
 from rdpi.model import Drive, Memory, Model, Rate, read_model
 from rdpi.simulate import inverse_of
 
@@ -53,11 +54,16 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
 
 
 @pytest.fixture(scope="module")
-def track(build: Callable[..., Path], model: Model, tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Run the application, built for `model`, with arguments and standard input."""
+def program(build: Callable[..., Path], model: Model, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The application, built for `model`."""
     params = tmp_path_factory.mktemp("params")
     write_header(model, params / "rdpi_params.h")
-    program = build(f"-DRDPI_PARAMS_DIR={params}", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}")
+    return build(f"-DRDPI_PARAMS_DIR={params}", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}")
+
+
+@pytest.fixture(scope="module")
+def track(program: Path) -> Run:
+    """Run it with arguments and standard input."""
     return lambda *words, stdin="": subprocess.run([program, *words], input=stdin, capture_output=True, text=True)
 
 
@@ -97,6 +103,24 @@ def test_codes_and_volts_are_those_of_the_host_tools_to_the_bit(track: Run, mode
     counts = [int(number) for number in re.findall(r"\d+", done.stderr)]
     assert counts == [firmware.counts["guard"], firmware.counts["clip"], 0, 0]
     assert min(counts[:2]) > 0, "the reference was meant to meet guard and limits"
+
+
+def test_volts_of_a_dac_whose_range_over_its_codes_rounds_up(build: Callable[..., Path], reference: dict,
+                                                             tmp_path: Path) -> None:
+    """140 V over 4095, rounded, would put the last code beyond 120 V: the host tools take the number below."""
+    model = replace(read_model(PARAMS / "model.json"), drive=Drive(-20.0, 120.0, None, 12))
+    step_V = np.float32(140 / 4095)
+    assert f32(model).V_per_code == np.nextafter(step_V, np.float32(0)) < step_V
+    reference_um = np.concatenate([[1e4, -1e4], 3 * reference["reference_um"]])
+    write_header(model, tmp_path / "rdpi_params.h")
+    write_recording(tmp_path / "x.csv", {"reference_um": reference_um}, {})
+    program = build(f"-DRDPI_PARAMS_DIR={tmp_path}", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}")
+    done = subprocess.run([program, "x.csv", "--dac", "12:-20:120"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    expected = Firmware(model, 1 / RATE_HZ, "f32").step(reference_um)
+    codes = [int(row["dac_code"]) for row in rows(done.stdout)]
+    assert codes == expected.dac_code.tolist() and min(codes) == 0 and max(codes) == 4095 and len(set(codes)) > 300
+    assert [row["command_V"] for row in rows(done.stdout)] == nine_digits(expected.drive_V)
 
 
 def test_what_it_writes_is_a_recording_of_a_drive(track: Run, reference: dict, tmp_path: Path) -> None:
@@ -249,6 +273,53 @@ def test_the_reference_is_not_written_over(track: Run, tmp_path: Path) -> None:
     assert reference.read_text() == "reference_um\n1\n"
 
 
+def test_no_output_is_a_reference_or_another_output(track: Run, tmp_path: Path,
+                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever they are called, and whether they are there or not. Nothing is written then."""
+    monkeypatch.chdir(tmp_path)
+    texts = {"ref.csv": "reference_um\n1\n", "old.csv": "as it was", "folder/held.csv": "as it was"}
+    Path("folder").mkdir()
+    for name, text in texts.items():
+        Path(name).write_text(text)
+    Path("link.csv").symlink_to("old.csv")
+    Path("hard.csv").hardlink_to("ref.csv")
+    Path("elsewhere").symlink_to("folder")
+    there = sorted(tmp_path.rglob("*"))
+    for drive, telemetry, message in [
+            ("d.csv", "ref.csv", "ref.csv: is the reference itself; give the telemetry another name"),
+            ("d.csv", "hard.csv", "hard.csv: is the reference itself; give the telemetry another name"),
+            ("./hard.csv", "t", "./hard.csv: is the reference itself; give the drive another name"),
+            ("d.csv", "d.csv", "d.csv: is a drive too; give the telemetry another name"),
+            ("d.csv", "./d.csv", "./d.csv: is a drive too"),
+            ("old.csv", "link.csv", "link.csv: is a drive too"),
+            ("folder/new.csv", "elsewhere/new.csv", "elsewhere/new.csv: is a drive too"),
+            ("folder/held.csv", "elsewhere/held.csv", "elsewhere/held.csv: is a drive too"),
+            (f"{tmp_path}/d.csv", "folder/../d.csv", "folder/../d.csv: is a drive too"),
+            ("-", "-", "-: is a drive too")]:
+        done = track("ref.csv", "-o", drive, "--telemetry", telemetry)
+        assert (done.returncode, done.stdout) == (2, "") and done.stderr.startswith(message), (drive, telemetry)
+        assert sorted(tmp_path.rglob("*")) == there and {name: Path(name).read_text() for name in texts} == texts
+
+
+def test_outputs_that_differ_only_in_folder_or_name_are_two(track: Run, tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    for drive, telemetry in [("a", "folder/a"), ("a", "b"), ("folder/b", "folder/c"), ("/dev/null", "/dev/null")]:
+        done = track("-o", tmp_path / drive, "--telemetry", tmp_path / telemetry, stdin="reference_um\n1\n")
+        assert done.returncode == 0, done.stderr
+
+
+def test_standard_output_is_an_output_too(program: Path, tmp_path: Path) -> None:
+    (tmp_path / "ref.csv").write_text("reference_um\n1\n")
+    with open(tmp_path / "ref.csv", "a") as end:
+        done = subprocess.run([program, tmp_path / "ref.csv"], stdout=end, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2 and done.stderr.startswith("-: is the reference itself; give the drive another name")
+    with open(tmp_path / "d.csv", "w") as drive:
+        done = subprocess.run([program, tmp_path / "ref.csv", "--telemetry", tmp_path / "d.csv"], stdout=drive,
+                              stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2 and done.stderr.startswith(f"{tmp_path}/d.csv: is a drive too")
+    assert (tmp_path / "ref.csv").read_text() == "reference_um\n1\n" and (tmp_path / "d.csv").read_text() == ""
+
+
 def test_a_loop_of_links_is_refused(track: Run, tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to("loop")
     assert "cannot be written" in track("-o", tmp_path / "loop", stdin="reference_um\n1\n").stderr
@@ -325,8 +396,7 @@ def test_cross_coupling_is_taken_off_as_by_compensate(number: str, build: Callab
     for name, model in (("x", coupled), ("y", plain)):
         (tmp_path / name).mkdir()
         by = inverse_of(model)
-        write_header(by.model, tmp_path / name / "rdpi_params.h", chain=by.chain,
-                     addends=[(one.column, one.um_per_unit) for one in by.addends])
+        write_header(by.model, tmp_path / name / "rdpi_params.h", chain=by.chain, addends=by.addends)
         write_recording(tmp_path / f"{name}.csv", {"reference_um": references_um[name]}, {})
     program = build("-DRDPI_AXES=2", f"-DRDPI_PARAMS_DIR={tmp_path}/x;{tmp_path}/y", f"-DRDPI_TRACK_RATE_HZ={RATE_HZ}",
                     f"-DRDPI_TRACK_Q31={number == 'q31'}")
@@ -371,7 +441,11 @@ def test_backlash_is_crossed_as_by_compensate(number: str, build: Callable[..., 
     (["x.csv", "x.csv", "-o", "d.csv", "-o", "e.csv", "--dac", "16:0:1"], "the application has 2 axes"),
     (["x.csv", "x.csv", "x.csv"], "x.csv: not understood; the application has 2 axes"),
     (["x.csv", "x.csv", "-o", "d.csv", "-o", "d.csv"], "d.csv: two axes cannot have the same drive"),
+    (["x.csv", "x.csv", "-o", "d.csv", "-o", "./d.csv"], "./d.csv: two axes cannot have the same drive"),
+    (["x.csv", "x.csv", "-o", "-", "-o", "-"], "-: two axes cannot have the same drive"),
+    (["x.csv", "x.csv", "-o", "d.csv", "-o", "e.csv", "--telemetry", "./e.csv"], "./e.csv: is a drive too"),
     (["x.csv", "x.csv", "-o", "d.csv", "-o", "x.csv"], "x.csv: is the reference itself"),
+    (["x.csv", "x.csv", "-o", "d.csv", "-o", "e.csv", "--telemetry", "x.csv"], "x.csv: is the reference itself"),
     (["x.csv", "nowhere.csv", "-o", "d.csv", "-o", "e.csv"], "nowhere.csv: cannot be opened"),
 ])
 def test_command_lines_of_two_axes_that_are_refused(stage: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

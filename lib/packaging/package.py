@@ -14,7 +14,7 @@ The folder of a build system beside this file holds its manifests. They go into 
     @VERSION@           the version that the project's CMakeLists.txt states
     @DATE@              the date of that version, from CHANGELOG.md
     @SOURCE@, @HEADER@  the line is repeated for each file of lib/src/*.c, of lib/include/rdpi/*.h
-    @RDPI_MAX_...@      the default of that setting, from lib/include/rdpi/types.h
+    @RDPI_...@          the default of that setting, from lib/include/rdpi/types.h
 
 No list of files is written down anywhere: a new file of lib/ is in all archives.
 
@@ -60,9 +60,9 @@ def date() -> str:
 
 
 def defaults() -> dict[str, str]:
-    """RDPI_MAX_... -> its default."""
+    """Setting of types.h -> its default."""
     types = (LIB / "include/rdpi/types.h").read_text()
-    return dict(re.findall(r"^#ifndef (RDPI_MAX_\w+)\n#define \1 (\d+)", types, re.MULTILINE))
+    return dict(re.findall(r"^#ifndef (RDPI_\w+)\n#define \1 (\d+)", types, re.MULTILINE))
 
 
 def rendered(text: str) -> str:

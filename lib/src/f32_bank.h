@@ -175,13 +175,6 @@ static inline rdpi_f32_target_t rdpi_f32_bank_walk(rdpi_f32_bank_t *bank, const 
     return target;
 }
 
-/* The x at which f is `v_um`. */
-static inline rdpi_f32_target_t rdpi_f32_bank_solve(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,
-                                                    rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
-{
-    return rdpi_f32_bank_walk(bank, play, count, rate_um_per_s, rdpi_f32_bank_climb(bank, rate_um_per_s, v_um));
-}
-
 /* Moves the input to target.x_um, and every play with it. Returns the side to which x goes then. That side is the old
  * one if x does not move, even if target.turned. */
 static RDPI_F32_SHARED rdpi_real_t rdpi_f32_bank_move(rdpi_f32_bank_t *bank, const rdpi_f32_play_t *play, size_t count,

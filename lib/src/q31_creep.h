@@ -7,7 +7,8 @@
  * Scaling and overflow: |h| and all states are < 2^30, so they differ by less than 2^31. The share of what comes at
  * once and the magnitudes of all others add up to 2 at most, weights are no larger than their shares, and references
  * are < 2^31. In 2^30 z = within h + sum weight m + settled, the terms are therefore < 2^61, 2^61, 2^61 and 2^60; a
- * slow pole is taken further by up to 1.5 times what it moves, which is 2^-6 of the way at most. */
+ * slow pole is taken further by up to 1.5 times what it moves, which is 2^-6 of the way at most, because there are 64
+ * poles at most. */
 #ifndef RDPI_Q31_CREEP_H
 #define RDPI_Q31_CREEP_H
 
@@ -19,11 +20,6 @@
 
 /* The largest |h|. */
 #define MAX_H (RDPI_Q31_ONE - 1)
-
-/* Then the blend of a slow pole is 2^-6 at most. */
-#if RDPI_MAX_POLES > 64
-#error "define RDPI_MAX_POLES as at most 64"
-#endif
 
 /* (1 - exp(-u)) / u, times 2^30. Never more than 2^30, because a blend is rounded down from u. */
 static inline int32_t rdpi_q31_creep_mean(rdpi_q31_scaled_t u)

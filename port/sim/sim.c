@@ -37,11 +37,19 @@ typedef struct {
     char *target, *part; /* where the file goes when it is complete, and until then; NULL for pipes and devices */
 } output_t;
 
+/* Where an output goes: several names may lead to one place. */
+typedef struct {
+    const char *name, *what;
+    const char *base; /* NULL: the file is there; otherwise its name in the folder */
+    struct stat at;   /* of the file, or of the folder */
+    bool found;       /* `at` is known */
+} place_t;
+
 /* The converter and all behind it. */
 typedef struct {
     uint32_t code;
     float last_code; /* 0: volts not asked for */
-    float min_V, max_V;
+    float min_V, V_per_code;
 } dac_t;
 
 static struct {
@@ -296,8 +304,11 @@ uint32_t rdpi_port_overruns(void)
 /* Computed as in lib/src/rdpi_f32.c: the same volts to the bit. */
 static float dac_V(const dac_t *dac)
 {
-    float drive_V = dac->min_V + (float)dac->code * ((dac->max_V - dac->min_V) / dac->last_code);
-    return drive_V < dac->min_V ? dac->min_V : (drive_V > dac->max_V ? dac->max_V : drive_V);
+#if defined(__FP_FAST_FMAF) && defined(__OPTIMIZE__)
+    return fmaf((float)dac->code, dac->V_per_code, dac->min_V);
+#else
+    return dac->min_V + (float)dac->code * dac->V_per_code;
+#endif
 }
 
 void rdpi_port_read_adc(int32_t *counts)
@@ -360,6 +371,18 @@ static void usage(FILE *file)
           file);
 }
 
+/* The largest step with which the last code is inside the range, rounded once or twice: that of the host tools,
+ * host_tools/rdpi/firmware/parameters.py. */
+static float step_V(float min_V, float max_V, float last_code)
+{
+    float step = (float)(((double)max_V - (double)min_V) / (double)last_code);
+    while (step > 0 && ((double)min_V + (double)last_code * (double)step > (double)max_V ||
+                        min_V + last_code * step > max_V)) {
+        step = nextafterf(step, 0);
+    }
+    return step;
+}
+
 static dac_t read_dac(const char *text)
 {
     unsigned bits;
@@ -369,7 +392,8 @@ static dac_t read_dac(const char *text)
         bits > 24 || !(fabs(min_V) < 1e6) || !(fabs(max_V) < 1e6) || !((float)min_V < (float)max_V)) {
         fail("--dac %s: give BITS:MIN_V:MAX_V, 1 to 24 bits, MIN_V below MAX_V, e.g. 16:0:100", text);
     }
-    return (dac_t){0, (float)((1uL << bits) - 1), (float)min_V, (float)max_V};
+    float last_code = (float)((1uL << bits) - 1);
+    return (dac_t){0, last_code, (float)min_V, step_V((float)min_V, (float)max_V, last_code)};
 }
 
 /* The operand of the option at `*k`. */
@@ -422,11 +446,65 @@ static void read_words(int argc, char **argv)
     }
 }
 
-static bool same_regular_file(const struct stat *one, const char *name)
+/* The places of all outputs: the drive of each axis, then the telemetry if it is wanted. */
+static place_t places[RDPI_AXES + 1];
+static unsigned place_count;
+
+static void add_place(const char *name, const char *what)
 {
-    struct stat other;
-    return stat(name, &other) == 0 && S_ISREG(other.st_mode) && one->st_dev == other.st_dev &&
-           one->st_ino == other.st_ino;
+    place_t *place = &places[place_count++];
+    const char *slash = strrchr(name, '/');
+    *place = (place_t){.name = name, .what = what};
+    if (strcmp(name, "-") == 0) {
+        place->found = fstat(STDOUT_FILENO, &place->at) == 0;
+    } else if (stat(name, &place->at) == 0) {
+        place->found = true;
+    } else {
+        char *folder = slash == NULL ? strdup(".") : strndup(name, (size_t)(slash - name) + 1);
+        place->base = slash == NULL ? name : slash + 1;
+        place->found = folder != NULL && stat(folder, &place->at) == 0;
+        free(folder);
+    }
+}
+
+static bool same_file(const struct stat *one, const struct stat *other)
+{
+    return one->st_dev == other->st_dev && one->st_ino == other->st_ino;
+}
+
+/* A terminal or /dev/null takes two outputs. */
+static bool same_place(const place_t *one, const place_t *other)
+{
+    if (strcmp(one->name, "-") == 0 && strcmp(other->name, "-") == 0) {
+        return true;
+    }
+    if (!one->found || !other->found || !same_file(&one->at, &other->at)) {
+        return false;
+    }
+    if (one->base == NULL || other->base == NULL) {
+        return one->base == other->base && !S_ISCHR(one->at.st_mode);
+    }
+    return strcmp(one->base, other->base) == 0;
+}
+
+/* Two outputs never share a file, whatever they call it. */
+static void check_outputs(void)
+{
+    for (unsigned k = 0; k < RDPI_AXES; k++) {
+        add_place(axes[k].out.name, "drive");
+    }
+    if (telemetry.name != NULL) {
+        add_place(telemetry.name, "telemetry");
+    }
+    for (unsigned k = 0; k < place_count; k++) {
+        for (unsigned other = 0; other < k; other++) {
+            if (same_place(&places[k], &places[other])) {
+                fail("%s: %s", places[k].name,
+                     k < RDPI_AXES ? "two axes cannot have the same drive; give them two names"
+                                   : "is a drive too; give the telemetry another name");
+            }
+        }
+    }
 }
 
 static void read_axis(input_t *in)
@@ -437,9 +515,10 @@ static void read_axis(input_t *in)
         fail("%s: cannot be opened; check the path", in->name);
     }
     struct stat from;
-    for (unsigned k = 0; k < RDPI_AXES; k++) {
-        if (fstat(fileno(file), &from) == 0 && same_regular_file(&from, axes[k].out.name)) {
-            fail("%s: is the reference itself; give the drive another name", axes[k].out.name);
+    bool regular = fstat(fileno(file), &from) == 0 && S_ISREG(from.st_mode);
+    for (unsigned k = 0; regular && k < place_count; k++) {
+        if (places[k].found && places[k].base == NULL && same_file(&from, &places[k].at)) {
+            fail("%s: is the reference itself; give the %s another name", places[k].name, places[k].what);
         }
     }
     in->name = piped ? "stdin" : in->name;
@@ -452,12 +531,8 @@ static void read_axis(input_t *in)
 int main(int argc, char **argv)
 {
     read_words(argc, argv);
+    check_outputs();
     for (unsigned k = 0; k < RDPI_AXES; k++) {
-        for (unsigned other = 0; other < k; other++) {
-            if (strcmp(axes[k].out.name, axes[other].out.name) == 0) {
-                fail("%s: two axes cannot have the same drive; give them two names", axes[k].out.name);
-            }
-        }
         read_axis(&axes[k].in);
     }
     int status = rdpi_port_sim_application();

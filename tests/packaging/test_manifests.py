@@ -172,10 +172,33 @@ def test_the_settings_are_those_of_the_library(package: ModuleType, tmp_path: Pa
     folder = unpacked(package, kind, tmp_path)
     assert sorted(READERS[kind](folder).macros) == sorted(f"{name}={value}" for name, value in package.defaults().items())
     types = (ROOT / "lib/include/rdpi/types.h").read_text()
-    assert set(package.defaults()) == set(re.findall(r"^#ifndef (RDPI_MAX_\w+)", types, re.MULTILINE))
+    assert set(package.defaults()) == set(re.findall(r"^#ifndef (RDPI_(?!TYPES_H)\w+)", types, re.MULTILINE))
     changed = next(folder.rglob("Kconfig"))
     changed.write_text(re.sub(r"(config RDPI_MAX_PLAYS\n.*\n.*\n\tdefault) \d+", r"\1 21", changed.read_text()))
     assert "RDPI_MAX_PLAYS=21" in READERS[kind](folder).macros
+
+
+@pytest.mark.parametrize("kind", ["zephyr", "esp-idf"])
+def test_a_menu_offers_what_the_library_accepts(package: ModuleType, tmp_path: Path, kind: str) -> None:
+    """Every setting at both ends of its range; where types.h has a limit, the range goes as far as that."""
+    folder = unpacked(package, kind, tmp_path)
+    menu = next(folder.rglob("Kconfig")).read_text()
+    found = re.findall(r'^config (RDPI_\w+)\n\tint ".+"\n\trange (\d+) (\d+)\n\tdefault (\d+)$', menu, re.MULTILINE)
+    assert {name: default for name, _, _, default in found} == package.defaults()
+
+    def accepted(name: str, value: int, *files: Path) -> bool:
+        done = subprocess.run(["cc", "-std=c99", "-fsyntax-only", f"-I{folder}/include", f"-D{name}={value}", *files],
+                              capture_output=True, text=True)
+        assert done.returncode == 0 or "#error" in done.stderr, done.stderr
+        return done.returncode == 0
+
+    for name, low, high, default in found:
+        low, high = int(low), int(high)
+        assert low <= int(default) <= high
+        for value in (low, high):
+            assert accepted(name, value, *sorted(folder.glob("src/*.c"))), (name, value)
+        types = folder / "include/rdpi/types.h"
+        assert not accepted(name, low - 1, types) and (high == 65535 or not accepted(name, high + 1, types)), name
 
 
 def test_zephyr_leaves_the_library_out_unless_it_is_chosen(package: ModuleType, tmp_path: Path) -> None:

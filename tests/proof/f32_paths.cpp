@@ -348,8 +348,9 @@ static void bank_from_all(unsigned plays)
             walk_all("bank_move", actuator, state, [&](rdpi_f32_t &self) {
                 rdpi_f32_bank_move(&self.bank, play, plays, rdpi_f32_bank_target(some));
             });
-            walk_all("bank_solve and bank_move", actuator, state, [&](rdpi_f32_t &self) {
-                rdpi_f32_target_t target = rdpi_f32_bank_solve(&self.bank, play, plays, some, some);
+            walk_all("bank_walk and bank_move", actuator, state, [&](rdpi_f32_t &self) {
+                rdpi_real_t climb_um = rdpi_f32_bank_climb(&self.bank, some, some);
+                rdpi_f32_target_t target = rdpi_f32_bank_walk(&self.bank, play, plays, some, climb_um);
                 if (choose()) {
                     target.x_um = some; // where limits or a code take it
                 }

@@ -90,7 +90,7 @@ static void compare_set(size_t count)
         walk_move(&ahead, x_um);
 
         rdpi_real_t before = bank.y_um[0], v = (rdpi_real_t)walk_sum(&ahead, rate);
-        rdpi_f32_target_t target = rdpi_f32_bank_solve(&bank, play, count, rate, v);
+        rdpi_f32_target_t target = rdpi_f32_bank_walk(&bank, play, count, rate, rdpi_f32_bank_climb(&bank, rate, v));
         long double x = walk_solve(&walk, rate, v);
         long double error_x = target.x_um - x;
         target.x_um = output(target.x_um, before);

@@ -34,12 +34,19 @@ static void move(rdpi_real_t x_um)
     }
 }
 
+/* The x at which f is `v_um`. */
+static rdpi_f32_target_t solve(rdpi_f32_bank_t *any, const rdpi_f32_play_t *play, size_t count,
+                               rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
+{
+    return rdpi_f32_bank_walk(any, play, count, rate_um_per_s, rdpi_f32_bank_climb(any, rate_um_per_s, v_um));
+}
+
 /* Solved on a copy: nothing moves. */
 static rdpi_real_t solution(const rdpi_f32_play_t *play, size_t count, rdpi_real_t rate_um_per_s, rdpi_real_t v_um)
 {
     rdpi_f32_bank_t copy = bank;
     copy.last_engaged = &play[copy.engaged];
-    return rdpi_f32_bank_solve(&copy, play, count, rate_um_per_s, v_um).x_um;
+    return solve(&copy, play, count, rate_um_per_s, v_um).x_um;
 }
 
 static void solves(rdpi_real_t x_um, rdpi_real_t v_um)
@@ -159,7 +166,7 @@ void test_what_turns_back_only_to_stay_where_it_was_has_not_turned(void)
 {
     move(5);
     rdpi_f32_bank_t before = bank;
-    rdpi_f32_target_t target = rdpi_f32_bank_solve(&bank, halving, COUNT, 0, output() - (rdpi_real_t)0.5);
+    rdpi_f32_target_t target = solve(&bank, halving, COUNT, 0, output() - (rdpi_real_t)0.5);
     TEST_ASSERT_TRUE(target.turned);
     target.x_um = 5;
     EQUAL_REAL(1, rdpi_f32_bank_move(&bank, halving, COUNT, target));
@@ -346,19 +353,19 @@ void test_one_play_is_a_division(void)
 void test_solving_moves_no_play(void)
 {
     move(5);
-    rdpi_f32_bank_solve(&bank, halving, COUNT, 0, (rdpi_real_t)9.25); /* down, with the first play alone */
+    solve(&bank, halving, COUNT, 0, (rdpi_real_t)9.25); /* down, with the first play alone */
     equal_states(5, 4, 3, 1);
     setUp();
     move(5);
-    rdpi_f32_bank_solve(&bank, halving, COUNT, 0, (rdpi_real_t)-5.5);
+    solve(&bank, halving, COUNT, 0, (rdpi_real_t)-5.5);
     equal_states(5, 4, 3, 1);
 }
 
 void test_solution_says_whether_x_has_turned(void)
 {
     move(5);
-    TEST_ASSERT_FALSE(rdpi_f32_bank_solve(&bank, halving, COUNT, 0, 12).turned);
-    TEST_ASSERT_TRUE(rdpi_f32_bank_solve(&bank, halving, COUNT, 0, (rdpi_real_t)7.5).turned);
+    TEST_ASSERT_FALSE(solve(&bank, halving, COUNT, 0, 12).turned);
+    TEST_ASSERT_TRUE(solve(&bank, halving, COUNT, 0, (rdpi_real_t)7.5).turned);
 }
 
 /* ---- the quick way ---- */
@@ -418,7 +425,7 @@ void test_after_solving_the_bank_can_move_anywhere(void)
                 setUp();
                 move(5);
                 move((rdpi_real_t)from);
-                rdpi_f32_target_t target = rdpi_f32_bank_solve(&bank, halving, COUNT, 0, output() + asked_um[k]);
+                rdpi_f32_target_t target = solve(&bank, halving, COUNT, 0, output() + asked_um[k]);
                 target.x_um = (rdpi_real_t)to;
                 rdpi_f32_bank_move(&bank, halving, COUNT, target);
                 for (size_t i = 0; i < COUNT; i++) {
@@ -439,7 +446,7 @@ void test_the_solution_put_into_the_bank_gives_what_was_asked_through_reversals_
     for (int k = 0; k < 2000; k++) {
         seed = seed * 1664525u + 1013904223u;
         rdpi_real_t v_um = (rdpi_real_t)(seed >> 16) / 4096 - 8, rate = k % 3 == 0;
-        rdpi_f32_target_t target = rdpi_f32_bank_solve(&bank, softening, COUNT, rate, v_um);
+        rdpi_f32_target_t target = solve(&bank, softening, COUNT, rate, v_um);
         rdpi_f32_bank_move(&bank, softening, COUNT, target);
         TEST_ASSERT_FLOAT_WITHIN(1e-5f, (float)v_um,
                                  (float)rdpi_f32_bank_at(&bank, softening, COUNT, rate, bank.y_um[0]));

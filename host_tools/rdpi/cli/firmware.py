@@ -135,8 +135,7 @@ def header(model: str, output: str, name: str, sweep_end_V: float | None, sweep_
         _shaped(parameters)
     inverse = _inverse(parameters, **of_effects)
     parameters, chain = inverse.model, inverse.chain
-    written = write_header(parameters, output, name, model, chain,
-                           [(one.column, one.um_per_unit) for one in inverse.addends], inverse.jump)
+    written = write_header(parameters, output, name, model, chain, inverse.addends, inverse.jump)
     click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones, "
                f"starts from {parameters.start_V():.6g} V, start-up sweep ends at {parameters.sweep_end():.6g} V")
     for note in build_notes(parameters, chain):
@@ -198,8 +197,8 @@ def profile(source: str, output: str, reference_column: str | None,
 @click.argument("model", metavar="MODEL.json", type=ModelFile())
 @click.argument("reference", metavar="REFERENCE.csv", type=click.Path(dir_okay=False))
 @click.option("-o", "--output", required=True, metavar="DRIVE.csv", type=Output(),
-              help="The columns of REFERENCE.csv and the drive: command_V, rate_um_per_s, flags and, with --dac-bits, "
-                   "dac_code.")
+              help="The columns of REFERENCE.csv and the drive: command_V, rate_um_per_s, flags and, if the model or "
+                   "--dac-bits gives DAC codes, dac_code.")
 @click.option("--engine", default="f32", show_default=True,
               type=click.Choice(["f32", "q31", "f64", "numpy", "qemu-m0", "qemu-m3", "qemu-m4f", "qemu-m7"]),
               help="f32: the firmware library in single precision. q31: in fixed point. f64: in double precision. "

@@ -93,7 +93,7 @@ def _once(context: click.Context, parameter: click.Parameter, values: tuple[str,
 @click.option("-o", "--output", required=True, multiple=True, callback=_once, metavar="RUN.csv",
               type=Output(dir_okay=True),
               help="The recording. For several sources: a directory, which gets one NAME.csv for each source.")
-@click.option("--time", metavar=_COLUMN, help="Time. Units: s (default), ms, us.")
+@click.option("--time", metavar=_COLUMN, help="Time. Units: s (default), ms, us, ns.")
 @click.option("--rate", "rate_hz", metavar="HZ", type=click.FloatRange(min=0, min_open=True),
               help="Samples per second. Without --time, the command makes the times from it: the first row used is at "
                    "time 0.")
@@ -321,9 +321,9 @@ def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | N
     chirp        a frequency that changes continuously: shows resonance (use a small range)
     startup      decaying oscillation: brings the hysteresis to a known state
 
-    The drive starts and ends at --rest-V. It begins with a decaying sweep of about one second, which brings the
-    hysteresis to a known state; --no-sweep leaves the sweep out. The metadata `sweep_s` is the duration of the sweep.
-    The same options give the same file.
+    The drive starts at --rest-V. Every drive but startup begins with a decaying sweep of about one second, which brings
+    the hysteresis to a known state, and ends at --rest-V. --no-sweep leaves the sweep out. The metadata `sweep_s` is
+    the duration of the sweep. startup is that sweep alone; it ends at --end-V. The same options give the same file.
 
     For commission, the command prints which effects the drive shows, and from which size on. It computes this from the
     drive, for a usual sensor. A smaller effect needs a longer drive, a faster one or a better sensor.

@@ -1,9 +1,10 @@
 """Drives that make an actuator show what a model needs to know.
 
-Every drive starts and ends at the rest voltage, stays within the limits, and is a pure function of its options: the
-same options give the same bytes. Unless told otherwise it begins with a decaying sweep, after which what the hysteresis
-remembers is known whatever it was before. Frequencies that the user did not ask for yield to slew limit and sample
-rate; those asked for are kept, or refused.
+Every drive starts at the rest voltage, stays within the limits, and is a pure function of its options: the same options
+give the same bytes. Unless told otherwise, every drive but startup begins with a decaying sweep, after which what the
+hysteresis remembers is known whatever it was before, and ends at the rest voltage. startup is that sweep alone; it ends
+at its end voltage. Frequencies that the user did not ask for yield to slew limit and sample rate; those asked for are
+kept, or refused.
 """
 
 from __future__ import annotations

@@ -278,8 +278,8 @@ void rdpi_f32_get_memory(const rdpi_f32_t *self, rdpi_real_t *y_um);
  * sweep, rdpi_f32_forward, or more than RDPI_MAX_MISSED missed samples. The reference that keeps the present drive is
  * rdpi_f32_predict(self, self->drive_V, 0).
  *
- * Amortised O(m), at most O(n + m). With a rate window of N samples, the first sample is O(N). A step divides once, or
- * twice if it began on the quick way and could not stay on it. ISR safe. */
+ * Amortised O(m), at most O(n + m). With a rate window of N samples, the first sample is O(N). The quick way divides
+ * once. Any other step divides up to three times; a slew limit and noise shaping add one each. ISR safe. */
 rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um);
 
 /** Reports that `ticks` samples went by without a step, while the last drive was held. The next step takes the missed

@@ -1,5 +1,5 @@
 /** @file
- * The chain in single precision: what stands around the operator, compensated in front of it.
+ * The chain in single precision: it compensates what stands around the operator.
  *
  *     reference_um -> lead -> creep^-1 -> rdpi_f32_step -> lag^-1 -> drive_V
  *

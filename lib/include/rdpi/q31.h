@@ -1,7 +1,11 @@
 /** @file
  * The library in 32-bit integers, for cores without floating point. It has the functions of rdpi/f32.h, and gives the
- * same bits on every machine. It uses no floating point, no libm and no heap. init divides 64 bits by 32. The step
- * divides only where samples were missed, and by 17 at most.
+ * same bits on every machine. It uses no floating point, no libm and no heap. init divides 64 bits by 32, the sweep
+ * 64 bits by 16. The step divides 32 bits, and by 17 at most:
+ *
+ * - With a rate window of several samples or a low-pass, each step divides once, and once more per missed sample.
+ * - Otherwise the first step divides once, and so does a step after missed samples. Others do not divide.
+ * - On cores that multiply to 32 bits only, such as Cortex-M0, no step divides.
  *
  *     static rdpi_q31_t axis;
  *     rdpi_q31_init(&axis, &rdpi_params_q31, 100000);  // once, sample time in ns; the header comes from `rdpi header`

@@ -1,7 +1,7 @@
 /** @file
- * The chain in 32-bit integers: what stands around the operator, compensated in front of it. It has the functions of
- * rdpi/f32_chain.h, and gives the same bits on every machine. Nothing is divided in the step, except where samples were
- * missed, and then by 17 at most.
+ * The chain in 32-bit integers: it compensates what stands around the operator. It has the functions of
+ * rdpi/f32_chain.h, and gives the same bits on every machine. After missed samples the lead and lag^-1 divide once each,
+ * by 17 at most; rdpi/q31.h says when the operator divides.
  *
  *     reference -> lead -> creep^-1 -> rdpi_q31_step -> lag^-1 -> drive
  *

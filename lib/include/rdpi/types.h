@@ -37,7 +37,7 @@ extern "C" {
 #define RDPI_MAX_WINDOW 16 /**< most samples in the window of the rate estimator: N */
 #endif
 #ifndef RDPI_MAX_POLES
-#define RDPI_MAX_POLES 12 /**< most poles of creep and relaxation in a chain */
+#define RDPI_MAX_POLES 12 /**< most poles of creep and relaxation in a chain, up to 64 */
 #endif
 
 #ifndef RDPI_MAX_CURVE_PIECES
@@ -52,6 +52,9 @@ extern "C" {
 #endif
 #if RDPI_MAX_DEADZONES > 255
 #error "define RDPI_MAX_DEADZONES as at most 255"
+#endif
+#if RDPI_MAX_POLES > 64
+#error "define RDPI_MAX_POLES as at most 64"
 #endif
 #if RDPI_NOISE_SHAPING != 0 && RDPI_NOISE_SHAPING != 1
 #error "define RDPI_NOISE_SHAPING as 0 or 1"
