@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import strategies as st
 
+from rdpi.firmware import Chain, Steps
 from rdpi.model import Drive, Memory, Model, Rate, operators
+from rdpi.simulate import numpy_inverse
 
 SAMPLE_TIME_S = 1e-4
 
@@ -62,3 +66,10 @@ SEEDS = st.integers(0, 2**32 - 1)
 MODELS = st.builds(random_model, SEEDS, st.integers(0, 12), st.integers(0, 4), st.booleans(), st.booleans(),
                    st.none() | st.sampled_from([1, 8, 12, 16, 20]), st.sampled_from([0, 1, 2, 7, 200]),
                    st.sampled_from([0.0, 3e-5, 1e-3, 1.0]))
+
+
+def steps_of(model: Model, reference_um: np.ndarray, sample_time_s: float, states_um: np.ndarray | None = None
+             ) -> tuple[Steps, np.ndarray]:
+    """numpy_inverse.step of the operator alone, from these states of the plays or the model's memory."""
+    memory = model.memory if states_um is None else Memory(float(states_um[0]), states_um)
+    return numpy_inverse.step(replace(model, memory=memory), Chain(), reference_um, sample_time_s)

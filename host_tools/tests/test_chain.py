@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
-from models import SAMPLE_TIME_S, SEEDS, random_model
+from models import SAMPLE_TIME_S, SEEDS, random_model, steps_of
 
 from rdpi import firmware
 from rdpi.data import Recording
@@ -45,7 +45,7 @@ def made_run(model: Model, states_um: np.ndarray, memory: str = "unknown", sampl
     start_um = operators.forward(model, start_V, np.zeros(1), states_um)[0]
     z = start_um + sum(a * (np.cos(2 * np.pi * f * TIME_S[:samples]) - 1) for a, f in ((2.6, 5), (2.0, 20), (1.4, 35)))
     free = replace(model, drive=Drive(-1e4, 1e4))
-    return recording(operators.step(free, z, SAMPLE_TIME_S, states_um)[0].drive_V, z, memory)
+    return recording(steps_of(free, z, SAMPLE_TIME_S, states_um)[0].drive_V, z, memory)
 
 
 @lru_cache(maxsize=None)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models import random_model
+from models import random_model, steps_of
 from rdpi.errors import BadInput
 from rdpi.firmware import library, parameters
 from rdpi.model import Drive, Model, along, operators
@@ -84,7 +84,7 @@ def test_the_library_does_what_numpy_does(seed: int, engine: str) -> None:
     bits = [None, 10, 16][seed % 3]
     model = bent(seed, 1 + seed, bits, slew=seed % 2 == 1)
     z = references(model)
-    theirs, states_um = operators.step(model, z, T_S)
+    theirs, states_um = steps_of(model, z, T_S)
     one = library.engine(model, T_S, engine)
     ours = one.step(z)
     span_V = model.drive.max_V - model.drive.min_V

@@ -11,10 +11,9 @@ from fractions import Fraction
 import numpy as np
 
 from ..errors import BadInput
-from ..model import TOLERANCE, Drive, Model, intercepts, inverse_saturation
+from ..model import MAX_REFERENCE_UM, TOLERANCE, Drive, Model, intercepts, inverse_saturation
 
 ONE, MAX_DRIVE, MIN_SLOPE = 2**30, 2**29, 2**24  # RDPI_Q31_...
-MAX_REFERENCE_UM = 1e6  # RDPI_MAX_REFERENCE_UM
 NO_REFERENCE, INT32_MAX = -(2**31), 2**31 - 1
 LARGEST_DRIVE = MAX_DRIVE - 256  # leaves room for rounding, of states once per play
 MIN_SPAN, MIN_CODE = 2**20, 16  # drive units in the output range, and in one step of the DAC

@@ -35,8 +35,7 @@ def perturbed(model: Model, move: np.ndarray) -> Model:
         changes = model.slope_rate_s_per_um + (model.slopes * step[n:2 * n] / top if law else 0.0)
         weights = model.deadzone_weights + np.r_[0.0, step[n * (1 + law):]]
         new = guarded(replace(model, slopes=slopes, slope_rate_s_per_um=changes, deadzone_weights=weights,
-                              operator_alone=None),
-                      effects.GUARD_SLACK * (1 - model.rate.min_slope_ratio), model.rate.max_um_per_s)
+                              operator_alone=None), model.rate.max_um_per_s)
         try:
             new.validate()
             return new

@@ -199,13 +199,6 @@ class NextExperiment(Document):
     why: str = json_key("what it would show")
     seconds: float | None = json_key("length of the drive; null: not known", "s", low=0)
 
-    def to_json(self) -> dict[str, Any]:
-        """As ever, the reason stands last where the length is not known."""
-        document = super().to_json()
-        if self.seconds is None:
-            document["why"] = document.pop("why")
-        return document
-
 
 @dataclass(kw_only=True)
 class Offset(Document):

@@ -357,7 +357,7 @@ def _of_plant(model: Model, plant: Plant, columns: Columns, runs: Sequence[Run],
     change = (plant.fast - plant.rest) / top
     found = replace(model, offset_um=offset_um, slopes=plant.rest, slope_rate_s_per_um=change, deadzones_um=deadzones,
                     deadzone_weights=deadzone_weights)
-    return guarded(found, 1 - model.rate.min_slope_ratio, tuned.RATE_HEADROOM * top)
+    return guarded(found, tuned.RATE_HEADROOM * top, slack=1.0)
 
 
 def _leave_out(found: Operator, predictions: Sequence[chain.Prediction]) -> list[np.ndarray | None]:

@@ -11,6 +11,8 @@ import numpy as np
 if TYPE_CHECKING:
     from .model import Model
 
+GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
+
 
 def guard_rates(slopes: np.ndarray, slope_rate_s_per_um: np.ndarray) -> np.ndarray:
     """Rate in um/s at which each slope reaches zero, inf where it does not fall; shape (n + 1,)."""
@@ -18,8 +20,9 @@ def guard_rates(slopes: np.ndarray, slope_rate_s_per_um: np.ndarray) -> np.ndarr
     return np.where(falling, slopes / np.where(falling, -slope_rate_s_per_um, 1), np.inf)
 
 
-def guarded(model: Model, share: float, highest_um_per_s: float) -> Model:
-    """The model with its guard at this share of the rate at which its first slope reaches zero, at most at a rate."""
+def guarded(model: Model, highest_um_per_s: float, slack: float = GUARD_SLACK) -> Model:
+    """The model with its guard where its first slope has fallen to rate.min_slope_ratio, at most at a rate."""
+    share = slack * (1 - model.rate.min_slope_ratio)
     singular = float(np.min(guard_rates(model.slopes, model.slope_rate_s_per_um)))
     return replace(model, rate=replace(model.rate, max_um_per_s=min(share * singular, highest_um_per_s),
                                        singular_um_per_s=singular if np.isfinite(singular) else None))

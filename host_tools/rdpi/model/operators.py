@@ -1,31 +1,21 @@
 """Every equation of the model in NumPy and double precision: the independent check of the compiled library.
 
 Written from Ang et al., IROS 2003, whose equation numbers are given, and from the rate estimator's formula in
-lib/src/f32_rate.h; plain rather than fast (about 50 us per sample). `step` does what Firmware.step does.
+lib/src/f32_rate.h; plain rather than fast. simulate/numpy_inverse.py makes steps of them.
 Arrays of samples have shape (samples,), of plays (n + 1,), of dead zones (m + 1,).
 """
 
 from __future__ import annotations
 
 from itertools import accumulate
-from typing import NamedTuple
 
 import numpy as np
 
 from .model import Drive, Model, Rate
 
 GUARD, RANGE, SLEW, INPUT, MISSED = 1, 2, 4, 8, 16  # RDPI_FLAG_... in lib/include/rdpi/types.h
-MAX_REFERENCE_UM = 1e6
+MAX_REFERENCE_UM = 1e6  # RDPI_MAX_REFERENCE_UM
 MAX_MISSED = 16  # RDPI_MAX_MISSED
-
-
-class Steps(NamedTuple):
-    """What the inverse did, one value per sample: the fields of firmware.Steps."""
-
-    drive_V: np.ndarray
-    rate_um_per_s: np.ndarray  # after the guard
-    flags: np.ndarray  # uint32, GUARD | RANGE | SLEW | INPUT | MISSED
-    dac_code: np.ndarray  # uint32, 0 without dac_bits
 
 
 # ---- plays ----
@@ -138,19 +128,6 @@ def rate(z_um: np.ndarray, sample_time_s: float, window_s: float, filter_s: floa
     return np.array(list(accumulate(raw, lambda last, new: last + blend * (new - last))))
 
 
-def rate_with_gaps(z_um: np.ndarray, sample_time_s: float, window_s: float, filter_s: float) -> np.ndarray:
-    """The rate in um/s (samples,) where z is NaN in some samples: NaN there, elsewhere as if they lay on a straight
-    line between their neighbours. After a gap of more than MAX_MISSED the estimator starts afresh.
-    """
-    known = np.flatnonzero(np.isfinite(z_um))
-    result = np.full(len(z_um), np.nan)
-    for part in np.split(known, np.flatnonzero(np.diff(known) > MAX_MISSED + 1) + 1):
-        if len(part):
-            whole = np.interp(np.arange(part[0], part[-1] + 1), part, z_um[part])
-            result[part] = rate(whole, sample_time_s, window_s, filter_s)[part - part[0]]
-    return result
-
-
 def guard(limits: Rate, rate_um_per_s: np.ndarray) -> np.ndarray:
     """The rate clamped below the singularity, um/s."""
     return np.minimum(rate_um_per_s, limits.max_um_per_s)
@@ -171,42 +148,3 @@ def quantise(drive: Drive, drive_V: float) -> tuple[float, int]:
     step_V = (drive.max_V - drive.min_V) / (2**drive.dac_bits - 1)
     code = int((drive_V - drive.min_V) / step_V + 0.5)
     return min(drive.min_V + code * step_V, drive.max_V), code
-
-
-# ---- the whole chain ----
-
-def step(model: Model, reference_um: np.ndarray, sample_time_s: float, states_um: np.ndarray | None = None
-         ) -> tuple[Steps, np.ndarray]:
-    """References in um (samples,) to drives as the firmware makes them, from `states_um` or the model's memory.
-
-    Returns the Steps and the states of the plays at the end. A reference that is not finite or beyond MAX_REFERENCE_UM
-    holds the last output and counts as a missed sample.
-    """
-    drive, r = model.drive, model.thresholds_um
-    y = model.memory.plays_um if states_um is None else states_um
-    usable = np.abs(reference_um) <= MAX_REFERENCE_UM
-    z = np.where(usable, reference_um, np.nan) - model.offset_um
-    estimated = rate_with_gaps(z, sample_time_s, model.rate.window_s, model.rate.filter_s)[usable]
-    clamped = guard(model.rate, estimated)
-    z = z[usable]
-    after_gap = np.diff(usable.astype(int), prepend=1) > 0
-    v = saturation_inverse(z, model.deadzones_um, model.deadzone_weights)
-    samples = zip(v, play_weights(model, clamped), clamped, estimated)
-
-    drive_V = ramp_V = min(max(model.drive_of(y[0]), drive.min_V), drive.max_V)
-    rho, code = 0.0, quantise(drive, drive_V)[1]
-    rows = []
-    for use, missed in zip(usable, after_gap):
-        flags = INPUT
-        if use:
-            v_um, weights, rho, wish_rho = next(samples)
-            wish_V = model.drive_of(solve(v_um, r, weights, y))
-            # The slew limit goes on from the drive before it was rounded to a code, or slow ones would never leave one.
-            ramp_V, flags = limit(drive, wish_V, ramp_V, sample_time_s)
-            drive_V, code = quantise(drive, ramp_V)
-            flags |= GUARD * bool(wish_rho > rho) | MISSED * missed
-            y = play(model.x_of(drive_V), r, y)  # what was output, not what was wished for
-        rows.append((drive_V, rho, flags, code))
-    kinds = (np.float64, np.float64, np.uint32, np.uint32)
-    columns = zip(*rows) if rows else ((),) * len(kinds)
-    return Steps(*(np.array(column, kind) for column, kind in zip(columns, kinds))), y

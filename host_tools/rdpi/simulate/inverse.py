@@ -27,7 +27,6 @@ SENSOR = effects.STAGES[-1]
 FREQUENCIES_HZ = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0
 LARGEST_ERROR = 1.0  # of the amplitude, up to which the table goes
 JUMP_S, JUMPS_S = 0.002, (1e-6, 10.0)  # that a jump over backlash is spread over, unless told otherwise; what is taken
-GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
 
 
 class Told(NamedTuple):
@@ -240,7 +239,7 @@ def _folded(treatment: Treatment, before: Model) -> tuple[Treatment, Model]:
     if found is before:
         return treatment, before
     try:
-        found = guarded(found, GUARD_SLACK * (1 - found.rate.min_slope_ratio), found.rate.max_um_per_s)
+        found = guarded(found, found.rate.max_um_per_s)
         if found.drive != before.drive:
             found = replace(found, memory=within_drive(found))
         found.validate()

@@ -47,7 +47,6 @@ CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
     Quantisation)}
 PARAMETERS = {one.name: one for effect in CATALOGUE.values() for one in effect.parameters}  # a name means one thing
 _ORDER = list(CATALOGUE)
-GUARD_SLACK = 0.999  # rounding must not carry the guard past its limit
 LEAST_SLOPE_RATIO = 0.02
 MUCH_CONSTANT = 0.5  # of a constant, that disturbances make up for
 
@@ -149,7 +148,7 @@ def operator(effects: Sequence[Acting], model: Model) -> Model:
     if changed is model:
         return model
     return guarded(replace(changed, rate=replace(changed.rate, min_slope_ratio=LEAST_SLOPE_RATIO)),
-                   GUARD_SLACK * (1 - LEAST_SLOPE_RATIO), model.rate.max_um_per_s)
+                   model.rate.max_um_per_s)
 
 
 def displaced(effects: Sequence[Acting], z_um: np.ndarray, run: Recording, model: Model) -> np.ndarray:
