@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,11 @@ from plants import changed, marked, recording
 from rdpi.data import Recording, excite, sample_times
 from rdpi.errors import BadInput
 from rdpi.identify import Options, fit
-from rdpi.gap import Diagnosis, diagnose, experiment, thresholds
+from rdpi.gap import Diagnosis, diagnose, diagnosis, experiment, thresholds
 from rdpi.gap.augmented import AugmentedModel
 from rdpi.gap.candidates import Candidate, bounded
-from rdpi.gap.selection import Selection
+from rdpi.gap.selection import Excess, Selection
+from rdpi.gap.spectrum import Spectrum
 from rdpi.model import Memory, Model
 from rdpi.simulate import chain, effects
 from rdpi.simulate.effects import CATALOGUE, STAGES
@@ -821,6 +823,14 @@ def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
     found = diagnose(commissioned(), shown_filtered(runs))
     assert found.document.verdict == "unknown" and found.improved.digest() == commissioned().digest()
     assert any("the monitor is late" in note for note in found.document.notes)
+
+
+@pytest.mark.parametrize(("recordings", "evidence", "sure"), [
+    (1, 0.75, False), (1, 0.85, True), (2, 0.5, False), (3, 0.5, True), (4, 0.35, False), (9, 0.31, False), (9, 0.33, True)])
+def test_what_a_gap_without_a_name_must_show(recordings: int, evidence: float, sure: bool) -> None:
+    gap = Excess(total=1.0, floor=0.5, ratio=1.3, spread=0.5, ratios=None)
+    selection = SimpleNamespace(detection=evidence, given=SimpleNamespace(recordings=[None] * recordings))
+    assert diagnosis._sure(selection, gap, Spectrum()) == sure
 
 
 def test_a_sensor_that_became_noisy() -> None:
