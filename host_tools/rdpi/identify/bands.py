@@ -44,8 +44,7 @@ def _of_operator(model: Model, runs: Sequence[Recording]) -> list[Recording]:
     acting = effects.acting(model)
     if not acting:
         return list(runs)
-    driven = [replace(run, columns={**run.columns, "command_V": effects.driven(acting, run.command_V, run, model)})
-              for run in runs]
+    driven = [effects.driven_run(acting, run, model) for run in runs]
     alone = [one.predicted_um for one in chain.simulate(replace(model, effects=[], operator_alone=None), driven)]
     return [replace(run, columns={**run.columns, "displacement_um": run.displacement_um - (
         effects.displaced(acting, z_um, run, model) - z_um)}) for run, z_um in zip(driven, alone)]

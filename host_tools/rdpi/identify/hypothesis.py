@@ -106,9 +106,7 @@ class Setting:
                        rates_um_per_s=[rate[::step] for rate, step in zip(self.rates_um_per_s, steps)])
 
     def driven(self, k: int, acting: Sequence[Acting]) -> Recording:
-        run = self.runs[k]
-        drive_V = effects.driven(acting, run.command_V, run, self.model)
-        return replace(run, columns={**run.columns, "command_V": drive_V})
+        return effects.driven_run(acting, self.runs[k], self.model)
 
     def plays(self, k: int, drive_V: np.ndarray) -> np.ndarray:
         """y_i - y_(i+1) of a run at the samples that count, (samples, n + 1).

@@ -90,7 +90,7 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
     predictions: list[Prediction] = []
     for run in runs:
         check_sizes(run.columns, lambda row, path=run.path: f"{path}, sample {row}")
-        run = _driven(model, run, acting)
+        run = effects.driven_run(acting, run, model)
         if memory != "auto":
             run = replace(run, metadata={**run.metadata, "memory": "reset" if memory == "reset" else "unknown"})
         kind = run.memory if memory == "auto" else memory
@@ -109,11 +109,6 @@ def simulate(model: Model, runs: Sequence[Recording], memory: str = "auto") -> l
         shown = effects.disturbed(acting, effects.displaced(acting, found.predicted_um, run, plain), run, model)
         predictions.append(replace(found, predicted_um=shown))
     return predictions
-
-
-def _driven(model: Model, run: Recording, acting: Sequence[effects.Acting]) -> Recording:
-    """The run with the drive that reaches the actuator."""
-    return replace(run, columns={**run.columns, "command_V": effects.driven(acting, run.command_V, run, model)})
 
 
 def states_after(position_um: float, x0_um: float, thresholds_um: np.ndarray) -> np.ndarray:
@@ -239,7 +234,7 @@ def _memory_before(model: Model, by: Inverse, run: Recording, first_um: float) -
     # the recording shows every effect, whatever is compensated
     acting = effects.acting(inverted if by.alone else model)
     plain = effects.operator(acting, replace(inverted if by.alone else model, effects=[]))
-    states = estimate_states(plain, _driven(model, run, acting), acting)
+    states = estimate_states(plain, effects.driven_run(acting, run, model), acting)
     return within_drive(replace(inverted, memory=replace(inverted.memory, x_um=float(states[0]), plays_um=states)))
 
 

@@ -36,9 +36,9 @@ from .static_nonlinearity import StaticNonlinearity
 from .thermal_drift import ThermalDrift
 from .treatment import Addend, Sensor, Treatment, left_out
 
-__all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Addend", "Displaced", "Effect", "Parameter",
-           "Residuals", "Sensor", "Treatment", "Values", "acting", "beside", "disturbed", "displaced", "driven",
-           "entries", "left_out", "operator", "place", "replaced", "then"]
+__all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Addend", "Displaced", "Effect",
+           "Parameter", "Residuals", "Sensor", "Treatment", "Values", "acting", "beside", "disturbed", "displaced",
+           "driven", "driven_run", "entries", "left_out", "operator", "place", "replaced", "then"]
 
 CATALOGUE: dict[str, type[Effect]] = {effect.name: effect for effect in (
     # where two act at one stage, the first comes first
@@ -135,6 +135,11 @@ def driven(effects: Sequence[Acting], drive_V: np.ndarray, run: Recording, model
     for effect, values in effects:
         drive_V = effect.drive(drive_V, run, values, model)
     return drive_V
+
+
+def driven_run(effects: Sequence[Acting], run: Recording, model: Model) -> Recording:
+    """The recording with the drive that reaches the actuator as its command."""
+    return replace(run, columns={**run.columns, "command_V": driven(effects, run.command_V, run, model)})
 
 
 def operator(effects: Sequence[Acting], model: Model) -> Model:
