@@ -826,7 +826,7 @@ def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
 
 
 @pytest.mark.parametrize(("recordings", "evidence", "sure"), [
-    (1, 0.75, False), (1, 0.85, True), (2, 0.5, False), (3, 0.5, True), (4, 0.35, False), (9, 0.31, False), (9, 0.33, True)])
+    (1, 0.68, False), (1, 0.7, True), (3, 0.68, False), (3, 0.7, True), (4, 0.39, False), (4, 0.41, True)])
 def test_what_a_gap_without_a_name_must_show(recordings: int, evidence: float, sure: bool) -> None:
     gap = Excess(total=1.0, floor=0.5, ratio=1.3, spread=0.5, ratios=None)
     selection = SimpleNamespace(detection=evidence, given=SimpleNamespace(recordings=[None] * recordings))

@@ -23,7 +23,7 @@ from .augmented import AugmentedModel
 from .document import rms
 from .report.words import CHANGE, GAP, Terms
 from .sections import GapDocument, Offset, TrackingPromise, Verdict
-from .selection import Excess, Selection, equations_of, excess, select, shrink_of, zeros_agree
+from .selection import Excess, Selection, detection_threshold, equations_of, excess, select, shrink_of, zeros_agree
 from .spectrum import Spectrum
 
 REFERENCE_COLUMNS = "time_s", "reference_um"
@@ -371,7 +371,7 @@ def _sure(selection: Selection, gap: Excess, new: Spectrum) -> bool:
         return False
     known = replace(gap, ratio=gap.ratio * float(np.sqrt(max(new.known, 1e-12))))
     detection = selection.detection - gap.evidence + known.evidence
-    clear = max(thresholds.DETECTION, thresholds.UNKNOWN / np.sqrt(len(selection.given.recordings)))
+    clear = thresholds.UNKNOWN * detection_threshold(selection.given.recordings)
     spread = max(gap.spread, thresholds.USUAL_SPREAD)
     return bool(detection > clear or np.log(known.ratio) > thresholds.SPREADS * spread
                 or new.evidence * new.breadth * gap.trust > thresholds.SPECTRUM)
