@@ -73,10 +73,7 @@ class Unlag:
             slope_V = min((change_V + changed_V) / 2, 2 * change_V, 2 * changed_V, key=abs)
         wish_V = asked_V - (change_V if self.chain.preview else 0.0) + self.per_step * slope_V
         drive = self.drive
-        limited_V = min(max(wish_V, drive.min_V), drive.max_V)
-        if drive.slew_V_per_s is not None:
-            most_V = drive.slew_V_per_s * self.step_s
-            limited_V = min(max(limited_V, self.ramp_V - most_V), self.ramp_V + most_V)
+        limited_V, _ = operators.limit(drive, wish_V, self.ramp_V, self.step_s)
         self.ramp_V, shaped_V = limited_V, limited_V + self.carried_V
         output_V, code = operators.quantise(drive, min(max(shaped_V, drive.min_V), drive.max_V))
         if drive.noise_shaping:
