@@ -238,6 +238,7 @@ static I32 rdpi_q31_clamp(I64 value, I32 low, I32 high)
 {
     return value < low ? low : (value > high ? high : I32(value));
 }
+static I64 rdpi_q31_widen(I32 drive) { return I64(drive) << 32; }
 static I32 rdpi_q31_fresh(I32 same) { return same; }
 static const rdpi_q31_params_t *coded; // whose codes are put out: see README.md, "codes"
 static I64 rdpi_q31_mul(I32 a, I32 b)
