@@ -225,8 +225,8 @@ def test_finds_nothing_where_nothing_is() -> None:
         assert found.choice.kept == () and found.model.effects == [] and found.model.rate.filter_s == 0
         assert found.model.operator_alone is None
         assert found.model.slope_rate_s_per_um.any()  # the law that was not switched off
-        helps = "with a rate law" if found.choice.found.hypothesis.rated else "no rate law that helps for certain"
-        assert f"around the operator: nothing, {helps};" in lines(found.choice)[0]
+        helps = "" if found.choice.found.hypothesis.rated else " that does not help for certain"
+        assert f"around the operator: nothing, with a rate law{helps};" in lines(found.choice, found.model)[0]
 
 
 def test_a_delay_and_a_rate_law_are_told_apart() -> None:
@@ -267,7 +267,7 @@ def test_what_is_told() -> None:
             assert low < kept.acting.values[name] < high
             assert one.parameters[name].ci95 == (low, high)
     assert [item["origin"] for item in found.model.effects] == ["fit"] * len(TOGETHER)
-    told = "\n".join(lines(found.choice))
+    told = "\n".join(lines(found.choice, found.model))
     assert "around the operator: delay, lag, resonance" in told
     assert all(f"{name}: " in told for name in TOGETHER)
 
@@ -423,12 +423,13 @@ def test_what_a_rate_independent_model_is_told() -> None:
     """The rate law takes part in the choice, and stays out of what is told."""
     found = fit(put("delay", law=1.0), Options(rate_independent=True))
     assert not found.model.slope_rate_s_per_um.any()
-    assert "no rate law" in lines(found.choice)[0]
+    assert "no rate law" in lines(found.choice, found.model)[0]
 
 
 def test_nothing_to_find_in_exact_recordings() -> None:
     runs = [changed(run, displacement_um=0.1 * run.command_V) for run in put()]
-    told = "\n".join(lines(fit(runs).choice))
+    found = fit(runs)
+    told = "\n".join(lines(found.choice, found.model))
     assert "nan" not in told
 
 

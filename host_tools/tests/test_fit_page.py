@@ -101,7 +101,7 @@ def test_a_model_with_effects_is_shown_beside_the_one_without() -> None:
 
 def test_the_page_tells_what_the_terminal_does() -> None:
     result = fit(runs(), Options(rate_independent=True, effects="delay"))
-    first, delay = around.lines(result.choice)
+    first, delay = around.lines(result.choice, result.model)
     alone, without = first.split("operator alone ")[1], delay.split("without it ")[1].split(";")[0]
     text = text_of(written(result)).replace("\N{NO-BREAK SPACE}", " ")
     assert f"of the stroke, the operator alone {alone}." in text and f"without it {without}" in text
@@ -136,11 +136,21 @@ def test_measured_and_predicted_where_most_is_missed() -> None:
     measured, with_it, without = drawn(drawing.time_figure(run, _missed(sides, 1))).axes[0].lines
     assert [line.get_label() for line in (measured, with_it, without)] == ["measured", WITH, WITHOUT]
     assert with_it.get_color() == drawing.AFTER and without.get_color() == drawing.NOW
-    part = drawing.worst_part(sides[0].residuals_um[1])
+    part = drawing.worst_strokes(run, sides[0].residuals_um[1])
     assert measured.get_ydata() == pytest.approx(run.displacement_um[part])
     for line, side in ((without, sides[0]), (with_it, sides[1])):
         residual = side.residuals_um[1] - np.mean(side.residuals_um[1])
         assert line.get_ydata() == pytest.approx(run.displacement_um[part] - residual[part])
+
+
+def test_a_few_strokes_are_shown_of_the_worst_part() -> None:
+    run, sides = runs()[1], _sides(fitted(True), runs())
+    many = changed(run, command_V=np.tile(run.command_V[:200], 60)[:len(run)])
+    residual_um = np.where(np.arange(len(run)) < len(run) // 2, 1.0, 0.1) * np.sin(np.arange(len(run)))
+    part, whole = drawing.worst_strokes(many, residual_um), drawing.worst_part(residual_um)
+    assert whole.start <= part.start < part.stop <= whole.stop and part.stop <= len(run) // 2 + 200
+    turns = np.count_nonzero(np.diff(np.sign(np.diff(many.command_V[part]))))
+    assert turns <= drawing.STROKES
 
 
 def test_loops_and_what_is_missed_of_them() -> None:

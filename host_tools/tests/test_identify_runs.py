@@ -186,3 +186,20 @@ def test_model_remembers_where_the_first_run_began() -> None:
     truth = np.minimum(90.0 - model.thresholds_um / model.gain_um_per_V, 30 + model.thresholds_um / model.gain_um_per_V)
     assert model.memory.plays_um == pytest.approx(model.x_of(truth), abs=0.6)
     model.validate()
+
+
+def test_recordings_of_one_rate_are_named_where_the_model_rests_on_them() -> None:
+    one, several = fit([static_run()]), fit(moving_runs("displacement", hertz=(2, 10)))
+    told = [text for text in one.warnings if "about the same rate" in text]
+    assert len(told) == 1 and "its rate law may be another of them" in told[0]
+    assert not any("about the same rate" in text for text in several.warnings)
+    assert not any("about the same rate" in text for text in fit([static_run()], STATIC).warnings)
+
+
+def test_a_transient_is_named_with_its_place() -> None:
+    run = static_run()
+    odd = run.displacement_um.copy()
+    odd[200:203] += 4.0
+    told = [text for text in fit([changed(run, displacement_um=odd)], STATIC).warnings if "most is missed at" in text]
+    assert len(told) == 1 and any(f"at {time_s:.6g} s" in told[0] for time_s in run.time_s[200:203])
+    assert not any("most is missed at" in text for text in static_fit().warnings)

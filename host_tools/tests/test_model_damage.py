@@ -135,3 +135,9 @@ def test_a_run_of_the_fit_may_say_anything_else(tmp_path: Path) -> None:
         (tmp_path / "model.json").write_text(json.dumps(damaged(("fit", "runs", 0, "digest"), digest)))
         model = read_model(tmp_path / "model.json")
         assert len(checks.fitted_digests(model)) == len(model.fit["runs"]) - 1
+
+
+def test_a_recording_that_was_held_out_was_not_fitted(tmp_path: Path) -> None:
+    (tmp_path / "model.json").write_text(json.dumps(damaged(("fit", "runs", 0, "held_out"), True)))
+    model = read_model(tmp_path / "model.json")
+    assert checks.fitted_digests(model) == [one["digest"] for one in model.fit["runs"][1:]]

@@ -66,7 +66,7 @@ def test_every_panel_says_what_and_in_which_unit() -> None:
 def test_loops() -> None:
     run = fitted().scores[0].recording
     measured, predicted = panels(draw([run]))[0].lines
-    assert measured.get_label() == "run.csv" and predicted.get_label() == "predicted, last wide cycle"
+    assert measured.get_label() == "run.csv" and predicted.get_label() == "predicted, one wide cycle"
     assert np.isin(measured.get_ydata(), run.displacement_um).all()
     assert np.ptp(measured.get_xdata()) == pytest.approx(90, rel=0.01)
     expected = chain.simulate(fitted().model, [run])[0].predicted_um
@@ -83,6 +83,9 @@ def test_the_cycle_drawn_is_the_last_wide_one() -> None:
     height = np.array([1.0, 0.9, 0.8, 0.2, 0.1])[(phase / (2 * np.pi)).astype(int)]
     cycle = drawn_figure.last_cycle(50 - 50 * height * np.cos(phase))
     assert 1000 < cycle.start < 1500 < 2000 < cycle.stop < 2500
+    steps = 100 * np.array([0.9, 0.1, 0.5, 0.2, 0.6, 0.1, 0.9]).repeat(100)
+    for later in (steps, 100 * np.array([0.1, 0.4, 0.9, 0.5, 0.1, 0.9]).repeat(100)):  # which turns more often, or rests
+        assert drawn_figure.last_cycle(np.r_[50 - 50 * height * np.cos(phase), later]) == cycle
     assert drawn_figure.last_cycle(np.linspace(0, 90, 50)) == drawn_figure.last_cycle(np.full(50, 3.0)) == slice(None)
 
 
@@ -182,8 +185,8 @@ def test_many_runs_have_no_names_in_the_legend() -> None:
     runs = [replace(fitted().scores[0].recording, path=f"{i}.csv") for i in range(9)]
     legends = (panels(draw(runs[:count]))[0].get_legend() for count in (8, 9))
     few, many = ({text.get_text() for text in legend.get_texts()} for legend in legends)
-    assert few == {f"{i}.csv" for i in range(8)} | {"predicted, last wide cycle"}
-    assert many == {"predicted, last wide cycle"}
+    assert few == {f"{i}.csv" for i in range(8)} | {"predicted, one wide cycle"}
+    assert many == {"predicted, one wide cycle"}
 
 
 def test_a_constant_command_can_be_drawn(caplog: pytest.LogCaptureFixture) -> None:

@@ -120,6 +120,12 @@ def make(kind: str, seed: int = 0, **overrides: float | None) -> Bench:
                  **{k: v for k, v in settings.items() if k not in of_law})
 
 
+def settable(kind: str) -> list[str]:
+    """Names of the numbers that `make` takes for a kind."""
+    return [field.name for made in (Bench, LAWS[kind]) for field in dataclasses.fields(made)
+            if str(field.type) in ("float", "float | None")]
+
+
 def paper_profile(name: str, sample_rate_hz: float, duration_s: float, stroke_um: float = 12.5) -> np.ndarray:
     """The paper's references in um about stroke_um / 2, faded in over 0.2 s: "10hz" or "5-20-35hz".
 
@@ -200,13 +206,17 @@ def main(arguments: list[str] | None = None) -> int:
     target.add_argument("--out-dir", type=Path, metavar="DIR", help="recordings under the drives' names")
     add_make_options(parser)
     parser.add_argument("--demagnetise", action=argparse.BooleanOptionalAction, default=True,
-                        help="wipe the memory before the first drive")
+                        help="wipe the memory before the first drive (usual)")
     options = parser.parse_args(arguments)
     if options.output and len(options.drives) > 1:
         parser.error("several drives need --out-dir")
     if options.out_dir:
         options.out_dir.mkdir(parents=True, exist_ok=True)
 
+    known = settable(options.kind)
+    for name, _ in options.set:
+        if name not in known:
+            parser.error(f"--set: {options.kind} has no {name}; it has {', '.join(known)}")
     bench = make(options.kind, options.seed, **dict(options.set))
     memory = "reset" if options.demagnetise else "unknown"
     for drive in options.drives:

@@ -292,3 +292,9 @@ def test_command_line_records_in_sequence(tmp_path):
     with pytest.raises(SystemExit) as stop:
         vb.main(["bouc-wen", *paths, "-o", str(tmp_path / "two.csv")])
     assert stop.value.code == 2 and not (tmp_path / "two.csv").exists()
+
+
+def test_command_line_names_what_may_be_set(capsys):
+    with pytest.raises(SystemExit) as stop:
+        vb.main(["bouc-wen", "a.csv", "-o", "b.csv", "--set", "delay=0.001"])
+    assert stop.value.code == 2 and "bouc-wen has no delay; it has stroke_um, delay_s," in capsys.readouterr().err

@@ -67,11 +67,12 @@ def propose(selection: Selection, verdict: Verdict, unseen: Sequence[NotKnown] =
     drives = _drives(state, truth, rivals)
     if not drives:
         return None
-    most = max(one.contrast for one in drives)
-    best = min((one for one in drives if one.contrast >= thresholds.AS_GOOD * most), key=lambda one: one.seconds)
+    most, enough = max(one.contrast for one in drives), thresholds.RIVAL_MARGIN + thresholds.LACKING
+    least = min(most, max(thresholds.AS_GOOD * most, enough))
+    best = min((one for one in drives if one.contrast >= least), key=lambda one: one.seconds)
     names = " and ".join([truth.effect.name, *dict.fromkeys(rival.name for rival in rivals)])
     why = f"of the canned recordings that are not there yet, this one tells {names} apart best"
-    if best.contrast < thresholds.RIVAL_MARGIN + thresholds.LACKING:
+    if best.contrast < enough:
         again = "the drive of commissioning, played again and given alone, is compared with its copy that was kept" \
             if state.model.kept else "drives of commissioning, played again and given with --earlier, take off what the " \
             "model misses"

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..data import Recording, arguments
 from ..errors import BadInput
-from ..model import records
+from ..model import Model, records
 from ..simulate.effects import CATALOGUE, Effect
 from .choice import Choice, Kept, choose, forced, refitted, starts, with_rate_filter, without_rate_law
 from .document import BeforeAfter, IdentifiedEffect
@@ -133,11 +133,12 @@ def _parameters(one: Kept) -> dict[str, records.EffectParameter]:
                                                     unit=effect.unit(parameter)) for parameter in effect.parameters}
 
 
-def lines(choice: Choice) -> list[str]:
+def lines(choice: Choice, model: Model) -> list[str]:
     """For people: each effect, its size, what it brought, and what may be in its place."""
     names, rated = [one.acting.effect.name for one in choice.kept], choice.found.hypothesis.rated
-    # Where nothing stands around it, the operator keeps its rate law, whether that helps or not.
-    law = "with a rate law" if rated else "no rate law" if names else "no rate law that helps for certain"
+    law = "with a rate law" if rated else "no rate law"
+    if not rated and np.any(model.slope_rate_s_per_um):  # where nothing stands around it, the operator keeps its own
+        law = "with a rate law that does not help for certain"
     told = [f"around the operator: {', '.join(names) or 'nothing'}, {law}; rms of parts of "
             f"these recordings, each predicted from the others: {choice.percent(choice.found.rms_um):.3g} % of the stroke"
             + (f", operator alone {choice.percent(choice.plain.rms_um):.3g} %" if names or rated else "")]

@@ -198,12 +198,14 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
 
 
 def fitted_digests(model: Model) -> list[str]:
-    """Digests of the runs that the model was fitted to. Raises BadInput, naming the key, where they cannot be read."""
+    """Digests of the runs that the model was fitted to, without those held out. Raises BadInput, naming the key, where
+    they cannot be read.
+    """
     runs = model.fit.get("runs", [])
     if not isinstance(runs, list) or not all(isinstance(run, dict) for run in runs):
         raise BadInput(f"{model.where}: fit.runs: must be a list of objects, as `rdpi fit` writes it; "
                        "fit the model again, or remove fit.runs")
-    return [run["digest"] for run in runs if isinstance(run.get("digest"), str)]
+    return [run["digest"] for run in runs if isinstance(run.get("digest"), str) and run.get("held_out") is not True]
 
 
 def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list[Recording]:

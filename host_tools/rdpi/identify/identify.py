@@ -16,7 +16,7 @@ from ..data import RUN_COLUMNS, Recording, arguments, taken
 from ..errors import BadInput
 from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, Passport,
                      guarded, records)
-from ..simulate import chain, signals
+from ..simulate import chain, effects, signals
 from . import around, localise, passport
 from . import thresholds as tuned
 from .checks import (LARGEST_INPUT, check_readings, check_run, check_together, correlation, late_correlations,
@@ -26,6 +26,7 @@ from .choice import Choice
 from .document import FitDocument
 from .regression import (Columns, Plant, Reduced, Run, joined, offset_of, prepare, reduce, rerated, saturation_of,
                          search, smoothing_times_s, solve, top_rate, without_rate)
+from .strokes import Strokes
 from .sweep_start import SweepStart, sweep_start
 
 GRID = np.linspace(0.12, 0.88, 20)  # candidate dead zones, as shares of the displacement's range
@@ -129,6 +130,10 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
                         "recorded range; give --min-V and --max-V, the drives of the first and of the last code")
     if (beyond := _beyond(model, frame.range_V)) is not None:
         warnings.append(beyond)
+    if chosen is not None and (late := _of_one_rate(runs, model)):
+        warnings.append(f"all strokes of these recordings have about the same rate, at which delay, lag, relaxation and "
+                        f"rate law look alike: {late} may be another of them, and holds at that rate only; record several "
+                        "rates, as `rdpi excite commission` does")
     _check_reset(found.model, found.runs, warnings)
     _check_order(found.model, warnings)
     progress(0.7)
@@ -245,6 +250,14 @@ def _beyond(model: Model, range_V: tuple[float, float]) -> str | None:
         return None
     return (f"the model may drive {drive.min_V:g} to {drive.max_V:g} V, but only {low_V:g} to {high_V:g} V were recorded: "
             "what the actuator does beyond is extrapolated")
+
+
+def _of_one_rate(runs: Sequence[Recording], model: Model) -> str:
+    """What comes late in a model of recordings that show one rate only, in words; "": nothing, or they show several."""
+    if Strokes.of(runs).rates_differ:
+        return ""
+    late = [one.effect.name for one in effects.acting(model) if one.effect.comes_late]
+    return " and ".join([f"its {name}" for name in late] + ["its rate law"] * bool(np.any(model.slope_rate_s_per_um)))
 
 
 def _compare_sources(runs: Sequence[Recording], found: Operator, options: Options, warnings: list[str]) -> None:
@@ -409,6 +422,11 @@ def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], prediction
             warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care, "
                             "or fit with a longer --rate-window")
         score = chain.score(prediction.predicted_um, run.displacement_um, where=run.path)
+        if score.max_um > tuned.FAR_OFF * score.rms_um:
+            at_s = float(run.time_s[np.argmax(np.abs(run.displacement_um - prediction.predicted_um))])
+            warnings.append(f"{run.path}: most is missed at {at_s:.6g} s, {score.max_um:.3g} um and {tuned.FAR_OFF:g} times the "
+                            "rms or more; if what lies there is none of the actuator's, cut it off with "
+                            "`rdpi import --rows`")
         scores.append(RunScore(run, k >= len(runs), score, prediction.memory))
     return scores
 

@@ -24,7 +24,7 @@ class Strokes(NamedTuple):
     def of(cls, runs: Sequence[Recording]) -> Strokes:
         rates, sizes, times = [], [], []
         for run in runs:
-            turns = _turns(run.command_V, tuned.STROKE * float(np.ptp(run.command_V)))
+            turns = turning_points(run.command_V, tuned.STROKE * float(np.ptp(run.command_V)))
             sizes.append(np.abs(np.diff(run.command_V[turns])))
             times.append(np.diff(turns) * run.sample_time_s)
             rates.append(sizes[-1] / times[-1])
@@ -49,7 +49,16 @@ def _quantile(values: np.ndarray, way: np.ndarray, end: float) -> float:
     return float(values[order[min(np.searchsorted(share, end), len(values) - 1)]])
 
 
-def _turns(command: np.ndarray, least: float) -> np.ndarray:
+def along_path(values: np.ndarray, step: float) -> np.ndarray:
+    """Samples of a movement a step of the way apart, and those at which it turns round."""
+    path = np.floor(np.cumsum(np.abs(np.diff(values, prepend=values[0]))) / (step or 1.0))
+    use = np.diff(path, prepend=-1) > 0
+    way = np.sign(np.diff(values))
+    use[1:-1] |= way[1:] != way[:-1]
+    return np.flatnonzero(use)
+
+
+def turning_points(command: np.ndarray, least: float) -> np.ndarray:
     """Samples at which a drive turns round, between them more than `least`; first and last sample too."""
     from scipy.signal import find_peaks
 

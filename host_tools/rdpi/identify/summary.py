@@ -47,7 +47,7 @@ def lines(result: Fit) -> list[str]:
             f"stroke {model.stroke_um:.5g} um, noise {result.noise_um:.2g} um rms",
             *scoring.table([(run.recording.path, run.score, "held out" if run.held_out else "fitted")
                             for run in result.scores]),
-            *(around.lines(result.choice) if result.choice else ()),
+            *(around.lines(result.choice, model) if result.choice else ()),
             *_slopes(result)]
     dependent, independent = (100 * residual for residual in result.residual)
     if dependent != independent:

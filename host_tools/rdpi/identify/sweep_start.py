@@ -24,6 +24,7 @@ from ..model import swept_states
 from ..simulate import chain
 from . import thresholds as tuned
 from .document import ShownBy, Sweep
+from .strokes import along_path
 
 SHARES = np.linspace(0, 1, 5)
 FORGETTINGS = 0.5, 1.0, 2.0  # per half range
@@ -64,7 +65,7 @@ class SweepStart(NamedTuple):
         return text + {
             "beginnings": f", as the beginnings of these recordings show: {compared}",
             "inner loops": f", as inner loops show: {compared}",
-            "nothing": f": assumed, for the loops look remembered ({compared}), and no recording begins after a sweep that "
+            "nothing": f": assumed, for the loops do not look forgotten ({compared}), and no recording begins after a sweep that "
                        "ended aside of the middle"}[self.shown_by]
 
 
@@ -113,11 +114,7 @@ def sweep_start(runs: Sequence[Recording], gain_um_per_V: float, offset_V: float
 
 
 def _part(run: Recording, x: np.ndarray, z: np.ndarray, reach: float, most: int) -> _Part:
-    path = np.floor(np.cumsum(np.abs(np.diff(x, prepend=x[0]))) / PATH)
-    use = np.diff(path, prepend=-1) > 0
-    way = np.sign(np.diff(x))
-    use[1:-1] |= way[1:] != way[:-1]
-    used = np.flatnonzero(use)[:most]
+    used = along_path(x, PATH)[:most]
     swept = run.memory == "reset"
     start = float(x[0]) if swept else 0.0
     depend = int(np.searchsorted(used, chain.warm_up(x, reach)))

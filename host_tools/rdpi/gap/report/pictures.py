@@ -58,7 +58,7 @@ def where(document: GapDocument, pictures: Pictures) -> list[drawing.Shown]:
             drawing.shown(drawing.time_figure(run, {"model": before, **after}),
                           f"Measured against predicted where {name}, is missed most. The mean error is removed."),
             drawing.shown(drawing.loop_figure(run, {"model": before, **after}),
-                          f"Loop of {name}: the last wide cycle, and what is missed of it.", False)]
+                          f"Loop of {name}: one wide cycle, and what is missed of it.", False)]
     return shown
 
 

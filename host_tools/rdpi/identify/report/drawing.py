@@ -11,8 +11,9 @@ import numpy as np
 
 from ...data import Recording
 from ..localise import Table
+from ..strokes import turning_points
 from . import interactive
-from .figure import last_cycle, thin, whatever_letters
+from .figure import TURN, last_cycle, thin, whatever_letters
 from .numbers import edge_names, magnitude
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ LABELS = {"time_s": "time from the start [s]", "frequency_hz": "frequency [Hz]",
 WIDE, LOOP = (4.6, 3.3), (3.6, 3.4)  # inches
 COLUMNS = 500  # of a curve over time: more cannot be seen
 ZOOM = 0.05  # of a recording, shown once more where the residual is worst
+STROKES = 8  # of a recording, shown beside what is predicted
 NUMBERED = 120  # cells of the heat map that have room for a number
 
 
@@ -104,6 +106,19 @@ def worst_part(residual_um: np.ndarray) -> slice:
     return slice(start, start + length)
 
 
+def worst_strokes(run: Recording, residual_um: np.ndarray) -> slice:
+    """The STROKES in the worst part of which most is missed, or all of that part: more would cover one another."""
+    part = worst_part(residual_um)
+    command_V = run.command_V[part]
+    turns = part.start + turning_points(command_V, TURN * float(np.ptp(command_V)))
+    if len(turns) <= STROKES + 1:
+        return part
+    energy = np.cumsum(np.r_[0.0, (residual_um - np.mean(residual_um))**2])
+    first, last = turns[:-STROKES], turns[STROKES:]
+    worst = int(np.argmax((energy[last] - energy[first]) / (last - first)))
+    return slice(int(first[worst]), int(last[worst]) + 1)
+
+
 def residual_figure(run: Recording, residuals_um: Mapping[str, np.ndarray], noise_um: float) -> Figure:
     """One residual or two, by name, over all of a run, and once more where the first is worst; means removed."""
     from matplotlib.figure import Figure
@@ -125,9 +140,9 @@ def residual_figure(run: Recording, residuals_um: Mapping[str, np.ndarray], nois
 def time_figure(run: Recording, residuals_um: Mapping[str, np.ndarray]) -> Figure:
     """Measured and predicted where the first residual is worst, mean errors removed."""
     figure, axes = panel()
-    part = worst_part(next(iter(residuals_um.values())))
+    part = worst_strokes(run, next(iter(residuals_um.values())))
     time_s = (run.time_s - run.time_s[0])[part]
-    axes.plot(time_s, run.displacement_um[part], color=INK, lw=2, alpha=0.7, label="measured")
+    axes.plot(time_s, run.displacement_um[part], color=INK, lw=3.5, alpha=0.6, label="measured")
     for label, predicted, look in _predicted(run, residuals_um, means=False):
         axes.plot(time_s, predicted[part], label=label, **look)
     axes.set(xlabel=LABELS["time_s"], ylabel="displacement [µm]", xlim=(time_s[0], time_s[-1]))
@@ -136,7 +151,7 @@ def time_figure(run: Recording, residuals_um: Mapping[str, np.ndarray]) -> Figur
 
 
 def loop_figure(run: Recording, residuals_um: Mapping[str, np.ndarray]) -> Figure:
-    """The last wide cycle measured and predicted, and below it what is missed."""
+    """One wide cycle measured and predicted, and below it what is missed."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=LOOP, layout="constrained")
@@ -144,7 +159,7 @@ def loop_figure(run: Recording, residuals_um: Mapping[str, np.ndarray]) -> Figur
     cycle = last_cycle(run.command_V)
     command = run.command_V[cycle]
     part = thin(len(command))
-    loop.plot(command[part], run.displacement_um[cycle][part], color=INK, lw=2, alpha=0.7, label="measured")
+    loop.plot(command[part], run.displacement_um[cycle][part], color=INK, lw=3.5, alpha=0.6, label="measured")
     for label, predicted, look in _predicted(run, residuals_um, means=True):
         loop.plot(command[part], predicted[cycle][part], label=label, **look)
     for colour, residual in zip((NOW, AFTER), residuals_um.values()):

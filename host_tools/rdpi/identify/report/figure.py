@@ -16,12 +16,16 @@ from ...errors import BadInput
 from ...model import Model
 from ...simulate import Prediction
 from ..bands import RateSlopes
+from ..strokes import along_path, turning_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 POINTS = 4000  # drawn per curve: more cannot be seen
+PATH, PATH_POINTS = 0.02, 200_000  # of the command's range, between points of a loop; so many at most
+RESTS = 0.1  # of the samples of a cycle, by which it may rest more than another
+TURN = 0.1  # of the command's range, from which a change of direction counts
 WINDOW_POINTS = 2000  # samples of the prediction shown over time
 RESIDUAL_BINS = 80
 PICTURE_FORMATS = ".png", ".svg", ".pdf"
@@ -72,8 +76,8 @@ def write_picture(figure: Figure, path: str | os.PathLike[str]) -> None:
     atomic_write(path, data.getvalue())
 
 
-def thin(samples: int) -> slice:
-    return slice(None, None, max(1, samples // POINTS))
+def thin(samples: int, points: int = POINTS) -> slice:
+    return slice(None, None, max(1, samples // points))
 
 
 def _shown(text: str, longest: int = 32) -> str:
@@ -89,24 +93,33 @@ def _name(run: Recording) -> str:
 
 
 def last_cycle(command_V: np.ndarray) -> slice:
-    """From one rise to the next, the last over at least half of the command's range; everything if there is none."""
+    """From one rise to the next, over at least half of the command's range: the last of those that turn round least
+    often and hardly rest; everything if there is none.
+    """
     low, high = np.quantile([command_V.min(), command_V.max()], (0.25, 0.75))
     ends = np.flatnonzero((command_V <= low) | (command_V >= high))
     above = command_V[ends] >= high
     rises = ends[1:][above[1:] & ~above[:-1]]
-    return slice(rises[-2], rises[-1] + 1) if len(rises) > 1 else slice(None)
+    if len(rises) < 2:
+        return slice(None)
+    turns = np.diff(np.searchsorted(turning_points(command_V, TURN * (high - low)), rises))
+    rests = np.diff(np.cumsum(np.diff(command_V, prepend=np.nan) == 0)[rises]) / np.diff(rises)
+    fewest = turns == np.min(turns)
+    last = np.flatnonzero(fewest & (rests <= np.min(rests[fewest]) + RESTS))[-1]
+    return slice(rises[last], rises[last + 1] + 1)
 
 
 def _loops(axes: Axes, runs: Sequence[Recording], predictions: Sequence[Prediction]) -> None:
     """One cycle of each prediction: more would hide what was measured."""
     for i, (run, prediction) in enumerate(zip(runs, predictions)):
-        part, cycle = thin(len(run)), last_cycle(run.command_V)
-        axes.plot(run.command_V[part], run.displacement_um[part], lw=1, color=f"C{i % 10}", alpha=0.6,
+        part, cycle = along_path(run.command_V, PATH * float(np.ptp(run.command_V))), last_cycle(run.command_V)
+        part = part[thin(len(part), PATH_POINTS)]
+        axes.plot(run.command_V[part], run.displacement_um[part], lw=1, color=f"C{i % 10}", alpha=0.6, rasterized=True,
                   label=_name(run) if len(runs) <= NAMED_RUNS else None)
         command, predicted = run.command_V[cycle], prediction.predicted_um[cycle]
         part = thin(len(command))
         axes.plot(command[part], predicted[part], lw=0.9, ls=(0, (4, 3)), color="black", zorder=3,
-                  label="predicted, last wide cycle" if i == len(runs) - 1 else None)
+                  label="predicted, one wide cycle" if i == len(runs) - 1 else None)
     axes.set(xlabel="command [V]", ylabel="displacement [µm]", title="Loops")
     axes.legend(fontsize="small", loc="upper left")
 

@@ -159,7 +159,7 @@ def _sections(result: Fit, runs: Sequence[Recording], sides: Sequence[Side]) -> 
              f"{_name(first)}, where most is missed. The mean error is removed."),
             (drawing.residual_figure(first, _missed(sides, worst[0]), result.noise_um),
              f"What is missed of {_name(first)}: all of it, and where it is worst. The mean is removed.")]),
-        _section("Loops", False, [(drawing.loop_figure(runs[k], _missed(sides, k)), f"{_name(runs[k])}: the last wide "
+        _section("Loops", False, [(drawing.loop_figure(runs[k], _missed(sides, k)), f"{_name(runs[k])}: one wide "
                                    "cycle, and what is missed of it.") for k in worst[:LOOPS]]),
         _section("Slopes against rate", True, [
             (_slopes_figure(one), f"Slopes {_of_model(one, sides)}. Lines: the model. Dots: each band of rate "
