@@ -281,7 +281,8 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
         click.echo("the drive follows on the start-up sweep; where no firmware plays it, first play what this makes: "
                    + excite.command_line("startup", limits, "startup.csv", end_V=inverse.model.sweep_end()))
     if preview := inverse.chain.preview_samples(run.sample_time_s):
-        click.echo(f"preview: the firmware needs the reference {preview} samples ahead at {run.sample_rate_hz:g} per second")
+        click.echo(f"preview: the firmware needs the reference {preview} samples ahead at {run.sample_rate_hz:g} per second: "
+                   "the delay's, and one for each of lead and lag that takes a difference")
     drive_V = found.steps.drive_V
     flagged = ", ".join(f"{found.flag_counts[name]} {name}" for name in ("guard", "range", "slew", "input")
                         + (("lead",) if inverse.chain.leads else ()))
