@@ -292,6 +292,29 @@ def test_effects_by_name() -> None:
     assert none.choice is None and none.model.effects == []
 
 
+def test_names_in_any_order_are_the_same_model() -> None:
+    orders = "delay,lag,resonance", "resonance,lag,delay"
+    found = [fitted("delay", "lag", effects=order).model for order in orders]
+    assert found[0].to_json() == found[1].to_json()
+
+
+def test_what_is_not_there_does_no_harm_where_it_is_asked_for() -> None:
+    """A resonance may start far from anything that helps."""
+    alone, beside = (fitted("delay", "lag", effects=names) for names in ("delay,lag", "delay,lag,resonance"))
+    assert beside.scores[0].score.rms_um < 1.05 * alone.scores[0].score.rms_um
+
+
+def test_plays_begin_where_a_sweep_through_the_input_curve_ended() -> None:
+    model = replace(plain_model(), memory=replace(plain_model().memory, sweep_share=0.5))
+    run = drives()[0]
+    setting = Setting([run], [model.swept(float(model.x_of(run.command_V[0])))], [0], model, np.zeros(0),
+                      [np.zeros(len(run))], 1.0)
+    bent_V = run.command_V + 5.0
+    begun = setting.all_plays(0, bent_V)[0]
+    swept = model.swept(float(model.x_of(bent_V[0])))
+    assert np.cumsum(begun[::-1])[::-1] == pytest.approx(swept) and np.ptp(swept) > 0.2
+
+
 @pytest.mark.parametrize("effects, words", [
     ("delay,delay", "named twice"), ("auto,delay", "stands alone"), ("sloth", "no effect 'sloth'"),
     ("", "no effect ''"),

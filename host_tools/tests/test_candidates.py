@@ -104,6 +104,21 @@ def test_the_plays_may_start_elsewhere() -> None:
     assert np.array_equal(one_run.predict([]), before)
 
 
+def test_a_start_that_is_no_sweeps_stays_when_the_first_sample_moves() -> None:
+    """A sweep ended where it was driven to; who set a start meant it."""
+    curve = Acting(CATALOGUE["input_curve"](), {"quadratic": 0.2, "cubic": 0.0, "low_V": 0.0, "high_V": 100.0})
+    model = replace(plain_model(), memory=replace(plain_model().memory, sweep_share=0.5))
+    (swept,) = Dataset(model, recorded(model, drives())[2:]).model_runs
+    x0 = float(model.x_of(curve.effect.drive(swept.input_V, swept.recording, curve.values, model)[0]))
+    assert abs(x0 - swept.start_um[0]) > 0.1
+    assert swept.predict([curve]) == pytest.approx(swept.predict([curve], model.swept(x0)), abs=1e-9)
+    start = chain.states_after(x0 + 3.0, x0, model.thresholds_um)
+    elsewhere = swept.starting(start)
+    assert elsewhere.predict([curve]) == pytest.approx(swept.predict([curve], start), abs=1e-9)
+    assert rms(elsewhere.predict([curve]) - swept.predict([curve])) > 0.01
+    assert np.array_equal(swept.starting(swept.start_um).predict([curve]), swept.predict([curve]))
+
+
 # --- many as one vector ----------------------------------------------------------------------------------------------
 
 def test_joining_and_splitting() -> None:
@@ -310,6 +325,48 @@ def test_parts_of_the_only_recording_are_left_out() -> None:
         size = np.linalg.lstsq(one.jacobian[outside], (left - one.change)[outside], rcond=None)[0]
         expected[held] = per_block(dataset, left - one.change - one.jacobian @ size)[held]
     assert equations.held_out(0) == pytest.approx(expected, rel=1e-4)
+
+
+def test_memory_is_found_beside_a_drift() -> None:
+    """What the drift explains is no part of what a start changes."""
+    model = plain_model()
+    run = drives()[2]
+    x0 = float(model.x_of(run.command_V[0]))
+    start = chain.states_after(x0 + 4.0, x0, model.thresholds_um)
+    wrong = replace(model, memory=replace(model.memory, x_um=x0, plays_um=start))
+    (shown,) = recorded(wrong, [marked(run, memory="carried")])
+    shown = marked(changed(shown, displacement_um=shown.displacement_um + 0.3 * run.time_s), memory="reset")
+    dataset = Dataset(model, [shown])
+    drift = found(dataset, "thermal_drift")
+    before = dataset.predict([]) + drift.change
+    one = search(dataset, CATALOGUE["initial_memory"](), [], before)
+    assert one is not None and one.values["position_um"] == pytest.approx(x0 + 4.0, abs=0.5)
+    left = dataset.measured - before
+    assert rms(left - one.change) < 0.7 * rms(left)
+    assert one.change == pytest.approx(dataset.starting(one.memory_um).predict([]) - dataset.predict([]), abs=1e-9)
+
+
+def test_a_rail_that_no_command_reaches_is_none() -> None:
+    model = plain_model()
+    dataset = Dataset(model, recorded(model, drives(), entry("rail_saturation", V_max=70.0)))
+    one = found(dataset, "rail_saturation")
+    assert one.values["V_min"] == -np.inf and one.values["V_max"] == pytest.approx(70.0, abs=0.5)
+    left = dataset.measured - dataset.predict([]) - one.change
+    equations = NormalEquations(dataset, left, [], [one])
+    for moves in (equations.moves(), equations.moves(within=True)):
+        assert np.all(np.isnan(moves[:, 0])) and np.all(np.isfinite(moves[:, 1]))
+
+
+def test_moves_of_what_one_recording_alone_shows() -> None:
+    model = plain_model()
+    slow = drives((("sine", {"frequencies_hz": (1.0,), "cycles": 3}, 0.1),))
+    fast = drives((("steps", {"levels": 4, "hold_s": 0.3}, 1.0),))
+    dataset = Dataset(model, recorded(model, [*slow, *fast], entry("slew_limit", V_per_s=350.0)))
+    one = found(dataset, "slew_limit")
+    equations = NormalEquations(dataset, dataset.measured - dataset.predict([]) - one.change, [], [one])
+    runs, parts = equations.moves(), equations.moves(within=True)
+    assert np.isfinite(runs[0]) and np.isnan(runs[1]), "without the steps nothing tells of it"
+    assert np.all(np.isfinite(parts)) and np.ptp(parts) > 0
 
 
 def test_moves_of_those_that_act_already() -> None:

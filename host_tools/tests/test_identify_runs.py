@@ -203,3 +203,13 @@ def test_a_transient_is_named_with_its_place() -> None:
     told = [text for text in fit([changed(run, displacement_um=odd)], STATIC).warnings if "most is missed at" in text]
     assert len(told) == 1 and any(f"at {time_s:.6g} s" in told[0] for time_s in run.time_s[200:203])
     assert not any("most is missed at" in text for text in static_fit().warnings)
+
+
+def test_a_monitor_is_checked_and_said_to_be_unused() -> None:
+    run = static_run()
+    result = fit([changed(run, monitor_V=run.command_V)], STATIC)
+    assert [text for text in result.warnings if "monitor_V" in text] == [text for text in result.warnings
+                                                                         if text.startswith("monitor_V is not used")] != []
+    for monitor_V, words in ((-run.command_V, "moves -1 V per volt"), (np.zeros(len(run)), "constant at 0 V")):
+        with pytest.raises(BadInput, match=words):
+            fit([changed(run, monitor_V=monitor_V)], STATIC)

@@ -378,6 +378,15 @@ def test_limits_of_the_amplifier_become_those_of_the_drive() -> None:
         assert told.how == "left out" and told.why == "the rails leave nothing of the drive's range, -20 to 20 V"
 
 
+def test_rails_do_not_change_what_wider_loops_are_folded_into() -> None:
+    """Loops are widened over the range of the model, as in the prediction, whatever the rails leave of it."""
+    rails = {"name": "rail_saturation", "parameters": {"V_min": -1e6, "V_max": 5.0}}
+    alone = model_with("hysteresis_change", drive=Drive(-20.0, 20.0))
+    both = model_with("hysteresis_change", rails, drive=Drive(-20.0, 20.0))
+    assert inverse_of(both).model.slopes == pytest.approx(inverse_of(alone).model.slopes, rel=1e-12)
+    assert inverse_of(both).model.drive.max_V == 5.0 and inverse_of(alone).model.drive.max_V == 20.0
+
+
 def test_the_lead_has_a_limit() -> None:
     model = model_with("delay")
     assert inverse_of(model).chain.max_lead_um == 0.25 * model.stroke_um

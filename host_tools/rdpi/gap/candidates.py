@@ -88,7 +88,7 @@ def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: n
     if not starts or effect.starts_memory and not any(one.start_known for one in dataset.model_runs):
         return None
     if effect.starts_memory:
-        return _memory(dataset, effect, acting, before)
+        return _memory(dataset, effect, acting, plain, left + plain)
     if effect.disturbance:
         return _disturbance(dataset, effect, starts, left)
 
@@ -100,7 +100,8 @@ def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: n
     if known is not None:
         moved = _refined(dataset, effect, change, left, np.zeros(len(left)), dict(known.values))
         found = min((moved, found), key=lambda one: _square(left - one.change))
-    return _restarted(dataset, acting, plain, left, found)
+    found = _restarted(dataset, acting, plain, left, found)
+    return replace(found, values=effect.within(found.values, dataset.recordings))
 
 
 def _restarted(dataset: Dataset, acting: Sequence[Acting], plain: np.ndarray, left: np.ndarray, found: Candidate
@@ -181,36 +182,41 @@ def _derivative(change: Callable[[dict[str, float]], np.ndarray], at: np.ndarray
                 parameter: effects.Parameter, stroke_um: float) -> np.ndarray:
     """Derivative of the change by one parameter: a difference over a step that moves the prediction by PROBE."""
     value = values[parameter.name]
+    if not np.isfinite(value):  # it is as if it were not there
+        return np.zeros_like(at)
     above, below = parameter.high - value, value - parameter.low
     sign, room = (1.0, above) if above >= below else (-1.0, below)
     step = min(0.01 * (abs(value) or 1.0), room)
-    for _ in range(4):
+    for last in (False, False, False, True):
         difference = change({**values, parameter.name: value + sign * step}) - at
         size = np.sqrt(np.mean(difference**2)) / (PROBE * stroke_um)
-        if 0.1 < size < 10 or size == 0 or size < 0.1 and step == room:
+        if 0.1 < size < 10 or size == 0 or size < 0.1 and step == room or last:
             break
         step = min(step / np.clip(size, 1e-3, 1e3), room)
     return sign * difference / step
 
 
-def _memory(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: np.ndarray) -> Candidate:
-    """The position from which each recording was entered that explains its beginning best."""
-    states, shown, values = [], [], {}
-    parts = zip(dataset.model_runs, dataset.split(before), dataset.split(dataset.measured))
+def _memory(dataset: Dataset, effect: Effect, acting: Sequence[Acting], plain: np.ndarray, asked: np.ndarray) -> Candidate:
+    """The position from which each recording was entered that explains its beginning best; `plain` is the prediction,
+    `asked` what it is to be, both without disturbances.
+    """
+    states, shown, positions = [], [], []
+    parts = zip(dataset.model_runs, dataset.split(plain), dataset.split(asked))
     for model_run, predicted, measured in parts:
         r = model_run.model.thresholds_um
         x0 = float(model_run.start_um[0])
-        start, position, change = model_run.start_um, x0, np.zeros(len(measured))
+        start, change = model_run.start_um, np.zeros(len(measured))
         if model_run.start_known:
             missed = partial(_missed, model_run, acting, x0, measured)
             found, left = _nearest(x0, float(r[-1]), missed)
             if left < _square(measured - predicted):
-                start, position = chain.states_after(found, x0, r), found
+                start = chain.states_after(found, x0, r)
+                positions.append(found)
                 change = _entered(model_run, acting, x0, found) - predicted
         states.append(start)
         shown.append(change)
-        values.setdefault(effect.fitted[0], position)
-    return Candidate(effect, values, (), dataset.join(shown), np.zeros((len(before), 0)), states)
+    values = {effect.fitted[0]: positions[0] if positions else float(dataset.model_runs[0].start_um[0])}
+    return Candidate(effect, values, (), dataset.join(shown), np.zeros((len(plain), 0)), states)
 
 
 def _nearest(x0_um: float, reach_um: float, miss: Callable[[float], float]) -> tuple[float, float]:

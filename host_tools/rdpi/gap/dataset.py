@@ -34,6 +34,7 @@ class ModelRun:
     model: Model  # without effects
     start_um: np.ndarray  # the plays before the first sample, (n + 1,)
     start_known: bool  # not estimated
+    swept: bool  # it is where a sweep left the plays
     rate_um_per_s: np.ndarray  # settled, (samples,)
     smoothing_s: float
     monitored: bool
@@ -51,7 +52,7 @@ class ModelRun:
 
     def starting(self, start_um: np.ndarray) -> ModelRun:
         """The same with plays that start here."""
-        return replace(self, start_um=start_um)
+        return replace(self, start_um=start_um, swept=self.swept and np.array_equal(start_um, self.start_um))
 
     def predict(self, acting: Sequence[Acting], start_um: np.ndarray | None = None) -> np.ndarray:
         """Displacement in um (samples,) with these effects, disturbances apart."""
@@ -89,7 +90,7 @@ class ModelRun:
         driven = replace(run, columns={**run.columns, "command_V": drive_V})
         if start_um is None:
             start_um = self.start_um
-            if run.memory == "reset" and drive_V[0] != self.input_V[0]:
+            if self.swept and drive_V[0] != self.input_V[0]:
                 start_um = model.swept(float(model.x_of(drive_V[0])))  # the sweep ended where it was driven to
         engine = self._engine if model is self.model else chain.operator_from(model, driven, start_um)
 
@@ -142,7 +143,8 @@ def model_runs(model: Model, runs: Sequence[Recording], monitored: bool, paired:
               for run, sure in zip(inputs, known)]
     kept = effects.entries(one for one in effects.acting(model) if not (monitored and one.effect.before_monitor))
     plain = replace(model, effects=[])
-    return [ModelRun(run, plain, found.start_um, sure, found.rate_um_per_s, found.smoothing_s, monitored)
+    return [ModelRun(run, plain, found.start_um, sure, sure and run.memory == "reset", found.rate_um_per_s,
+                     found.smoothing_s, monitored)
             for run, sure, found in zip(runs, known, chain.simulate(replace(model, effects=kept), inputs))]
 
 

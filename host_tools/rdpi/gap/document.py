@@ -69,19 +69,25 @@ def may_be_as_before(selection: Selection) -> bool:
     if (was := _was(selection, one)) is None:
         return False
     widths = _widths(selection, equations_of(selection.accepted))[-1]
-    return all(was[name] is not None and abs(one.values[name] - was[name]) <= width for name, width in widths.items())
+    return bool(widths) and all(was[name] is not None and abs(one.values[name] - was[name]) <= width
+                                for name, width in widths.items())
 
 
 def _widths(selection: Selection, final: NormalEquations) -> list[dict[str, float]]:
-    """Half of the 95 % interval of each fitted parameter, per accepted effect."""
-    moves = final.moves()
-    errors = thresholds.WIDEN * 1.96 * np.sqrt((len(moves) - 1) * np.mean((moves - moves.mean(axis=0))**2, axis=0))
+    """Half of the 95 % interval of each fitted parameter, per accepted effect; none where a part of one recording alone
+    shows it.
+    """
+    def jackknife(moves: np.ndarray) -> np.ndarray:
+        return np.sqrt((len(moves) - 1) * np.mean((moves - moves.mean(axis=0))**2, axis=0))
+
+    errors = jackknife(final.moves())
+    errors = thresholds.WIDEN * 1.96 * np.where(np.isnan(errors), jackknife(final.moves(within=True)), errors)
     found, at = [], 0
     for one in selection.accepted.chosen:
         own = {} if one.per_run else _own_widths(selection, one)
         names = () if one.per_run else one.fitted
         found.append({name: float(np.hypot(error, own.get(name, 0.0)))
-                      for name, error in zip(names, errors[at:at + len(names)])})
+                      for name, error in zip(names, errors[at:at + len(names)]) if not np.isnan(error)})
         at += len(names)
     return found
 
@@ -221,7 +227,7 @@ def _runs(selection: Selection, gap: Excess) -> list[RunEntry]:
                      percent_of_stroke=100 * rms([one]) / float(np.ptp(run.displacement_um)),
                      ratio=None if gap.ratios is None else gap.ratios[k], share=float(np.sum(one**2)) / whole)
             for k, (run, model_run, one, other) in enumerate(zip(
-                state.recordings, selection.with_starts.dataset.model_runs, before, after))]
+                state.recordings, selection.with_starts.by_command.model_runs, before, after))]
 
 
 def promised(selection: Selection, final: NormalEquations | None) -> Promise:
@@ -247,7 +253,7 @@ def _leftover(selection: Selection, gap: Excess) -> Leftover:
         other = np.concatenate(parts)
         related[name] = float(np.corrcoef(left, other)[0, 1]) if np.ptp(left) and np.ptp(other) else 0.0
     spread = float(np.mean(left**2))
-    return Leftover(ratio=gap.left(float(np.sum(state.residual**2))) if gap.ratio else None, correlation=related,
+    return Leftover(ratio=rms(selection.after_um) / gap.expected_um if gap.expected_um else None, correlation=related,
                     kurtosis=float(np.mean(left**4) / spread**2) if spread > 0 else None)
 
 

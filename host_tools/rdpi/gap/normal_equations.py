@@ -12,6 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
+from ..identify import uneven
 from . import thresholds
 from .candidates import Candidate
 from .dataset import BLOCKS, Dataset
@@ -49,7 +50,8 @@ class NormalEquations:
         edges = np.flatnonzero(np.diff(block, prepend=-1, append=-1))
         grams = np.zeros((len(self.dataset.run_of_block), *[sum(part.shape[1] for part in parts)] * 2))
         for start, stop in zip(edges[:-1], edges[1:]):
-            rows = np.hstack([part[start:stop:step] for part in parts])
+            at = uneven(start, stop, step) if step > 1 else slice(start, stop)
+            rows = np.hstack([part[at] for part in parts])
             grams[block[start]] += step * (rows.T @ rows)
         return grams
 
@@ -68,9 +70,14 @@ class NormalEquations:
         """
         return self._leave_out(chosen, refit, within)[0]
 
-    def moves(self) -> np.ndarray:
-        """How far the parameters of those that act already move when each fold is left out: (folds, parameters)."""
-        return np.array(self._leave_out(None, False, False)[1])
+    def moves(self, within: bool = False) -> np.ndarray:
+        """How far the parameters of those that act already move when each fold is left out, (folds, parameters); nan
+        where hardly anything of what shows a parameter is left.
+        """
+        moves = np.array(self._leave_out(None, False, within)[1])
+        energy = self.blocks[:, self.adjusted, self.adjusted]
+        left = np.array([np.sum(energy[~held], axis=0) for held in self.folds(within)])
+        return np.where(left > thresholds.SHOWN_LEFT * np.sum(energy, axis=0), moves, np.nan)
 
     def refitted_model(self, chosen: int) -> np.ndarray:
         """How far refitting the model beside a candidate moves the parameters of ModelRun.model_jacobian."""
@@ -145,7 +152,8 @@ class NormalEquations:
             reach = thresholds.REACH**2 * float(whole[self.change[chosen], self.change[chosen]])
             move = move * min(1.0, np.sqrt(reach / energy)) if energy > 0 else move
         ends = {parameter.name: np.array(parameter.ends) for parameter in one.effect.parameters}
-        return np.array([np.clip(step, *(ends[name] - one.values[name])) for name, step in zip(one.fitted, move)])
+        return np.array([np.clip(step, *(ends[name] - one.values[name])) if np.isfinite(one.values[name]) else 0.0
+                         for name, step in zip(one.fitted, move)])
 
     def reproduced(self) -> np.ndarray:
         """Share of each candidate's signature (row) that another (column) reproduces, fitted to it: R^2, 0 to 1."""

@@ -56,6 +56,7 @@ def tracking(selection: Selection, improved: Model, known: Passport | None, coor
         size = np.mean([np.var(run.displacement_um) for run in selection.given.recordings])
         tracked = [replace(one, expected=_times(_mean(runs, "after"), float(np.nanvar(run.reference_um)) / size))
                    for one, run in zip(tracked, references)]
+        runs = [replace(one, expected=one.after) for one in runs]
     level = thresholds.TRACKED_LEVEL
     promised = _shrink(runs, tracked, level)
     if len(runs) < 2:

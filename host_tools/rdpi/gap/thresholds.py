@@ -67,6 +67,7 @@ WIDEN = 1.3  # [width] by which bootstrapped intervals are widened; coverage
 WIDEN_FEW = 0.84  # [width] of what few recordings call for, by which promises are widened at least; rigs
 REFIT_FREEDOM = 0.2  # [slope] standard deviation of a slope's prior when the model is refitted; judged
 CORRELATED = 30  # [samples] of the residual that count as one: what the model misses is no white noise; judged
+SHOWN_LEFT = 0.1  # [squares] of what shows a parameter, without which what is left out does not tell of it; judged
 REACH = 0.5  # [change] share of a candidate's change, as far as its Jacobian is taken to hold; judged
 TRACKED_LEVEL = 0.6  # [of the squares] that recordings and passport leave unexplained, in tracked references; rigs
 TRACKED_SPREAD = 0.35  # [ln] scatter of the rms of that; rigs

@@ -5,10 +5,11 @@ from __future__ import annotations
 from . import checks, identify, kept, localise, passport, report, summary
 from .bands import rate_slopes
 from .document import BeforeAfter, FitDocument
+from .hypothesis import uneven
 from .identify import Options, checked_options, fit
 from .localise import Axis, AxisEntry, Table
 from .passport import FITTED
 from .strokes import Strokes
 
 __all__ = ["FITTED", "Axis", "AxisEntry", "BeforeAfter", "FitDocument", "Options", "Strokes", "Table", "checked_options",
-           "checks", "fit", "identify", "kept", "localise", "passport", "rate_slopes", "report", "summary"]
+           "checks", "fit", "identify", "kept", "localise", "passport", "rate_slopes", "report", "summary", "uneven"]

@@ -77,7 +77,7 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
             setting = settings.get(found.found.state.setting.rate_filter_s, setting)
         found = refitted(found, setting, rate_law)
     else:
-        candidates = [FITTED[name]() for name in names]
+        candidates = [kind() for name, kind in FITTED.items() if name in names]  # in whatever order they are given
         alone = refined(setting, Hypothesis(), unknowns)
         for effect in candidates:
             _check_excited(alone, effect, strokes)

@@ -164,7 +164,7 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
                          "moves; a clipped sensor looks like saturation of the amplifier or a curved scale")
         _check_covariates(run)
         if "monitor_V" in run.columns:
-            _check_monitor(run, model.drive.max_V - model.drive.min_V)
+            check_monitor(run, model.drive.max_V - model.drive.min_V)
         low, high = float(np.min(run.command_V)), float(np.max(run.command_V))
         beyond = max(model.drive.min_V - low, high - model.drive.max_V)
         if beyond > model.drive.max_V - model.drive.min_V:
@@ -256,7 +256,7 @@ def _check_covariates(run: Recording) -> None:
                            "column")
 
 
-def _check_monitor(run: Recording, range_V: float) -> None:
+def check_monitor(run: Recording, range_V: float) -> None:
     """Raise BadInput for a monitor that cannot be what drives the actuator, in V."""
     monitor = run.columns["monitor_V"]
     if np.ptp(monitor) < LEAST_RANGE:
@@ -281,7 +281,7 @@ def correlation(run: Recording) -> float:
 
 
 def late_correlations(run: Recording, signal: np.ndarray) -> np.ndarray:
-    """Of the command and what a signal is so many samples later, 0 and up to LATEST_S; (lags,), -1 to 1.
+    """Of the command and what a signal is so many samples later, from 0 to LATEST_S, itself not included; (lags,), -1 to 1.
 
     A fast drive and an actuator that is late by half its period go against each other.
     """

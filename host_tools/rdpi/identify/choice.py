@@ -304,6 +304,10 @@ def _full(now: Judged, candidates: Sequence[Effect], whatever: bool = False) -> 
         wide = Linearised(state.setting, state.hypothesis, state.found, found)
         k = min(range(len(found)), key=lambda k: squares_of(wide.held_out(join=k)))
         there = refined(state.setting, state.hypothesis.having(found[k]), state.found, FIRST_STEPS)
+        if whatever and there.squares > state.squares:  # no start is near: from where it does hardly anything
+            idle = shifted(Acting(effect, effect.absent()), dict.fromkeys(effect.fitted, 0.0))
+            there = min(there, refined(state.setting, state.hypothesis.having(idle), state.found, FIRST_STEPS),
+                        key=lambda one: one.squares)
         if whatever or there.squares < state.squares:
             state = there
     state = refined(state.setting, state.hypothesis, state.found, FULL_STEPS)

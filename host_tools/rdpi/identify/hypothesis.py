@@ -72,14 +72,11 @@ class Setting:
 
     @cached_property
     def rows(self) -> list[np.ndarray]:
-        """Samples of each run that count, one of every `stride`: not at even steps, which would always meet a periodic
-        drive at the same places.
-        """
+        """Samples of each run that count."""
         stride = max(1, sum(len(run) for run in self.runs) // ROWS)
         rows = []
         for run, first in zip(self.runs, self.first):
-            steps = np.arange(first, len(run), stride)
-            rows.append(np.minimum(steps + (stride * (np.arange(len(steps)) * GOLDEN % 1)).astype(int), len(run) - 1))
+            rows.append(uneven(first, len(run), stride))
         return rows
 
     @cached_property
@@ -131,6 +128,8 @@ class Setting:
 
     def _outputs(self, k: int, drive_V: np.ndarray, used: np.ndarray | slice) -> np.ndarray:
         x, r, start = self.model.x_of(drive_V), self.model.thresholds_um, self.states_um[k]
+        if start is not None and self.runs[k].memory == "reset":
+            start = self.model.swept(float(x[0]))  # the sweep ended where it was driven to
         return firmware.plays(x[used], r, np.full(len(r), x[0]) if start is None else start)[0]
 
     def segments(self, z_um: np.ndarray) -> np.ndarray:
@@ -152,6 +151,12 @@ class Setting:
         levels = self.straightened(corners, found)
         below, above = np.minimum(v_um - levels[0], 0), np.maximum(v_um - levels[-1], 0) / found.pieces[-1]
         return np.interp(v_um, levels, corners) + below + above
+
+
+def uneven(first: int, end: int, stride: int) -> np.ndarray:
+    """One sample of every `stride`, not at even steps, which would always meet a periodic drive at the same places."""
+    steps = np.arange(first, end, stride)
+    return np.minimum(steps + (stride * (np.arange(len(steps)) * GOLDEN % 1)).astype(int), end - 1)
 
 
 def _differences(outputs: np.ndarray) -> np.ndarray:

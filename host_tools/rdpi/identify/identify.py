@@ -19,7 +19,7 @@ from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES,
 from ..simulate import chain, effects, signals
 from . import around, localise, passport
 from . import thresholds as tuned
-from .checks import (LARGEST_INPUT, check_readings, check_run, check_together, correlation, late_correlations,
+from .checks import (LARGEST_INPUT, check_monitor, check_readings, check_run, check_together, correlation, late_correlations,
                      same_samples, stays_at_an_end)
 from .bands import RateSlopes, slopes_of_bands
 from .choice import Choice
@@ -101,8 +101,14 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     for run in (*runs, *hold_out):
         check_run(run)
         check_readings(run)
+        if "monitor_V" in run.columns:
+            check_monitor(run, float(np.ptp(run.command_V)))
     check_together(runs, hold_out)
     warnings = same_samples([*runs, *hold_out])
+    if any("monitor_V" in run.columns for run in runs):
+        warnings.append("monitor_V is not used: what stands around the operator is found from command_V and "
+                        "displacement_um; `rdpi gap` tells by monitor_V what has changed before the actuator and what "
+                        "behind it")
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
     frame = Frame.of(runs, options, warnings)
 

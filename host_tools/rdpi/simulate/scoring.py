@@ -10,7 +10,7 @@ import numpy as np
 from ..data import Recording
 from ..model import Model
 from . import effects
-from .chain import Prediction, Score
+from .chain import Prediction, Score, reachable_um
 from .inverse import Inverse
 from .tracking import Tracked
 
@@ -46,7 +46,9 @@ def doubts(model: Model, inverse: Inverse, run: Recording, column: str, swept: b
     if (ahead := inverse.chain.preview_samples(run.sample_time_s)) >= len(run):
         found.append(f"{run.path}: its {len(run)} samples are no more than the {ahead} that the lead looks ahead, so "
                      "its last value is all that is tracked")
-    drive, largest_um = inverse.model.drive, float(np.nanmax(np.abs(run.columns[column])))
+    drive, reference_um = inverse.model.drive, run.columns[column]
+    usable_um = np.clip(reference_um[np.isfinite(reference_um)], *reachable_um(inverse.model))
+    largest_um = float(np.max(np.abs(usable_um), initial=0.0))
     rounded_V = inverse.chain.rounding_um(run.sample_time_s, largest_um) / abs(inverse.model.gain_um_per_V)
     if single and rounded_V > ROUNDED * (drive.max_V - drive.min_V):
         found.append(f"single precision rounds the reference, and the chain differentiates that: the drive has about "

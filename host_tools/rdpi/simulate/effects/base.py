@@ -161,6 +161,10 @@ class Effect:
         """Step of the grid that readings stand on: no prediction takes away its rounding. 0: it makes no grid."""
         return 0.0
 
+    def within(self, values: Values, runs: Sequence[Recording]) -> Values:
+        """Parameters as these recordings show them: what none of them reaches is absent."""
+        return values
+
     def absent(self) -> dict[str, float]:
         """Parameters at which it does nothing."""
         return {parameter.name: parameter.absent for parameter in self.parameters}

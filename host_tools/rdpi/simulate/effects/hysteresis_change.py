@@ -34,7 +34,8 @@ class HysteresisChange(Effect):
         return replace(model, slopes=widened(model, 1 + values["scale"] + values["shape"] * place))
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
-        return folded("into the slopes of the plays", self.operator(folded_into, values))
+        as_predicted = replace(folded_into, drive=model.drive)  # whose stroke stays, whatever rails leave of the range
+        return folded("into the slopes of the plays", replace(self.operator(as_predicted, values), drive=folded_into.drive))
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         return [self.absent()] if len(residuals.model.thresholds_um) > 1 else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -46,9 +47,18 @@ class RailSaturation(Effect):
         return folded(f"into the drive's range, {low:.4g} to {high:.4g} V", replace(
             folded_into, drive=replace(drive, min_V=low, max_V=high, sweep_end_V=end)))
 
+    def within(self, values: Values, runs: Sequence[Recording]) -> Values:
+        low, high = _ends(runs)
+        return {"V_min": values["V_min"] if values["V_min"] > low else -np.inf,
+                "V_max": values["V_max"] if values["V_max"] < high else np.inf}
+
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
-        low = min(float(np.min(run.command_V)) for run in residuals.runs)
-        high = max(float(np.max(run.command_V)) for run in residuals.runs)
-        cuts = [share * (high - low) for share in SHARES]
-        return [{"V_min": low + below, "V_max": high - above} for cut in cuts
-                for below, above in ((0.0, cut), (cut, 0.0), (cut, cut))] if high > low else []
+        low, high = _ends(residuals.runs)
+        far = high - low  # beyond which no command goes: a rail there has no part in a fit
+        return [{"V_min": low + below, "V_max": high - above} for cut in far * np.array(SHARES)
+                for below, above in ((-far, cut), (cut, -far), (cut, cut))] if high > low else []
+
+
+def _ends(runs: Sequence[Recording]) -> tuple[float, float]:
+    """The lowest and the highest command, in V."""
+    return min(float(np.min(run.command_V)) for run in runs), max(float(np.max(run.command_V)) for run in runs)
