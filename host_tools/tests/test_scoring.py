@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants import marked
 from test_chain import paper_model, recording
 
 from rdpi import board
@@ -118,3 +119,12 @@ def test_what_makes_a_drive_doubtful() -> None:
     whole.columns["other_axis_V"] = np.zeros(10_000)
     assert scoring.doubts(replace(model, fit={}), inverse, whole, "reference_um", False, True) == []
     assert scoring.lacking(model, whole) == []
+
+
+def test_a_resonance_that_the_samples_cannot_show_is_said_to_be_left_out() -> None:
+    for f0_hz, told in ((40.0, []), (60.0, ["run.csv: has 100 samples per second, too few for 60 Hz, so resonance is left out"]),
+                        (1e7, [])):
+        model = replace(paper_model(), effects=[{"name": "resonance", "stage": "mechanics",
+                                                 "parameters": {"f0_hz": f0_hz, "damping": 0.5}}])
+        run, prediction = case(np.linspace(-100, 200, 50))
+        assert scoring.notes(model, marked(run, sample_rate_hz="100"), prediction) == told

@@ -21,9 +21,9 @@ OPPOSITE = -0.5  # correlation with the prediction, below which a run is upside 
 
 
 def lacking(model: Model, run: Recording) -> list[str]:
-    """Effects of the model that follow a column which the run has not."""
-    return [f"{run.path}: has no column {one.effect.column}, so {one.effect.name} is left out"
-            for one in effects.acting(model) if one.effect.column and one.effect.column not in run.columns]
+    """Effects of the model that the run lacks something for."""
+    return [f"{run.path}: {missing}, so {one.effect.name} is left out"
+            for one in effects.acting(model) if (missing := one.effect.missing_in(run, one.values))]
 
 
 def estimated_start(model: Model) -> dict[str, Any] | None:

@@ -161,6 +161,10 @@ class Effect:
         """Step of the grid that readings stand on: no prediction takes away its rounding. 0: it makes no grid."""
         return 0.0
 
+    def missing_in(self, run: Recording, values: Values) -> str:
+        """What a recording lacks for it to be predicted; "": nothing."""
+        return f"has no column {self.column}" if self.column and self.column not in run.columns else ""
+
     def within(self, values: Values, runs: Sequence[Recording]) -> Values:
         """Parameters as these recordings show them: what none of them reaches is absent."""
         return values

@@ -22,6 +22,7 @@ OCTAVES = 8
 PROMISING = 3  # starts that are kept by what they explain as they are, and as many by what a multiple of them explains
 LEAST_GAIN, BROAD = 0.3, 0.1  # less is what a delay or lag leaves; the sharper it is, the less is like it; damping
 SHOWN_DAMPING, RING_PERIODS = 0.05, 5  # what is asked of a drive: so many periods in its longest hold, or in a stroke
+FAR = 10.0  # sample rates: a resonance beyond does nothing that such samples show
 
 
 class Resonance(Effect):
@@ -46,6 +47,11 @@ class Resonance(Effect):
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         turn = values["f0_hz"] * run.sample_time_s  # per sample
         return _ring(z_um, 2 * np.pi * turn, values["damping"]) if turn < 0.5 else z_um
+
+    def missing_in(self, run: Recording, values: Values) -> str:
+        turn = values["f0_hz"] * run.sample_time_s
+        return f"has {run.sample_rate_hz:g} samples per second, too few for {values['f0_hz']:.4g} Hz" \
+            if 0.5 <= turn < FAR else ""
 
     def before(self, shown_um: np.ndarray, run: Recording, values: Values) -> np.ndarray:
         """conj(F) / max(1, |F|^2) of it, with F the response: 1 / F as far as F amplifies; faster signals, which hardly
