@@ -82,12 +82,27 @@ def test_passport_of_held_out_runs_and_of_a_single_one() -> None:
     result = fit([static_run()], STATIC, [held])
     known = result.model.passport
     assert known["held_out"] == passport.OTHER_RUNS
-    assert [run["held_out"] for run in known["runs"]] == [passport.FITTED, passport.OTHER_RUNS]
+    assert [run["held_out"] for run in known["runs"]] == [passport.LEFT_OUT, passport.OTHER_RUNS]
     score = result.scores[1].score
     assert known["runs"][1]["rms_um"] == pytest.approx(np.sqrt(score.rms_um**2 - score.offset_um**2), rel=1e-3)
     assert known["runs"][1]["fitted_rms_um"] is None
-    single = static_fit().model.passport
-    assert single["held_out"] == passport.FITTED and single["spread"] > known["spread"]
+
+
+def test_passport_of_a_single_run_leaves_out_its_parts() -> None:
+    (run,) = (one.recording for one in static_fit().scores)
+    (known,) = static_fit().model.passport["runs"]
+    assert known["held_out"] == passport.LEFT_OUT == static_fit().model.passport["held_out"]
+    assert known["fitted_rms_um"] < known["rms_um"] < 2 * known["fitted_rms_um"]
+    odd = run.displacement_um.copy()
+    quarter = slice(3 * len(odd) // 4, None)
+    odd[quarter] *= 1.05
+    (apart,) = fit([changed(run, displacement_um=odd)], STATIC).model.passport["runs"]
+    assert apart["rms_um"] > 1.2 * apart["fitted_rms_um"], "the others do not know the last part"
+
+
+def test_passport_of_a_single_run_too_short_to_leave_out_parts() -> None:
+    known = fit([static_run(rate_hz=25.0, cycles=3)], STATIC).model.passport
+    assert known["held_out"] == passport.FITTED
 
 
 def test_passport_of_runs_with_a_rate_law() -> None:

@@ -213,6 +213,16 @@ def test_spread_tells_runs_alike_from_runs_apart() -> None:
     assert spread((0.1,), FITTED) > 1.5 * spread((0.1,), OTHER_RUNS)  # nothing says how optimistic it is
 
 
+def test_spread_of_a_single_run_is_that_of_its_parts() -> None:
+    command = waves(80, 2, 8, RATE_HZ)
+
+    def spread(sizes: tuple[float, ...]) -> float:
+        size = np.repeat(sizes, -(-len(command) // 4))[:len(command)]
+        return passport.build([left_of(command, noise(len(command), size), how=LEFT_OUT)]).spread
+
+    assert 0.25 < spread((0.1,) * 4) < 0.35 < 0.5 < spread((0.05, 0.4, 0.05, 0.4))
+
+
 # --- on actuators that are not the model -----------------------------------------------------------------------------
 
 LIMITS = excite.Limits(0, 100, sample_rate_hz=2000.0)

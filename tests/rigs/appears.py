@@ -146,16 +146,17 @@ def pooled(values: Sequence[float]) -> float:
 
 
 def cases(job: tuple[str, int], effects: Sequence[str], rate_hz: float, scale: float, options: Sequence[str],
-          chain: str = "auto", shown: Sequence[str] = SEEN, nones: int = 1, follow: int = 0) -> list[dict[str, Any]]:
+          chain: str = "auto", shown: Sequence[str] = SEEN, nones: int = 1, follow: int = 0, excite_s: float = 0.0
+          ) -> list[dict[str, Any]]:
     """One rig, commissioned once, and each effect that appears on it; `chain`: option --effects of `rdpi fit`;
-    `follow`: proposed recordings to play.
+    `follow`: proposed recordings to play; `excite_s`: of the only commissioning recording.
     """
     family, seed = job
     rig, found = make_rig(family, seed), []
     with tempfile.TemporaryDirectory(prefix="rigs-") as where:
         folder = Path(where)
         try:
-            model = measure.commission(rig, folder, rate_hz, scale, ["--effects", chain])
+            model = measure.commission(rig, folder, rate_hz, scale, ["--effects", chain], excite_s)
         except measure.Refused as refusal:
             return [{"family": family, "seed": seed, "effect": "all", "failed": str(refusal)}]
         offsets = [run["offset_um"] for run in json.loads(model.read_text())["passport"]["runs"]]
@@ -381,6 +382,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--nones", type=int, default=1, help="cases per rig in which nothing appears (default 1)")
     parser.add_argument("--poor", action="store_true", help="`rdpi gap` sees a tracked profile and a sine only")
     parser.add_argument("--follow", type=int, default=0, metavar="N", help="proposed recordings to play (default 0)")
+    parser.add_argument("--excite", type=float, default=0.0, metavar="S",
+                        help="commission with one recording of `rdpi excite commission`, so long")
     parser.add_argument("--rate", type=float, default=5000.0, help="samples per second (default 5000)")
     parser.add_argument("--scale", type=float, default=0.5, help="length of the recordings (default 0.5)")
     parser.add_argument("--jobs", type=int, default=1)
@@ -392,7 +395,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"no effect {', '.join(sorted(wrong))}: {'; '.join(APPEARS)}")
     jobs = [(family, seed) for family in families for seed in range(options.seed, options.seed + options.rigs)]
     work = partial(cases, effects=effects, rate_hz=options.rate, scale=options.scale, options=options.options,
-                   chain=options.chain, shown=POOR if options.poor else SEEN, nones=options.nones, follow=options.follow)
+                   chain=options.chain, shown=POOR if options.poor else SEEN, nones=options.nones, follow=options.follow,
+                   excite_s=options.excite)
     found = sum(measure.run_all(work, jobs, options.jobs), [])
     print(table(found))
     if options.output:

@@ -108,9 +108,15 @@ def played(rig: Rig, folder: Path, name: str, share: np.ndarray, rate_hz: float)
     return folder / f"{name}.csv"
 
 
-def commission(rig: Rig, folder: Path, rate_hz: float, scale: float, options: Sequence[str]) -> Path:
-    """Play the commissioning drives and fit a model to them."""
-    runs = [played(rig, folder, name, drive(rig, name, rate_hz, scale), rate_hz) for name in waves.COMMISSION]
+def commission(rig: Rig, folder: Path, rate_hz: float, scale: float, options: Sequence[str], excite_s: float = 0.0) -> Path:
+    """Play the commissioning drives, or one of `rdpi excite commission`, `excite_s` long, and fit a model to them."""
+    if excite_s:
+        rdpi("excite", "commission", "--min-V", repr(rig.low_V), "--max-V", repr(rig.high_V), "--duration", excite_s,
+             "--sample-rate", rate_hz, "--no-sweep", "-o", folder / "drive.csv")
+        runs = [folder / "commission.csv"]
+        record(rig, runs[0], columns_of(folder / "drive.csv")["command_V"], rate_hz)
+    else:
+        runs = [played(rig, folder, name, drive(rig, name, rate_hz, scale), rate_hz) for name in waves.COMMISSION]
     rdpi("fit", *runs, "-o", folder / "model.json", "--min-V", repr(rig.low_V), "--max-V", repr(rig.high_V), *options)
     return folder / "model.json"
 

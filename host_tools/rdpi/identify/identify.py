@@ -24,8 +24,8 @@ from .checks import (LARGEST_INPUT, check_monitor, check_readings, check_run, ch
 from .bands import RateSlopes, slopes_of_bands
 from .choice import Choice
 from .document import FitDocument
-from .regression import (Columns, Plant, Reduced, Run, joined, offset_of, prepare, reduce, rerated, saturation_of,
-                         search, smoothing_times_s, solve, top_rate, without_rate)
+from .regression import (Columns, Plant, Reduced, Run, joined, offset_of, parts_of, prepare, reduce, rerated,
+                         saturation_of, search, smoothing_times_s, solve, top_rate, without_rate)
 from .strokes import Strokes
 from .sweep_start import SweepStart, sweep_start
 
@@ -380,13 +380,21 @@ def _of_plant(model: Model, plant: Plant, columns: Columns, runs: Sequence[Run],
 
 
 def _leave_out(found: Operator, predictions: Sequence[chain.Prediction]) -> list[np.ndarray | None]:
-    """What a model fitted to the others misses of each run, (samples,); None where the others do not make a model.
+    """What a model fitted to the others misses of each run, (samples,); None where the others do not make a model. Of
+    the only run, parts are left out in turn.
 
     Effects, rate and memory are those of the model's own prediction: they hardly differ, and finding them anew takes
     long.
     """
-    runs, reduced, columns, m = found.runs, found.reduced, found.columns, len(found.plant.picks)
-    left: list[np.ndarray | None] = [None] * len(runs)
+    runs, columns, m = found.runs, found.columns, len(found.plant.picks)
+    parts, reduced = [(k, slice(None)) for k in range(len(runs))], found.reduced
+    if len(runs) == 1:
+        (run,) = runs
+        ends = np.linspace(0, len(run.x_um), passport.PARTS + 1).astype(int)
+        parts = [(0, slice(*map(int, pair))) for pair in zip(ends, ends[1:])]
+        runs = list(parts_of(run, columns.thresholds_um, [part for _, part in parts]))
+        reduced = reduce(runs, columns, found.model.stroke_um)
+    left: list[np.ndarray | None] = [None] * len(parts)
     for group in np.array_split(np.arange(len(runs)), min(len(runs), FOLDS)):
         rest = [k for k in range(len(runs)) if k not in group]
         if sum(reduced[k].samples for k in rest) < tuned.MIN_SAMPLES_PER_UNKNOWN * (columns.plays + m + len(rest)):
@@ -397,11 +405,14 @@ def _leave_out(found: Operator, predictions: Sequence[chain.Prediction]) -> list
             plant = search(factor, columns, m, samples)
             other = _of_plant(found.model, plant, columns, [runs[k] for k in rest], others)
             for k in group if other is not None else ():
-                run, seen = runs[k].recording, predictions[k]
-                left[k] = run.displacement_um - chain.operator_from(other, run, seen.start_um).forward(
-                    run.command_V, seen.rate_um_per_s)
+                at, part = parts[k]
+                run, seen = found.runs[at].recording, predictions[at]
+                left[k] = (run.displacement_um - chain.operator_from(other, run, seen.start_um).forward(
+                    run.command_V, seen.rate_um_per_s))[part]
         except BadInput:  # what the others determine is no model: the run is then known as fitted only
             pass
+    if len(found.runs) == 1:
+        return [None if any(one is None for one in left) else np.concatenate(left)]
     return left
 
 

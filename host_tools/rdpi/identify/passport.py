@@ -23,7 +23,8 @@ from .passport_file import AXES, FITTED, LEFT_OUT, OTHER_RUNS, SHAPE_AXES, SOURC
 __all__ = ["FITTED", "LEFT_OUT", "OTHER_RUNS", "build", "expected_octaves", "expected_um", "level_um", "octaves",
            "moved_um", "ratio", "read", "repeated"]
 
-SPLITS = 1, 4, 16  # every run counts as a whole and in so many windows: small movements are seen too
+PARTS = 4  # of the only recording, which are left out in turn
+SPLITS = 1, PARTS, 16  # every run counts as a whole and in so many windows: small movements are seen too
 BINS, PASSES = 8, 10
 DIRECTION_EDGES = np.array([-1.5, -0.5, 0.5, 1.5])
 DIGITS = 5  # of what is stored
@@ -278,16 +279,22 @@ def _level(windows: _Windows, coefficients: np.ndarray, features: np.ndarray) ->
 
 
 def _spread(windows: _Windows, owner: np.ndarray, fitted: bool) -> float:
-    """sd of the logarithm of actual / expected, each run's expectation being made from the others."""
+    """sd of the logarithm of actual / expected, each run's expectation being made from the others. Of the only run, parts
+    stand for runs, and say less; if it was fitted only, they say nothing.
+    """
+    whole, worth, usual = np.flatnonzero(windows.weight == 1), 1.0, tuned.SPREAD_FITTED if fitted else tuned.SPREAD
+    if len(whole) == 1:  # its windows: all of it, PARTS parts, and more of these each
+        finer = np.arange(len(owner) - 1 - PARTS) * PARTS // max(1, len(owner) - 1 - PARTS)
+        owner = np.r_[-1, np.arange(PARTS), finer][:len(owner)]
+        whole, worth = np.flatnonzero(owner[:1 + PARTS] >= 0) if not fitted else whole[:0], tuned.PART_WORTH
     misses: list[float] = []
-    for k in np.flatnonzero(windows.weight == 1) if np.any(owner) else ():
-        others = _Windows(*(column[owner != owner[k]] for column in windows))
+    for k in whole:
+        others = _Windows(*(column[(owner != owner[k]) & (owner >= 0)] for column in windows))
         features = np.array([column[k] for column in windows[:_FEATURES]])
         expected = _level(others, _coefficients(others), features)
         misses.append(float(np.log(windows.rms_um[k] ** 2 / expected) / 2))
-    usual = tuned.SPREAD_FITTED if fitted else tuned.SPREAD
-    worth = tuned.SPREAD_RUNS
-    return float(np.sqrt((np.sum(np.square(misses)) + worth * usual**2) / (len(misses) + worth)))
+    prior = tuned.SPREAD_RUNS
+    return float(np.sqrt((worth * np.sum(np.square(misses)) + prior * usual**2) / (worth * len(misses) + prior)))
 
 
 def _energy(one: Residual) -> np.ndarray:

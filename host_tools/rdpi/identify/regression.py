@@ -230,6 +230,17 @@ def prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds:
     return prepared
 
 
+def parts_of(run: Run, thresholds_um: np.ndarray, parts: Sequence[slice]) -> Iterator[Run]:
+    """Parts of a run, one after the other from its first sample on, each with the plays as they are where it begins."""
+    states = run.states_um
+    for part in parts:
+        recording = replace(run.recording, columns={name: column[part] for name, column in
+                                                    run.recording.columns.items()})
+        yield replace(run, recording=recording, x_um=run.x_um[part], rate_um_per_s=run.rate_um_per_s[part],
+                      states_um=states, first=max(0, run.first - part.start))
+        states = firmware.plays(run.x_um[part], thresholds_um, states)[1]
+
+
 def rate_of(run: Recording, x_um: np.ndarray, source: str, window_s: float, filter_s: float,
             smoothing_s: float) -> np.ndarray:
     """The rate that modulates the slopes; the command is free of noise and is not smoothed."""

@@ -68,6 +68,7 @@ KERNEL = 0.3  # [ln] width of the kernel over the logarithms of a window's featu
 HALF = 0.2  # [1] evidence at which what similar windows say counts half; benches
 SPREAD_FITTED = 0.8  # [ln] of actual / expected before any run was left out, where all residuals are of fits; benches
 SPREAD = 0.4  # [ln] the same of runs that were left out; benches
+PART_WORTH = 0.5  # [runs] that a part of the only recording is worth there; judged
 SPREAD_RUNS = 3.0  # [runs] that such a spread is worth beside those of the passport itself; benches
 REPEATS = 0.6  # [1] an actuator's difference from itself, drive repeated, over the model's error: 0.5 to 0.6; cycles
 LOW = 1e-2  # [usual size] of a feature, below which its logarithm says nothing; judged
