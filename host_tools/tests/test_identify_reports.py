@@ -277,3 +277,13 @@ def test_too_little_is_left_of_a_run_whose_memory_is_unknown() -> None:
     with pytest.raises(BadInput, match=r"^bad\.csv: .*memory"):
         fit([run], STATIC)
     assert fit([marked(run, memory="reset")], STATIC).model
+
+
+def test_passport_of_a_single_run_whose_memory_is_erased_late() -> None:
+    """Each part holds samples that count."""
+    run = static_run()
+    low = np.r_[np.full(len(run), 40.0) + 5 * np.sin(np.arange(len(run)) / 50), run.command_V]
+    z = np.r_[np.full(len(run), run.displacement_um[0]), run.displacement_um]
+    late = changed(run, time_s=np.arange(len(low)) * run.sample_time_s, command_V=low, displacement_um=z)
+    known = fit([marked(late, memory="unknown")], STATIC).model.passport
+    assert known["held_out"] == passport.LEFT_OUT and np.isfinite(known["spread"])

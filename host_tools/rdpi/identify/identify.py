@@ -390,7 +390,8 @@ def _leave_out(found: Operator, predictions: Sequence[chain.Prediction]) -> list
     parts, reduced = [(k, slice(None)) for k in range(len(runs))], found.reduced
     if len(runs) == 1:
         (run,) = runs
-        ends = np.linspace(0, len(run.x_um), passport.PARTS + 1).astype(int)
+        ends = np.linspace(run.first, len(run.x_um), passport.PARTS + 1).astype(int)
+        ends[0] = 0  # what depends on an unknown memory goes with the first part
         parts = [(0, slice(*map(int, pair))) for pair in zip(ends, ends[1:])]
         runs = list(parts_of(run, columns.thresholds_um, [part for _, part in parts]))
         reduced = reduce(runs, columns, found.model.stroke_um)
