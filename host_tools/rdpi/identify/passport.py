@@ -223,7 +223,9 @@ def _features(coords: Coordinates, part: slice = slice(None)) -> np.ndarray:
 
 
 def _windows(residuals: Sequence[Residual]) -> tuple[_Windows, np.ndarray]:
-    """The windows of all runs and the number of the run of each; no finer splits than MAX_WINDOWS allows."""
+    """The windows of all runs and the number of the run of each; no finer splits than MAX_WINDOWS allows. Of the only
+    run, the number of the part of each, -1 for all of it.
+    """
     splits = [split for k, split in enumerate(SPLITS)
               if split == 1 or len(residuals) * sum(SPLITS[:k + 1]) <= tuned.MAX_WINDOWS]
     rows, owner = [], []
@@ -234,7 +236,8 @@ def _windows(residuals: Sequence[Residual]) -> tuple[_Windows, np.ndarray]:
         for split, part in _parts(len(position), splits):
             square = np.exp(np.mean([np.log(max(float(np.var(kind[part])), least)) for kind in kinds]))
             rows.append([*_features(one.coords, part), np.sqrt(square), 1 / split])
-            owner.append(k)
+            within = -1 if split == 1 else (part.start + part.stop) * PARTS // (2 * len(position))
+            owner.append(k if len(residuals) > 1 else within)
     return _Windows(*np.array(rows).T), np.array(owner)
 
 
@@ -282,13 +285,10 @@ def _spread(windows: _Windows, owner: np.ndarray, fitted: bool) -> float:
     """sd of the logarithm of actual / expected, each run's expectation being made from the others. Of the only run, parts
     stand for runs, and say less; if it was fitted only, they say nothing.
     """
-    whole, worth, usual = np.flatnonzero(windows.weight == 1), 1.0, tuned.SPREAD_FITTED if fitted else tuned.SPREAD
-    if len(whole) == 1:  # its windows: all of it, PARTS parts, and more of these each
-        finer = np.arange(len(owner) - 1 - PARTS) * PARTS // max(1, len(owner) - 1 - PARTS)
-        owner = np.r_[-1, np.arange(PARTS), finer][:len(owner)]
-        whole, worth = np.flatnonzero(owner[:1 + PARTS] >= 0) if not fitted else whole[:0], tuned.PART_WORTH
+    alone = owner[0] < 0
+    worth, usual = tuned.PART_WORTH if alone else 1.0, tuned.SPREAD_FITTED if fitted else tuned.SPREAD
     misses: list[float] = []
-    for k in whole:
+    for k in () if alone and fitted else np.flatnonzero(windows.weight == (1 / PARTS if alone else 1)):
         others = _Windows(*(column[(owner != owner[k]) & (owner >= 0)] for column in windows))
         features = np.array([column[k] for column in windows[:_FEATURES]])
         expected = _level(others, _coefficients(others), features)

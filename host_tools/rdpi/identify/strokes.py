@@ -24,7 +24,7 @@ class Strokes(NamedTuple):
     def of(cls, runs: Sequence[Recording]) -> Strokes:
         rates, sizes, times = [], [], []
         for run in runs:
-            turns = turning_points(run.command_V, tuned.STROKE * float(np.ptp(run.command_V)))
+            turns = turning_points(run.command_V)
             sizes.append(np.abs(np.diff(run.command_V[turns])))
             times.append(np.diff(turns) * run.sample_time_s)
             rates.append(sizes[-1] / times[-1])
@@ -58,9 +58,10 @@ def along_path(values: np.ndarray, step: float) -> np.ndarray:
     return np.flatnonzero(use)
 
 
-def turning_points(command: np.ndarray, least: float) -> np.ndarray:
-    """Samples at which a drive turns round, between them more than `least`; first and last sample too."""
+def turning_points(command: np.ndarray) -> np.ndarray:
+    """Samples at which a drive turns round, between them a stroke or more; first and last sample too."""
     from scipy.signal import find_peaks
 
+    least = tuned.STROKE * float(np.ptp(command))
     peaks = [find_peaks(sign * command, prominence=least)[0] for sign in (1, -1)]
     return np.unique(np.r_[0, *peaks, len(command) - 1])

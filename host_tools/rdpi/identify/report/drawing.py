@@ -13,7 +13,7 @@ from ...data import Recording
 from ..localise import Table
 from ..strokes import turning_points
 from . import interactive
-from .figure import TURN, last_cycle, thin, whatever_letters
+from .figure import last_cycle, thin, whatever_letters
 from .numbers import edge_names, magnitude
 
 if TYPE_CHECKING:
@@ -109,8 +109,7 @@ def worst_part(residual_um: np.ndarray) -> slice:
 def worst_strokes(run: Recording, residual_um: np.ndarray) -> slice:
     """The STROKES in the worst part of which most is missed, or all of that part: more would cover one another."""
     part = worst_part(residual_um)
-    command_V = run.command_V[part]
-    turns = part.start + turning_points(command_V, TURN * float(np.ptp(command_V)))
+    turns = part.start + turning_points(run.command_V[part])
     if len(turns) <= STROKES + 1:
         return part
     energy = np.cumsum(np.r_[0.0, (residual_um - np.mean(residual_um))**2])

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 POINTS = 4000  # drawn per curve: more cannot be seen
 PATH, PATH_POINTS = 0.02, 200_000  # of the command's range, between points of a loop; so many at most
 RESTS = 0.1  # of the samples of a cycle, by which it may rest more than another
-TURN = 0.1  # of the command's range, from which a change of direction counts
 WINDOW_POINTS = 2000  # samples of the prediction shown over time
 RESIDUAL_BINS = 80
 PICTURE_FORMATS = ".png", ".svg", ".pdf"
@@ -102,7 +101,7 @@ def last_cycle(command_V: np.ndarray) -> slice:
     rises = ends[1:][above[1:] & ~above[:-1]]
     if len(rises) < 2:
         return slice(None)
-    turns = np.diff(np.searchsorted(turning_points(command_V, TURN * (high - low)), rises))
+    turns = np.diff(np.searchsorted(turning_points(command_V), rises))
     rests = np.diff(np.cumsum(np.diff(command_V, prepend=np.nan) == 0)[rises]) / np.diff(rises)
     fewest = turns == np.min(turns)
     last = np.flatnonzero(fewest & (rests <= np.min(rests[fewest]) + RESTS))[-1]
