@@ -205,11 +205,8 @@ def test_a_transient_is_named_with_its_place() -> None:
     assert not any("most is missed at" in text for text in static_fit().warnings)
 
 
-def test_a_monitor_is_checked_and_said_to_be_unused() -> None:
+def test_a_monitor_that_cannot_be_one_is_refused() -> None:
     run = static_run()
-    result = fit([changed(run, monitor_V=run.command_V)], STATIC)
-    assert [text for text in result.warnings if "monitor_V" in text] == [text for text in result.warnings
-                                                                         if text.startswith("monitor_V is not used")] != []
     for monitor_V, words in ((-run.command_V, "moves -1 V per volt"), (np.zeros(len(run)), "constant at 0 V")):
         with pytest.raises(BadInput, match=words):
             fit([changed(run, monitor_V=monitor_V)], STATIC)

@@ -4,6 +4,7 @@
     .venv/bin/python tests/rigs/chain.py plain --rigs 25
     .venv/bin/python tests/rigs/chain.py recovered --rigs 13
     .venv/bin/python tests/rigs/chain.py tracked --rigs 2
+    .venv/bin/python tests/rigs/chain.py monitored --rigs 2
     .venv/bin/python tests/rigs/chain.py law
     .venv/bin/python tests/rigs/chain.py picma
 
@@ -21,6 +22,9 @@ tracked    The same rigs tracked by `rdpi compensate`, which compensates what th
            none. "rung": what the same rig without the effects misses, passed through the true resonance. An inverse
            makes the rig follow what it is asked; the resonance amplifies what the operator's model misses.
            Below, sines of several frequencies: error with and without preview.
+monitored  Rigs whose sensor is late, too: how late the model says that amplifier and sensor are, from recordings with
+           monitor_V, and by how much the displacement itself, which no sensor delays, misses its reference: with a model
+           of recordings with monitor_V, and of the same without; over that of the same rig with a sensor in time.
 law        The paper's law on tests/bench, without and behind 0.5 ms of delay: the delay that is found, and the slopes'
            rate coefficients beside those found without it.
 picma      The measured P-885.91 of ../shared/data (or $RDPI_DATA): predictions, and the drive for its displacement
@@ -47,7 +51,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "ben
 import measure  # noqa: E402  before NumPy: it says how many threads
 import bench  # noqa: E402
 import numpy as np  # noqa: E402
-from rigs import FAMILIES, make_rig, second_order  # noqa: E402
+from rigs import FAMILIES, SENSOR, make_rig, second_order  # noqa: E402
 
 LATE = "delay", "lag", "overshoot", "relaxation"
 OWN = "rate", "creep"  # what comes late beside those
@@ -256,6 +260,64 @@ def _medians(rows: Sequence[Sequence[float]]) -> str:
     return "".join(f"{value:9.2f}" for value in np.median(rows, axis=0))
 
 
+# --- amplifier and sensor told apart -----------------------------------------------------------------------------------
+
+LATE_SENSORS = {"in time": False, "monitor": True, "command": False}  # how commissioned: with monitor_V?
+STAGES = {"amplifier": ("timing", "amplifier"), "sensor": ("sensor",)}
+
+
+def monitored(job: Job, rate_hz: float, scale: float, options: Sequence[str]) -> dict[str, Any]:
+    """Tracking errors in % of the displacement of a rig with a late sensor, and how late its models say it is, in s."""
+    rig = make_rig(*job)
+    for name in SENSOR:
+        rig = rig.put(name)
+    in_time = rig.without(*SENSOR)  # moves as the rig does
+    overshoot = rig.sins["overshoot"]
+    late_s = {"amplifier": rig.sins["delay"]["delay_s"] + rig.sins["lag"]["time_constant_s"]
+              + overshoot["damping"] / (np.pi * overshoot["f0_hz"]),
+              "sensor": rig.sins["sensor_delay"]["delay_s"] + rig.sins["sensor_lag"]["time_constant_s"]}
+    result: dict[str, Any] = {"family": job[0], "seed": job[1], "late_s": late_s}
+    with tempfile.TemporaryDirectory(prefix="rigs-") as name:
+        folder = Path(name)
+        try:
+            for way, monitor in LATE_SENSORS.items():
+                one = in_time if way == "in time" else rig
+                model = measure.commission(one, folder, rate_hz, scale, options, monitor=monitor)
+                named = measure.effects_of(model)
+                result[way] = {
+                    "effects": named,
+                    "late_s": {part: sum(effect["parameters"][time]["value"] for effect in named
+                                         for time in ("delay_s", "time_constant_s")
+                                         if effect["name"] in LATE[:2] and effect["stage"] in stages
+                                         and time in effect["parameters"]) for part, stages in STAGES.items()},
+                    "tracking": [measure.tracking(in_time, folder, model, track, rate_hz, "--engine", "f32")
+                                 for track in measure.waves.TRACKS]}
+        except measure.Refused as refusal:
+            result["failed"] = str(refusal)
+    return result
+
+
+def monitored_table(results: Sequence[dict[str, Any]]) -> str:
+    """Per rig: how late amplifier and sensor are, true and found, in ms; tracking over that with a sensor in time."""
+    done = [one for one in results if "failed" not in one]
+    lines = [f"{'late by, ms':32}{'amplifier':>20}{'sensor':>20}{'tracking error over that of a sensor in time':>50}",
+             f"{'':32}" + f"{'true':>12}{'found':>8}" * len(STAGES) + f"{'with monitor_V':>30}{'without':>20}"]
+    for one in done:
+        lines.append(f"{one['family'] + ' ' + str(one['seed']):32}" + "".join(
+            f"{1e3 * one['late_s'][part]:12.2f}{1e3 * one['monitor']['late_s'][part]:8.2f}" for part in STAGES)
+            + "".join(f"{np.max(_of_in_time(one, way)):{width}.2f}" for way, width in (("monitor", 30), ("command", 20))))
+    if done:
+        lines.append(f"{'median, worst':72}" + "".join(
+            f"{f'{np.median(ratios):.2f}, {np.max(ratios):.2f}':>{width}}" for ratios, width in (
+                (np.concatenate([_of_in_time(one, way) for one in done]), width)
+                for way, width in (("monitor", 30), ("command", 20)))))
+    return "\n".join(lines + failures(results))
+
+
+def _of_in_time(one: dict[str, Any], way: str) -> np.ndarray:
+    return np.divide(one[way]["tracking"], one["in time"]["tracking"])
+
+
 # --- rate law and delay ----------------------------------------------------------------------------------------------
 
 DELAY_S = 5e-4
@@ -399,9 +461,9 @@ def failures(results: Sequence[dict[str, Any]]) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter,
-                                     usage="%(prog)s [options] {plain,recovered,tracked,law,picma} "
+                                     usage="%(prog)s [options] {plain,recovered,tracked,monitored,law,picma} "
                                            "[-- options of rdpi fit]")
-    parser.add_argument("what", choices=["plain", "recovered", "tracked", "law", "picma"])
+    parser.add_argument("what", choices=["plain", "recovered", "tracked", "monitored", "law", "picma"])
     parser.add_argument("--rigs", type=int, default=2, help="per family, and per number of effects (default 2)")
     parser.add_argument("--seed", type=int, default=1, help="of the first rig (default 1)")
     measure.add_families(parser)
@@ -414,11 +476,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options, of_fit = parser.parse_args(words[:own]), words[own + 1:]
     rigs = [(family, seed) for family in measure.families_of(parser, options)
             for seed in range(options.seed, options.seed + options.rigs)]
-    work: dict[str, Callable] = {"plain": plain, "recovered": recovered, "tracked": tracked}
-    tables: dict[str, Callable] = {"plain": plain_table, "recovered": recovered_table, "tracked": tracked_table}
+    work: dict[str, Callable] = {"plain": plain, "recovered": recovered, "tracked": tracked, "monitored": monitored}
+    tables: dict[str, Callable] = {"plain": plain_table, "recovered": recovered_table, "tracked": tracked_table,
+                                   "monitored": monitored_table}
     results: Any
     if options.what in work:
-        jobs = rigs if options.what == "plain" else [(put, rig) for rig in rigs for put in PUTS]
+        jobs = [(put, rig) for rig in rigs for put in PUTS] if options.what in ("recovered", "tracked") else rigs
         results = measure.run_all(partial(work[options.what], rate_hz=options.rate, scale=options.scale,
                                           options=of_fit), jobs, options.jobs)
         print(tables[options.what](results))

@@ -103,20 +103,23 @@ def drive(rig: Rig, name: str, rate_hz: float, scale: float) -> np.ndarray:
     return waves.drive(name, rate_hz, rig.seed, rig.start_share, scale)
 
 
-def played(rig: Rig, folder: Path, name: str, share: np.ndarray, rate_hz: float) -> Path:
-    record(rig, folder / f"{name}.csv", rig.volts(share), rate_hz)
+def played(rig: Rig, folder: Path, name: str, share: np.ndarray, rate_hz: float, monitor: bool = False) -> Path:
+    record(rig, folder / f"{name}.csv", rig.volts(share), rate_hz, monitor=monitor)
     return folder / f"{name}.csv"
 
 
-def commission(rig: Rig, folder: Path, rate_hz: float, scale: float, options: Sequence[str], excite_s: float = 0.0) -> Path:
-    """Play the commissioning drives, or one of `rdpi excite commission`, `excite_s` long, and fit a model to them."""
+def commission(rig: Rig, folder: Path, rate_hz: float, scale: float, options: Sequence[str], excite_s: float = 0.0,
+               monitor: bool = False) -> Path:
+    """Play the commissioning drives, or one of `rdpi excite commission`, `excite_s` long, and fit a model to them. With
+    `monitor`, the recordings hold monitor_V.
+    """
     if excite_s:
         rdpi("excite", "commission", "--min-V", repr(rig.low_V), "--max-V", repr(rig.high_V), "--duration", excite_s,
              "--sample-rate", rate_hz, "--no-sweep", "-o", folder / "drive.csv")
         runs = [folder / "commission.csv"]
-        record(rig, runs[0], columns_of(folder / "drive.csv")["command_V"], rate_hz)
+        record(rig, runs[0], columns_of(folder / "drive.csv")["command_V"], rate_hz, monitor=monitor)
     else:
-        runs = [played(rig, folder, name, drive(rig, name, rate_hz, scale), rate_hz) for name in waves.COMMISSION]
+        runs = [played(rig, folder, name, drive(rig, name, rate_hz, scale), rate_hz, monitor) for name in waves.COMMISSION]
     rdpi("fit", *runs, "-o", folder / "model.json", "--min-V", repr(rig.low_V), "--max-V", repr(rig.high_V), *options)
     return folder / "model.json"
 

@@ -87,6 +87,12 @@ STRANGE: dict[str, Callable[[np.random.Generator], dict[str, float]]] = {
     "stick_slip": lambda random: {"share": random.uniform(0.015, 0.05)},
     "dropouts": lambda random: {"per_s": random.uniform(2, 8), "hold_s": _log(random, 0.005, 0.03)},
 }
+# What stands between the displacement and the reading. No rig has it unless it is put in.
+SENSOR: dict[str, Callable[[np.random.Generator], dict[str, float]]] = {
+    "sensor_delay": lambda random: {"delay_s": _log(random, 1e-4, 1e-3)},
+    "sensor_lag": lambda random: {"time_constant_s": _log(random, 1e-4, 1e-3)},
+}
+EVERY = SINS | STRANGE | SENSOR
 SOME = {"hold": 0.25, "rate": 0.5, "edge_start": 0.4}  # share of the rigs that have the sin; all have the others
 CHAIN = "delay", "lag", "overshoot", "relaxation", "creep", "resonance"  # what has a memory in time
 RATE_FORMS: dict[str, Callable[[np.ndarray, float], np.ndarray]] = {  # growth of the width over rate / RATE_SCALE
@@ -268,13 +274,13 @@ class Rig:
     def put(self, name: str, **values: float) -> Rig:
         """The same rig, not played yet, with this sin as its seed draws it, or with these parameters."""
         _check([name])
-        drawn = (SINS | STRANGE)[name](self._random(name))
+        drawn = EVERY[name](self._random(name))
         if wrong := set(values) - set(drawn):
             raise ValueError(f"{name} has no parameter {', '.join(sorted(wrong))}: {', '.join(drawn)}")
         return self._with({**self.sins, name: {**drawn, **values}})
 
     def _with(self, sins: Sins) -> Rig:
-        ordered = {name: dict(sins[name]) for name in SINS | STRANGE if name in sins}
+        ordered = {name: dict(sins[name]) for name in EVERY if name in sins}
         return Rig(self.family, self.seed, ordered, self.low_V, self.high_V, self.stroke_um, self.offset_um,
                    self.width, self.curve, self.sweep_cycles, self.sweep_hz, self.rest_s)
 
@@ -355,10 +361,10 @@ class Rig:
             chain.append(("creep", self._creep(sin["percent_per_decade"], sin["power"], step_s, held)))
         if sin := sins.get("resonance"):
             chain.append(("resonance", second_order(sin["f0_hz"], sin["damping"], step_s, held)))
-        return chain + self._strange(step_s, held)
+        return chain + self._put_in(step_s, held)
 
-    def _strange(self, step_s: float, held: bool) -> list[tuple[str, Signal]]:
-        """Blocks behind the resonance that rdpi has no name for."""
+    def _put_in(self, step_s: float, held: bool) -> list[tuple[str, Signal]]:
+        """Blocks behind the resonance that no rig has unless they are put in."""
         sins, chain = self.sins, []
         if sin := sins.get("softening"):
             chain.append(("softening", Softening(**sin, step_s=step_s)))
@@ -369,6 +375,10 @@ class Rig:
                 (sin["share"], second_order(sin["f0_hz"], sin["damping"], step_s, held))])))
         if sin := sins.get("stick_slip"):
             chain.append(("stick_slip", StickSlip(**sin)))
+        if sin := sins.get("sensor_delay"):
+            chain.append(("sensor_delay", Delay(sin["delay_s"] / step_s)))
+        if sin := sins.get("sensor_lag"):
+            chain.append(("sensor_lag", first_order(sin["time_constant_s"], step_s, held)))
         return chain
 
     def _creep(self, percent_per_decade: float, power: float, step_s: float, held: bool) -> Sum:
@@ -429,8 +439,8 @@ def _random(family: str, seed: int, what: str) -> np.random.Generator:
 
 
 def _check(names: Collection[str]) -> None:
-    if wrong := set(names) - set(SINS | STRANGE):
-        raise ValueError(f"no sin {', '.join(sorted(wrong))}: {', '.join(SINS | STRANGE)}")
+    if wrong := set(names) - set(EVERY):
+        raise ValueError(f"no sin {', '.join(sorted(wrong))}: {', '.join(EVERY)}")
 
 
 def make_rig(family: str, seed: int, sins: Sins | Collection[str] | None = None, without: Collection[str] = ()) -> Rig:

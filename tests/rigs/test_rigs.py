@@ -22,7 +22,7 @@ import loops  # noqa: E402
 import measure  # noqa: E402
 import rigs  # noqa: E402
 import waves  # noqa: E402
-from rigs import CHAIN, FAMILIES, SEALED, SINS, STRANGE, Rig, make_rig  # noqa: E402
+from rigs import CHAIN, FAMILIES, SEALED, SENSOR, SINS, STRANGE, Rig, make_rig  # noqa: E402
 from test_withheld import TOOL_SOURCES, foreign_imports, statements  # noqa: E402
 from rdpi.data import read_recording  # noqa: E402
 
@@ -346,8 +346,16 @@ def test_of_what_drops_out_the_reading_before_is_repeated():
     assert np.allclose(reading[1:][~lost], command[1:][~lost])
 
 
+def test_a_late_sensor_shows_what_the_monitor_does_not():
+    command = np.linspace(0.2, 0.8, 2000)
+    late, in_time = straight(sensor_delay={"delay_s": 0.0007}, sensor_lag={"time_constant_s": 0.0004}), straight()
+    shown, moved = late.run(command, RATE_HZ), in_time.run(command, RATE_HZ)
+    assert np.allclose((moved - shown)[100:], 0.0011 * (command[1] - command[0]) * RATE_HZ, rtol=1e-3)
+    assert np.array_equal(late.monitor_V, in_time.monitor_V)
+
+
 def test_no_rig_is_strange_unless_it_is_made_so():
-    assert not set(STRANGE) & set().union(*(make_rig(family, 5).truth for family in FAMILIES))
+    assert not {*STRANGE, *SENSOR} & set().union(*(make_rig(family, 5).truth for family in FAMILIES))
     assert set(appears.STRANGERS) == set(STRANGE)
 
 
@@ -512,14 +520,21 @@ def test_true_effects_stand_in_place_of_those_that_were_found():
                     {"name": "creep", "stage": "actuator", "parameters": {"percent_per_decade": 2.0}}]
 
 
-@pytest.mark.parametrize("what", ["plain", "recovered", "tracked"])
+@pytest.mark.parametrize("what", ["plain", "recovered", "tracked", "monitored"])
 def test_chain_of_one_rig(what, tmp_path, capsys):
     assert chain.main([what, "--rigs", "1", "--families", "everett", "--rate", "2000", "--scale", "0.2", "-o",
                        str(tmp_path / "all.json"), "--", "--operators", "6", "--rate-independent"]) == 0
     table = capsys.readouterr().out
-    whole, *_ = (line for line in table.splitlines() if line.startswith("all"))
-    assert "failed" not in table and whole.split()[:2] == ["all", "alone" if what == "tracked" else "1"]
+    assert "failed" not in table
     made = measure.json.loads((tmp_path / "all.json").read_text())
+    if what == "monitored":
+        (one,) = made
+        assert one["monitor"]["late_s"]["amplifier"] == pytest.approx(one["late_s"]["amplifier"], rel=0.1)
+        assert one["command"]["late_s"]["sensor"] == 0 and max(one["monitor"]["tracking"]) < max(one["command"]["tracking"])
+        assert table.splitlines()[-1].startswith("median, worst")
+        return
+    whole, *_ = (line for line in table.splitlines() if line.startswith("all"))
+    assert whole.split()[:2] == ["all", "alone" if what == "tracked" else "1"]
     if what == "tracked":
         assert all(one["10hz"]["true f32"] < one["10hz"]["none"] for one in made)
     if what == "recovered":

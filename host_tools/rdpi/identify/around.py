@@ -11,8 +11,9 @@ import numpy as np
 from ..data import Recording, arguments
 from ..errors import BadInput
 from ..model import Model, records
-from ..simulate.effects import CATALOGUE, Effect
-from .choice import Choice, Kept, choose, forced, refitted, starts, with_rate_filter, without_rate_law
+from ..simulate.effects import CATALOGUE, Acting, Effect
+from .amplifier import OF_AMPLIFIER, SENSOR, Amplifier
+from .choice import Choice, Judged, Kept, choose, forced, judged, refitted, starts, with_rate_filter, without_rate_law
 from .document import BeforeAfter, IdentifiedEffect
 from .hypothesis import Hypothesis, Setting, Unknowns
 from .joint import Linearised, refined
@@ -49,8 +50,11 @@ def wanted(effects: str | Sequence[str]) -> list[str] | None:
     return names
 
 
-def identify(plain: Operator, runs: Sequence[Recording], options: Options, progress: Callable[[float], None]) -> Choice:
-    """What stands around the operator; `plain` is the operator fitted as if nothing did."""
+def identify(plain: Operator, runs: Sequence[Recording], options: Options, progress: Callable[[float], None],
+             amplifier: Amplifier | None = None) -> Choice:
+    """What stands around the operator; `plain` is the operator fitted as if nothing did. Behind an amplifier: what else
+    does, and the runs have what drives the actuator as their command.
+    """
     # Corners everywhere: each hypothesis has dead zones of its own, and none is to make up for those of another.
     corners_um = plain.columns.grid_um[np.linspace(1, len(plain.columns.grid_um) - 2, CORNERS).round().astype(int)]
     setting = Setting(
@@ -64,7 +68,7 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
     rate_law = strokes.rates_differ
     names = wanted(options.effects)
     if names is None:
-        candidates = [kind() for kind in FITTED.values() if strokes.show(kind)]
+        candidates = [_placed(kind, amplifier) for kind in FITTED.values() if strokes.show(kind)]
         found = choose(setting.thinned(strokes.shortest_s), unknowns, candidates, rate_law, progress)
         if options.rate_filter_s is None and not options.rate_independent:
             least_s = FILTER_SAMPLES * max(run.sample_time_s for run in runs)
@@ -77,12 +81,33 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
             setting = settings.get(found.found.state.setting.rate_filter_s, setting)
         found = refitted(found, setting, rate_law)
     else:
-        candidates = [kind() for name, kind in FITTED.items() if name in names]  # in whatever order they are given
+        candidates = [_placed(kind, amplifier) for name, kind in FITTED.items() if name in names]  # in whatever order they are given
         alone = refined(setting, Hypothesis(), unknowns)
         for effect in candidates:
             _check_excited(alone, effect, strokes)
         found = forced(setting, unknowns, candidates, rate_law)
     return without_rate_law(found, candidates) if options.rate_independent else found
+
+
+def _placed(kind: type[Effect], amplifier: Amplifier | None) -> Effect:
+    """Where a fit looks for it: behind the amplifier, what comes late is the sensor's."""
+    return kind(SENSOR if amplifier is not None and kind.name in OF_AMPLIFIER else None)
+
+
+def behind(choice: Choice, amplifier: Amplifier, runs: Sequence[Recording]) -> Choice:
+    """What was chosen behind an amplifier, and the amplifier; `runs` are as recorded."""
+    found, setting = choice.found, choice.found.state.setting
+
+    def without(one: Acting) -> Judged:
+        driven = amplifier.drives(runs, setting.model, without=one)
+        return judged(replace(setting, runs=driven), found.hypothesis, found.state.found)
+
+    plain = judged(replace(setting, runs=runs), Hypothesis(), choice.plain.state.found) if amplifier.acting else \
+        choice.plain
+    ahead = [Kept(one, {one.effect.late_by: amplifier.ci95[one.effect.late_by]}, without(one), (), stage_shown=True)
+             for one in amplifier.acting]
+    rest = [replace(one, stage_shown=amplifier.shows(one.acting)) for one in choice.kept]
+    return Choice(plain, found, (*ahead, *rest))
 
 
 def _filtered(setting: Setting, plain: Operator, options: Options, filter_s: float, smoothing_s: Sequence[float]
@@ -115,7 +140,8 @@ def _check_excited(alone: Linearised, effect: Effect, strokes: Strokes) -> None:
 def entries(choice: Choice) -> list[dict[str, Any]]:
     """For the list `effects` of the model file."""
     return [records.EffectEntry(name=one.acting.effect.name, stage=one.acting.effect.stage, origin="fit",
-                                parameters=_parameters(one)).to_json() for one in choice.kept]
+                                parameters=_parameters(one), stage_shown=one.stage_shown or None).to_json()
+            for one in choice.kept]
 
 
 def sections(choice: Choice | None) -> list[IdentifiedEffect]:
@@ -147,7 +173,8 @@ def lines(choice: Choice, model: Model) -> list[str]:
         sizes = ", ".join(_size(effect, parameter, values[parameter.name], one.ci95.get(parameter.name))
                           for parameter in effect.parameters if not parameter.internal)
         rivals = f"; {' or '.join(one.confusable_with)} would do as well" if one.confusable_with else ""
-        told.append(f"  {effect.name}: {sizes}; without it {choice.percent(one.without.rms_um):.3g} %{rivals}")
+        where = f" at stage {effect.stage}, as monitor_V shows" if one.stage_shown else ""
+        told.append(f"  {effect.name}{where}: {sizes}; without it {choice.percent(one.without.rms_um):.3g} %{rivals}")
     return told
 
 

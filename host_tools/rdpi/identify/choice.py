@@ -101,6 +101,7 @@ class Kept:
     ci95: dict[str, tuple[float, float]]
     without: Judged  # the others fitted without it
     confusable_with: tuple[str, ...]  # effects that would do as well in its place
+    stage_shown: bool = False  # by monitor_V
 
 
 @dataclass(frozen=True, eq=False)

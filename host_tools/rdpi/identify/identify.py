@@ -19,6 +19,7 @@ from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES,
 from ..simulate import chain, effects, signals
 from . import around, localise, passport
 from . import thresholds as tuned
+from .amplifier import Amplifier, seen_by_monitor
 from .checks import (LARGEST_INPUT, check_monitor, check_readings, check_run, check_together, correlation, late_correlations,
                      same_samples, stays_at_an_end)
 from .bands import RateSlopes, slopes_of_bands
@@ -105,17 +106,16 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
             check_monitor(run, float(np.ptp(run.command_V)))
     check_together(runs, hold_out)
     warnings = same_samples([*runs, *hold_out])
-    if any("monitor_V" in run.columns for run in runs):
-        warnings.append("monitor_V is not used: what stands around the operator is found from command_V and "
-                        "displacement_um; `rdpi gap` tells by monitor_V what has changed before the actuator and what "
-                        "behind it")
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
     frame = Frame.of(runs, options, warnings)
 
     plain = _operator(runs, frame, options, not options.rate_independent, lambda share: progress(0.3 * share))
     found, chosen, chain_of_rig = plain, None, []
     if options.effects != around.NONE:
-        chosen = around.identify(plain, runs, options, lambda share: progress(0.3 + 0.3 * share))
+        amplifier, behind, driven = _behind_amplifier(plain, runs, frame, options, warnings)
+        chosen = around.identify(behind, driven, options, lambda share: progress(0.3 + 0.3 * share), amplifier)
+        if amplifier is not None:
+            chosen = around.behind(chosen, amplifier, runs)
         chain_of_rig = around.entries(chosen)
         if chosen.kept and chosen.found.rms_um > chosen.plain.rms_um:
             warnings.append(f"with {', '.join(one.acting.effect.name for one in chosen.kept)} the model misses more of "
@@ -125,8 +125,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         if chain_of_rig or filter_s != plain.model.rate.filter_s:
             rated = chosen.found.hypothesis.rated and not options.rate_independent
             seen = chosen.found.state.seen()
-            beside = replace(Frame.of(seen, options, []), offset_V=frame.offset_V, range_V=frame.range_V)
-            found = _operator(seen, beside, replace(options, rate_filter_s=filter_s), rated)
+            found = _operator(seen, frame.of_others(seen, options), replace(options, rate_filter_s=filter_s), rated)
     seen = [run.recording for run in found.runs]
     if found.columns.top_um_per_s:
         _compare_sources(seen, found, options, warnings)
@@ -189,6 +188,10 @@ class Frame:
                    (low_V, high_V), _thresholds(options, abs(gain) * widest_V, warnings),
                    low_um + GRID * (high_um - low_um), stroke, smoothing_times_s(runs))
 
+    def of_others(self, runs: Sequence[Recording], options: Options) -> Frame:
+        """For the same recordings as a part of the chain saw them; the drive stays that of the whole."""
+        return replace(Frame.of(runs, options, []), offset_V=self.offset_V, range_V=self.range_V)
+
 
 @dataclass(frozen=True, eq=False)
 class Operator:
@@ -247,6 +250,29 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
         model.memory = replace(model.memory, x_um=float(states[0]), plays_um=states)
     model.memory = chain.within_drive(model)
     return Operator(model, plant, without, prepared, reduced, columns, sweep)
+
+
+def _behind_amplifier(plain: Operator, runs: Sequence[Recording], frame: Frame, options: Options, warnings: list[str]
+                      ) -> tuple[Amplifier | None, Operator, Sequence[Recording]]:
+    """The amplifier that monitor_V shows, the operator behind it, and recordings with what drives the actuator as their
+    command. None where there is no monitor, or none that the displacement follows.
+    """
+    lacking = [run.path for run in runs if "monitor_V" not in run.columns]
+    if lacking:
+        if len(lacking) < len(runs):
+            warnings.append(f"monitor_V is not used, because {', '.join(lacking)} lack{'s' * (len(lacking) == 1)} it")
+        return None, plain, runs
+    found = seen_by_monitor(runs, plain.model, around.wanted(options.effects))
+    if not found.acting:
+        return found, plain, runs
+    driven = found.drives(runs, plain.model)
+    behind = _operator(driven, frame.of_others(driven, options), options, not options.rate_independent)
+    if behind.plant.residual > tuned.MONITOR_WORSE * plain.plant.residual:
+        warnings.append(f"monitor_V is not used: it comes later than the displacement ({', '.join(map(str, found.acting))})"
+                        "; check that nothing but the amplifier stands before it, and that both were sampled at the same "
+                        "time")
+        return None, plain, runs
+    return found, behind, driven
 
 
 def _beyond(model: Model, range_V: tuple[float, float]) -> str | None:
