@@ -111,6 +111,14 @@ def test_a_monitor_that_comes_later_than_the_displacement_is_not_used() -> None:
     assert not [one for one in found.model.effects if one["name"] == "lag"]
 
 
+@pytest.mark.parametrize("limit", [entry("slew_limit", "amplifier", V_per_s=1500.0),
+                                   entry("rail_saturation", "amplifier", V_min=5.0, V_max=90.0)])
+def test_an_amplifier_at_its_limit_is_remarked_on(limit: dict) -> None:
+    words = "monitor_V moves otherwise than the command behind a delay and a lag, by "
+    assert any(text.startswith(words) for text in fit(monitored(limit), Options(operators=6)).warnings)
+    assert not any(words in text for text in fitted("amplifier").warnings)
+
+
 def test_a_monitor_in_some_recordings_only_is_not_used() -> None:
     first, *others = monitored(*AHEAD)
     found = fit([without_monitor(first), *others], Options(operators=6))

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..data import Recording
 from ..model import Model
-from ..simulate import effects
+from ..simulate import effects, signals
 from ..simulate.effects import CATALOGUE, Acting, Effect
 from . import thresholds as tuned
 
@@ -39,6 +39,7 @@ class Amplifier:
     acting: Sequence[Acting] = ()  # in the order of the chain
     ci95: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # of each parameter
     unsure_s: float = 0.0  # what comes late by less may be the amplifier's, too
+    left: float = 0.0  # rms of the monitor that they do not explain, nor noise does, as a share of its range
 
     def drives(self, runs: Sequence[Recording], model: Model, without: Acting | None = None) -> list[Recording]:
         """The recordings with what drives the actuator as their command, but for one effect."""
@@ -73,6 +74,7 @@ def seen_by_monitor(runs: Sequence[Recording], model: Model, names: Sequence[str
     kinds = [kind for name, kind in OF_AMPLIFIER.items() if names is None or name in names]
     tried = [_fitted(runs, model, some) for count in range(len(kinds) + 1) for some in combinations(kinds, count)]
     least_s = STEP * min(run.sample_time_s for run in runs)
+    monitors = [run.columns["monitor_V"] for run in runs]
     long = [one for one in tried if np.all(one.times_s >= least_s)]
     best = min(long, key=lambda one: float(np.sum(one.held_out)))
     found = next(one for one in long if one is best or not best.beats(one))  # the simplest first
@@ -80,7 +82,9 @@ def seen_by_monitor(runs: Sequence[Recording], model: Model, names: Sequence[str
             for kind, time_s, reach_s in zip(found.kinds, found.times_s, found.reach_s)}
     hidden_s = [found.whole_reach_s] if found.kinds else [
         one.times_s[0] + one.whole_reach_s for one in tried if len(one.kinds) == 1]
-    return Amplifier(_acting(found.kinds, found.times_s), ci95, float(max(hidden_s, default=0.0)))
+    squares = float(np.sum(found.held_out)) - sum(len(one) * signals.noise_um(one)**2 for one in monitors)
+    left = float(np.sqrt(max(squares, 0.0) / sum(map(len, monitors)))) / max(map(np.ptp, monitors))
+    return Amplifier(_acting(found.kinds, found.times_s), ci95, float(max(hidden_s, default=0.0)), left)
 
 
 def _acting(kinds: Sequence[type[Effect]], times_s: Sequence[float]) -> list[Acting]:

@@ -263,6 +263,10 @@ def _behind_amplifier(plain: Operator, runs: Sequence[Recording], frame: Frame, 
             warnings.append(f"monitor_V is not used, because {', '.join(lacking)} lack{'s' * (len(lacking) == 1)} it")
         return None, plain, runs
     found = seen_by_monitor(runs, plain.model, around.wanted(options.effects))
+    if found.left > tuned.MONITOR_LEFT:
+        warnings.append(f"monitor_V moves otherwise than the command behind a delay and a lag, by {100 * found.left:.2g} % "
+                        "rms of its range; the amplifier may reach a limit, of its slew or of its range: record a drive "
+                        "that it can follow, or give --slew, --min-V and --max-V")
     if not found.acting:
         return found, plain, runs
     driven = found.drives(runs, plain.model)

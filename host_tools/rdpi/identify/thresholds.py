@@ -45,6 +45,7 @@ CHAIN_WIDEN = 2.4  # [width] by which intervals of its parameters are widened; r
 MOST_LEFT_OUT = 0.75  # [samples] that one recording may hold for recordings to be left out in turn; judged
 MONITOR_ERRORS = 2.0  # [errors] by which monitor_V must show a delay or lag of the amplifier; judged
 MONITOR_WORSE = 1.1  # [1] rms that the operator leaves behind the monitor over that behind the command; judged
+MONITOR_LEFT = 0.01  # [range] rms of a monitor beside delay, lag and noise, from which it is a remark; judged
 STROKE = 0.1  # [range] a shorter movement is no stroke; judged
 SEVERAL_SIZES = 2.0  # [1] ratio of the strokes' sizes, from which they are several; judged
 SEVERAL_RATES = 3.0  # [1] ratio of the strokes' mean rates, from which they are several; judged
