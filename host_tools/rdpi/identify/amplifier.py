@@ -25,6 +25,7 @@ SENSOR = effects.STAGES[-1]
 BLOCKS = 8  # of all recordings, at least: left out in turn
 STARTS = 1.3 * 2.0 ** np.arange(-2, 12)  # [samples] times from which the search starts: a delay is no whole number of them
 STEP = 0.05  # [samples] by which derivatives are taken; a shorter time is none
+BETWEEN = 0.25  # [samples] by which a time is unsure because nobody knows how the drive goes from sample to sample
 LONGEST = 4  # that a time goes into a recording
 
 # What may stand before the monitor, or as well be the sensor's.
@@ -50,6 +51,11 @@ class Amplifier:
         """Whether an effect that was found behind the monitor comes late by more than the monitor leaves unsure."""
         return one.effect.name in OF_AMPLIFIER and one.values[one.effect.late_by] > self.unsure_s
 
+    def unplaced(self, one: Acting) -> Acting:
+        """The same where it stands if nothing is known of its stage, unless the amplifier holds one of its kind."""
+        usual = type(one.effect)() if one.effect.name in OF_AMPLIFIER else one.effect
+        return Acting(usual, one.values) if effects.replaced(self.acting, usual) is None else one
+
 
 class _Fitted(NamedTuple):
     """Times of some kinds of effects, fitted."""
@@ -59,6 +65,10 @@ class _Fitted(NamedTuple):
     reach_s: np.ndarray  # half of their 95 % intervals, from blocks left out in turn
     whole_reach_s: float  # the same of their sum
     held_out: np.ndarray  # squares of each block, by what was fitted without it
+
+    @property
+    def squares(self) -> float:
+        return float(np.sum(self.held_out))
 
     def beats(self, other: _Fitted) -> bool:
         """Whether it leaves less of what was not fitted, by more than the standard error. A slow block shows a time a
@@ -75,14 +85,13 @@ def seen_by_monitor(runs: Sequence[Recording], model: Model, names: Sequence[str
     tried = [_fitted(runs, model, some) for count in range(len(kinds) + 1) for some in combinations(kinds, count)]
     least_s = STEP * min(run.sample_time_s for run in runs)
     monitors = [run.columns["monitor_V"] for run in runs]
-    long = [one for one in tried if np.all(one.times_s >= least_s)]
-    best = min(long, key=lambda one: float(np.sum(one.held_out)))
-    found = next(one for one in long if one is best or not best.beats(one))  # the simplest first
+    ranked = sorted((one for one in tried if np.all(one.times_s >= least_s)), key=lambda one: one.squares)
+    found = min((one for one in ranked if one is ranked[0] or not ranked[0].beats(one)), key=lambda one: len(one.kinds))
     ci95 = {kind.late_by: (max(0.0, float(time_s - reach_s)), float(time_s + reach_s))
             for kind, time_s, reach_s in zip(found.kinds, found.times_s, found.reach_s)}
     hidden_s = [found.whole_reach_s] if found.kinds else [
         one.times_s[0] + one.whole_reach_s for one in tried if len(one.kinds) == 1]
-    squares = float(np.sum(found.held_out)) - sum(len(one) * signals.noise_um(one)**2 for one in monitors)
+    squares = found.squares - sum(len(one) * signals.noise_um(one)**2 for one in monitors)
     left = float(np.sqrt(max(squares, 0.0) / sum(map(len, monitors)))) / max(map(np.ptp, monitors))
     return Amplifier(_acting(found.kinds, found.times_s), ci95, float(max(hidden_s, default=0.0)), left)
 
@@ -102,9 +111,12 @@ def _fitted(runs: Sequence[Recording], model: Model, kinds: tuple[type[Effect], 
         acting = _acting(kinds, np.maximum(times, 0) * sample_s)
         return np.concatenate([_centred(effects.driven(acting, run.command_V, run, model)) for run in runs])
 
+    def gain_of(passed: np.ndarray) -> float:
+        return float(passed @ measured) / max(float(passed @ passed), np.finfo(float).tiny)
+
     def missed(times: np.ndarray) -> np.ndarray:
         passed = driven(times)
-        return measured - passed * ((passed @ measured) / (passed @ passed))
+        return measured - gain_of(passed) * passed
 
     times = np.zeros(len(kinds))
     if kinds:
@@ -112,7 +124,7 @@ def _fitted(runs: Sequence[Recording], model: Model, kinds: tuple[type[Effect], 
         start = min(([start / len(kinds)] * len(kinds) for start in starts), key=lambda one: np.sum(missed(one) ** 2))
         times = least_squares(missed, start, bounds=(0, most), x_scale=1.0, diff_step=1e-3).x
     passed = driven(times)
-    gain = (passed @ measured) / (passed @ passed)
+    gain = gain_of(passed)
     left, columns = measured - gain * passed, [passed]
     for k in range(len(kinds)):
         step = np.zeros(len(kinds))
@@ -120,7 +132,8 @@ def _fitted(runs: Sequence[Recording], model: Model, kinds: tuple[type[Effect], 
         columns.append(gain * (driven(times + step) - passed) / STEP)
     changes, held_out = _left_out(np.column_stack(columns), left, _blocks(runs))
     times_then = np.column_stack([changes[:, 1:], np.sum(changes[:, 1:], axis=1)])
-    reach_s = tuned.CHAIN_WIDEN * 1.96 * np.sqrt(len(times_then) - 1) * np.std(times_then, axis=0) * sample_s
+    errors = np.sqrt(len(times_then) - 1) * np.std(times_then, axis=0)
+    reach_s = np.hypot(tuned.CHAIN_WIDEN * 1.96 * errors, BETWEEN) * sample_s
     return _Fitted(kinds, times * sample_s, reach_s[:-1], float(reach_s[-1]), held_out)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..data import Recording, arguments
 from ..errors import BadInput
 from ..model import Model, records
-from ..simulate.effects import CATALOGUE, Acting, Effect
+from ..simulate.effects import CATALOGUE, Acting, Effect, in_order
 from .amplifier import OF_AMPLIFIER, SENSOR, Amplifier
 from .choice import Choice, Judged, Kept, choose, forced, judged, refitted, starts, with_rate_filter, without_rate_law
 from .document import BeforeAfter, IdentifiedEffect
@@ -106,8 +106,20 @@ def behind(choice: Choice, amplifier: Amplifier, runs: Sequence[Recording]) -> C
         choice.plain
     ahead = [Kept(one, {one.effect.late_by: amplifier.ci95[one.effect.late_by]}, without(one), (), stage_shown=True)
              for one in amplifier.acting]
-    rest = [replace(one, stage_shown=amplifier.shows(one.acting)) for one in choice.kept]
+    rest = [replace(one, stage_shown=True) if amplifier.shows(one.acting) else
+            replace(one, acting=amplifier.unplaced(one.acting)) for one in choice.kept]
     return Choice(plain, found, (*ahead, *rest))
+
+
+def by_command(choice: Choice, runs: Sequence[Recording], names: Sequence[str] | None) -> Judged:
+    """What was chosen behind an amplifier, with the command as the drive, and all that comes late ahead of the actuator."""
+    late_s = sum(one.acting.values[one.acting.effect.late_by] for one in choice.kept if one.acting.effect.late_by)
+    kinds = [kind for name, kind in OF_AMPLIFIER.items() if names is None or name in names]
+    found = choice.found
+    acting = [one for one in found.hypothesis.acting if one.effect.name not in OF_AMPLIFIER]
+    acting += [Acting(kind(), {kind.late_by: late_s / len(kinds)}) for kind in kinds]
+    return judged(replace(found.state.setting, runs=runs), replace(found.hypothesis, acting=tuple(in_order(acting))),
+                  found.state.found)
 
 
 def _filtered(setting: Setting, plain: Operator, options: Options, filter_s: float, smoothing_s: Sequence[float]
@@ -149,7 +161,8 @@ def sections(choice: Choice | None) -> list[IdentifiedEffect]:
     return [IdentifiedEffect(
         name=one.acting.effect.name, stage=one.acting.effect.stage, parameters=_parameters(one),
         held_out_rms_um=BeforeAfter(before=one.without.rms_um, after=choice.found.rms_um),
-        shrink=1 - choice.found.rms_um / max(one.without.rms_um, 1e-300), confusable_with=list(one.confusable_with))
+        shrink=1 - choice.found.rms_um / max(one.without.rms_um, 1e-300), confusable_with=list(one.confusable_with),
+        stage_shown=one.stage_shown)
         for one in (choice.kept if choice else ())]
 
 
@@ -161,7 +174,7 @@ def _parameters(one: Kept) -> dict[str, records.EffectParameter]:
 
 def lines(choice: Choice, model: Model) -> list[str]:
     """For people: each effect, its size, what it brought, and what may be in its place."""
-    names, rated = [one.acting.effect.name for one in choice.kept], choice.found.hypothesis.rated
+    names, rated = list(dict.fromkeys(one.acting.effect.name for one in choice.kept)), choice.found.hypothesis.rated
     law = "with a rate law" if rated else "no rate law"
     if not rated and np.any(model.slope_rate_s_per_um):  # where nothing stands around it, the operator keeps its own
         law = "with a rate law that does not help for certain"
@@ -173,8 +186,12 @@ def lines(choice: Choice, model: Model) -> list[str]:
         sizes = ", ".join(_size(effect, parameter, values[parameter.name], one.ci95.get(parameter.name))
                           for parameter in effect.parameters if not parameter.internal)
         rivals = f"; {' or '.join(one.confusable_with)} would do as well" if one.confusable_with else ""
-        where = f" at stage {effect.stage}, as monitor_V shows" if one.stage_shown else ""
-        told.append(f"  {effect.name}{where}: {sizes}; without it {choice.percent(one.without.rms_um):.3g} %{rivals}")
+        where = f" at stage {effect.stage}" if effect.stage != effect.stages[0] or one.stage_shown else ""
+        where += ", as monitor_V shows" if one.stage_shown else ""
+        # An amplifier that is left out hides behind what else comes late; what it brings is its stage.
+        brought = "" if one.stage_shown and effect.before_monitor else \
+            f"; without it {choice.percent(one.without.rms_um):.3g} %"
+        told.append(f"  {effect.name}{where}: {sizes}{brought}{rivals}")
     return told
 
 

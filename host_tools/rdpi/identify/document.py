@@ -38,6 +38,7 @@ class IdentifiedEffect(Document):
                                             "the model with all effects but this one", "um")
     shrink: float = json_key("share by which the effect shrinks that error", high=1)
     confusable_with: list[str] = json_key("names of effects that do as well in its place")
+    stage_shown: bool = json_key("true: monitor_V showed the stage")
 
 
 @dataclass(kw_only=True)

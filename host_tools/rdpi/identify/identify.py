@@ -116,6 +116,12 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         chosen = around.identify(behind, driven, options, lambda share: progress(0.3 + 0.3 * share), amplifier)
         if amplifier is not None:
             chosen = around.behind(chosen, amplifier, runs)
+            free = around.by_command(chosen, runs, around.wanted(options.effects))
+            if chosen.found.rms_um > tuned.MONITOR_WORSE * free.rms_um:
+                warnings.append(f"monitor_V is not used: driven by it, the model misses {chosen.found.rms_um:.3g} um rms of "
+                                f"what was not fitted, instead of {free.rms_um:.3g} driven by the command; check that the "
+                                "column holds what drives the actuator, sampled at the same time, without glitches and hum")
+                chosen = around.identify(plain, runs, options, lambda share: progress(0.6 + 0.1 * share))
         chain_of_rig = around.entries(chosen)
         if chosen.kept and chosen.found.rms_um > chosen.plain.rms_um:
             warnings.append(f"with {', '.join(one.acting.effect.name for one in chosen.kept)} the model misses more of "
@@ -135,7 +141,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
                         "recorded range; give --min-V and --max-V, the drives of the first and of the last code")
     if (beyond := _beyond(model, frame.range_V)) is not None:
         warnings.append(beyond)
-    if chosen is not None and (late := _of_one_rate(runs, model)):
+    if chosen is not None and (late := _of_one_rate(runs, chosen, model)):
         warnings.append(f"all strokes of these recordings have about the same rate, at which delay, lag, relaxation and "
                         f"rate law look alike: {late} may be another of them, and holds at that rate only; record several "
                         "rates, as `rdpi excite commission` does")
@@ -255,28 +261,25 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
 def _behind_amplifier(plain: Operator, runs: Sequence[Recording], frame: Frame, options: Options, warnings: list[str]
                       ) -> tuple[Amplifier | None, Operator, Sequence[Recording]]:
     """The amplifier that monitor_V shows, the operator behind it, and recordings with what drives the actuator as their
-    command. None where there is no monitor, or none that the displacement follows.
+    command. None where there is no monitor.
     """
     lacking = [run.path for run in runs if "monitor_V" not in run.columns]
     if lacking:
         if len(lacking) < len(runs):
             warnings.append(f"monitor_V is not used, because {', '.join(lacking)} lack{'s' * (len(lacking) == 1)} it")
         return None, plain, runs
-    found = seen_by_monitor(runs, plain.model, around.wanted(options.effects))
-    if found.left > tuned.MONITOR_LEFT:
+    if all(np.array_equal(run.columns["monitor_V"], run.command_V) for run in runs):
+        warnings.append("monitor_V is not used: it is command_V to the last digit; give what the amplifier puts out")
+        return None, plain, runs
+    names = around.wanted(options.effects)
+    found = seen_by_monitor(runs, plain.model, names)
+    if found.left > tuned.MONITOR_LEFT and names is None:
         warnings.append(f"monitor_V moves otherwise than the command behind a delay and a lag, by {100 * found.left:.2g} % "
-                        "rms of its range; the amplifier may reach a limit, of its slew or of its range: record a drive "
-                        "that it can follow, or give --slew, --min-V and --max-V")
+                        "rms of its range: by hum or glitches, or because the recorder or the amplifier reaches a limit")
     if not found.acting:
         return found, plain, runs
     driven = found.drives(runs, plain.model)
-    behind = _operator(driven, frame.of_others(driven, options), options, not options.rate_independent)
-    if behind.plant.residual > tuned.MONITOR_WORSE * plain.plant.residual:
-        warnings.append(f"monitor_V is not used: it comes later than the displacement ({', '.join(map(str, found.acting))})"
-                        "; check that nothing but the amplifier stands before it, and that both were sampled at the same "
-                        "time")
-        return None, plain, runs
-    return found, behind, driven
+    return found, _operator(driven, frame.of_others(driven, options), options, not options.rate_independent), driven
 
 
 def _beyond(model: Model, range_V: tuple[float, float]) -> str | None:
@@ -288,11 +291,12 @@ def _beyond(model: Model, range_V: tuple[float, float]) -> str | None:
             "what the actuator does beyond is extrapolated")
 
 
-def _of_one_rate(runs: Sequence[Recording], model: Model) -> str:
+def _of_one_rate(runs: Sequence[Recording], chosen: Choice, model: Model) -> str:
     """What comes late in a model of recordings that show one rate only, in words; "": nothing, or they show several."""
     if Strokes.of(runs).rates_differ:
         return ""
-    late = [one.effect.name for one in effects.acting(model) if one.effect.comes_late]
+    late = dict.fromkeys(one.acting.effect.name for one in chosen.kept if one.acting.effect.comes_late
+                         and not (one.stage_shown and one.acting.effect.before_monitor))
     return " and ".join([f"its {name}" for name in late] + ["its rate law"] * bool(np.any(model.slope_rate_s_per_um)))
 
 

@@ -147,7 +147,8 @@ def inverse_of(model: Model, *, leave_out: Collection[str] = (), preview: bool =
     acting = effects.acting(model)
     leave_out = _names(model, acting, leave_out)
     open_ = [one for one in acting if _stage_is_open(model, one)]
-    lessened = _less_sensor(open_, sensor)
+    shown = any(one.effect.stage == SENSOR and one not in open_ for one in acting)
+    lessened = _less_sensor(open_, sensor, shown)
     for whole, less in zip(open_, lessened):
         if whole.effect.name in leave_out and less.values != whole.values:
             raise BadInput(f"--sensor-delay and --sensor-lag: are taken from {whole.effect.name}, which is left out")
@@ -207,8 +208,8 @@ def _stage_is_open(model: Model, one: Acting) -> bool:
     return not entry.get("stage_shown") and (entry.get("origin") is not None or "stage" not in entry)
 
 
-def _less_sensor(open_: Sequence[Acting], sensor: Sensor) -> list[Acting]:
-    """The effects whose stage is open, without what is the sensor's."""
+def _less_sensor(open_: Sequence[Acting], sensor: Sensor, shown: bool) -> list[Acting]:
+    """The effects whose stage is open, without what is the sensor's. `shown`: the model holds some that is not open."""
     for option, value in zip(("--sensor-delay", "--sensor-lag"), sensor):
         if not 0 <= arguments.number(value, option, finite=False) < math.inf:
             raise BadInput(f"{option} {value:g}: must be a time in s, not negative")
@@ -223,7 +224,8 @@ def _less_sensor(open_: Sequence[Acting], sensor: Sensor) -> list[Acting]:
             found[k] = Acting(effect, dict(values))
     if (late_s := left.delay_s + left.lag_s) > 0:
         raise BadInput(f"--sensor-delay and --sensor-lag: the sensor is {late_s:.3g} s later than all that the "
-                       "recordings leave open to be the sensor's")
+                       "recordings leave open to be the sensor's"
+                       + ("; the model knows already what is the sensor's: leave both options out" if shown else ""))
     return found
 
 

@@ -116,6 +116,8 @@ def _effects(result: Fit) -> list[dict[str, Any]]:
     """The model's effects, a card each: what it is, its size, what it brought, and what may be in its place."""
     cards = [_effect(entry) for entry in result.model.effects]
     for card, one in zip(cards, result.choice.kept if result.choice else ()):
+        if one.stage_shown:
+            card["stage"] += ", as monitor_V shows"
         card["facts"].append(f"without it {number(result.choice.percent(one.without.rms_um), 3)} %")
         if one.confusable_with:
             others = " or ".join(CATALOGUE[name].title for name in one.confusable_with)
