@@ -203,6 +203,7 @@ REFUSED = {
     "sample rate absurd": ("sine", ["--sample-rate", "1e-300"], ["--sample-rate 1e-300", "1e-06 to 1e+08"]),
     "start-up too fast for slew": ("startup", ["--slew", "10", "--frequencies", "20"], ["--slew 10", "400 V/s"]),
     "rest outside": ("sine", ["--rest-V", "11"], ["--rest-V 11", "--max-V 10"]),
+    "a sweep without the sweep": ("startup", ["--no-sweep"], ["startup is the sweep itself"]),
     "end outside": ("startup", ["--end-V", "-1"], ["--end-V -1", "--min-V 0"]),
     "sample rate": ("sine", ["--sample-rate", "0"], ["--sample-rate 0", "positive number of Hz"]),
     "slew": ("sine", ["--slew", "-5"], ["--slew -5", "positive number of V/s"]),

@@ -333,6 +333,8 @@ def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | N
 
     if sweep_V is not None and len(sweep_V) != 2:
         raise BadInput(f"--sweep-V has {len(sweep_V)} values; give two, the lowest and the highest voltage of the sweep")
+    if no_sweep and kind == "startup":
+        raise BadInput("--no-sweep: startup is the sweep itself; leave the option out")
     limits = Limits(min_V, max_V, rest_V, sample_rate_hz, slew_V_per_s, sweep_V)
     given = {name: value for name, value in options.items() if value is not None}
     with progress("generating"):
