@@ -14,6 +14,7 @@ from rdpi.data import Recording
 from rdpi.errors import BadInput
 from rdpi.identify import Options, amplifier, around, fit
 from rdpi.identify.identify import Fit
+from rdpi.identify.report.page import page_of
 from rdpi.simulate import chain, effects, inverse_of
 from rdpi.simulate.effects import Sensor
 
@@ -92,7 +93,12 @@ def test_each_says_where_it_stands_and_what_a_model_without_it_misses() -> None:
     told = around.lines(found.choice, found.model)
     for name, stage in (("delay", "timing"), ("lag", "amplifier"), ("delay", "sensor")):
         assert sum(line.startswith(f"  {name} at stage {stage}, as monitor_V shows: ") for line in told) == 1
+    assert [" without it " in line for line in told[1:]] == [False, False, True]  # the amplifier's hide behind the sensor's
     sections = {one.stage: one for one in around.sections(found.choice)}
+    assert all(one.stage_shown for one in sections.values())
+    page = page_of(found, [run.recording for run in found.scores], found.document("model.json", False))
+    for stage in sections:
+        assert page.count(f"Stage: {stage}, as monitor_V shows.") == 1
     for stage in ("timing", "amplifier"):
         assert sections[stage].held_out_rms_um.before >= sections[stage].held_out_rms_um.after
     assert not any("monitor_V" in text for text in found.warnings)

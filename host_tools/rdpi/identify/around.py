@@ -188,9 +188,7 @@ def lines(choice: Choice, model: Model) -> list[str]:
         rivals = f"; {' or '.join(one.confusable_with)} would do as well" if one.confusable_with else ""
         where = f" at stage {effect.stage}" if effect.stage != effect.stages[0] or one.stage_shown else ""
         where += ", as monitor_V shows" if one.stage_shown else ""
-        # An amplifier that is left out hides behind what else comes late; what it brings is its stage.
-        brought = "" if one.stage_shown and effect.before_monitor else \
-            f"; without it {choice.percent(one.without.rms_um):.3g} %"
+        brought = "" if one.of_amplifier else f"; without it {choice.percent(one.without.rms_um):.3g} %"
         told.append(f"  {effect.name}{where}: {sizes}{brought}{rivals}")
     return told
 

@@ -103,6 +103,11 @@ class Kept:
     confusable_with: tuple[str, ...]  # effects that would do as well in its place
     stage_shown: bool = False  # by monitor_V
 
+    @property
+    def of_amplifier(self) -> bool:
+        """Whether monitor_V showed it. Left out, it hides behind what else comes late: what it brings is its stage."""
+        return self.stage_shown and self.acting.effect.before_monitor
+
 
 @dataclass(frozen=True, eq=False)
 class Choice:

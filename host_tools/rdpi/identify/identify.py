@@ -295,8 +295,8 @@ def _of_one_rate(runs: Sequence[Recording], chosen: Choice, model: Model) -> str
     """What comes late in a model of recordings that show one rate only, in words; "": nothing, or they show several."""
     if Strokes.of(runs).rates_differ:
         return ""
-    late = dict.fromkeys(one.acting.effect.name for one in chosen.kept if one.acting.effect.comes_late
-                         and not (one.stage_shown and one.acting.effect.before_monitor))
+    late = dict.fromkeys(one.acting.effect.name for one in chosen.kept
+                         if one.acting.effect.comes_late and not one.of_amplifier)
     return " and ".join([f"its {name}" for name in late] + ["its rate law"] * bool(np.any(model.slope_rate_s_per_um)))
 
 

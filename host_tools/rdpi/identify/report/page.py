@@ -118,7 +118,8 @@ def _effects(result: Fit) -> list[dict[str, Any]]:
     for card, one in zip(cards, result.choice.kept if result.choice else ()):
         if one.stage_shown:
             card["stage"] += ", as monitor_V shows"
-        card["facts"].append(f"without it {number(result.choice.percent(one.without.rms_um), 3)} %")
+        if not one.of_amplifier:
+            card["facts"].append(f"without it {number(result.choice.percent(one.without.rms_um), 3)} %")
         if one.confusable_with:
             others = " or ".join(CATALOGUE[name].title for name in one.confusable_with)
             card["facts"].append(f"{others} would do as well")
