@@ -146,6 +146,11 @@ def test_a_monitor_that_is_the_command_is_not_used() -> None:
     assert {one["stage"] for one in found.model.effects} == {"timing"}
 
 
+def test_a_plain_rig_stays_plain_beside_its_monitor() -> None:
+    found = fit(monitored(), Options(operators=6))
+    assert found.model.effects == [] and not any("monitor_V" in text for text in found.warnings)
+
+
 def test_the_better_of_delay_and_lag_is_taken_where_a_monitor_is_noisy() -> None:
     runs = monitored(*AHEAD[:1], noise_V=0.5)
     found = amplifier.seen_by_monitor(runs, plain_model(), None)

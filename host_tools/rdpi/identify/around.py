@@ -11,7 +11,7 @@ import numpy as np
 from ..data import Recording, arguments
 from ..errors import BadInput
 from ..model import Model, records
-from ..simulate.effects import CATALOGUE, Acting, Effect, in_order
+from ..simulate.effects import CATALOGUE, Acting, Effect
 from .amplifier import OF_AMPLIFIER, SENSOR, Amplifier
 from .choice import Choice, Judged, Kept, choose, forced, judged, refitted, starts, with_rate_filter, without_rate_law
 from .document import BeforeAfter, IdentifiedEffect
@@ -112,14 +112,18 @@ def behind(choice: Choice, amplifier: Amplifier, runs: Sequence[Recording]) -> C
 
 
 def by_command(choice: Choice, runs: Sequence[Recording], names: Sequence[str] | None) -> Judged:
-    """What was chosen behind an amplifier, with the command as the drive, and all that comes late ahead of the actuator."""
+    """What was chosen behind an amplifier, with the command as the drive, and all that comes late ahead of the actuator;
+    the same if nothing does.
+    """
     late_s = sum(one.acting.values[one.acting.effect.late_by] for one in choice.kept if one.acting.effect.late_by)
+    if not late_s:
+        return choice.found
     kinds = [kind for name, kind in OF_AMPLIFIER.items() if names is None or name in names]
-    found = choice.found
-    acting = [one for one in found.hypothesis.acting if one.effect.name not in OF_AMPLIFIER]
-    acting += [Acting(kind(), {kind.late_by: late_s / len(kinds)}) for kind in kinds]
-    return judged(replace(found.state.setting, runs=runs), replace(found.hypothesis, acting=tuple(in_order(acting))),
-                  found.state.found)
+    found, hypothesis = choice.found, Hypothesis(rated=choice.found.hypothesis.rated)
+    for one in (*(one for one in found.hypothesis.acting if one.effect.name not in OF_AMPLIFIER),
+                *(Acting(kind(), {kind.late_by: late_s / len(kinds)}) for kind in kinds)):
+        hypothesis = hypothesis.having(one)
+    return judged(replace(found.state.setting, runs=runs), hypothesis, found.state.found)
 
 
 def _filtered(setting: Setting, plain: Operator, options: Options, filter_s: float, smoothing_s: Sequence[float]
