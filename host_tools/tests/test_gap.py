@@ -20,11 +20,11 @@ from plants import changed, marked, recording
 
 from rdpi.data import Recording, excite, sample_times
 from rdpi.errors import BadInput
-from rdpi.identify import Options, fit
+from rdpi.identify import Options, fit, localise, passport
 from rdpi.gap import Diagnosis, diagnose, diagnosis, experiment, thresholds
 from rdpi.gap.augmented import AugmentedModel
 from rdpi.gap.candidates import Candidate, bounded
-from rdpi.gap.selection import Excess, Selection
+from rdpi.gap.selection import Excess, Selection, excess
 from rdpi.gap.spectrum import Spectrum
 from rdpi.model import Memory, Model
 from rdpi.simulate import chain, effects
@@ -825,12 +825,28 @@ def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
     assert any("the monitor is late" in note for note in found.document.notes)
 
 
-@pytest.mark.parametrize(("recordings", "evidence", "sure"), [
-    (1, 0.68, False), (1, 0.7, True), (3, 0.68, False), (3, 0.7, True), (4, 0.39, False), (4, 0.41, True)])
-def test_what_a_gap_without_a_name_must_show(recordings: int, evidence: float, sure: bool) -> None:
-    gap = Excess(total=1.0, floor=0.5, ratio=1.3, spread=0.5, ratios=None)
-    selection = SimpleNamespace(detection=evidence, given=SimpleNamespace(recordings=[None] * recordings))
-    assert diagnosis._sure(selection, gap, Spectrum()) == sure
+@pytest.mark.parametrize(("few", "evidence", "sure"), [
+    (True, 0.68, False), (True, 0.7, True), (False, 0.39, False), (False, 0.41, True)])
+def test_what_a_gap_without_a_name_must_show(few: bool, evidence: float, sure: bool) -> None:
+    gap = Excess(total=1.0, floor=0.5, ratio=1.3, spread=0.5, ratios=None, few=few)
+    assert diagnosis._sure(SimpleNamespace(detection=evidence), gap, Spectrum()) == sure
+
+
+@pytest.mark.parametrize(("now", "usual", "few"), [(4, 4, False), (3, 4, True), (4, 3, True), (1, 1, True)])
+def test_few_recordings_show_a_gap_less_surely_and_so_does_a_passport_of_few(now: int, usual: int, few: bool) -> None:
+    known = passport.read(commissioned())
+    known, runs = replace(known, runs=known.runs[:usual]), [*later(), *later()][:now]
+    given = AugmentedModel.given(commissioned(), runs, [])
+    coords = [localise.coordinates(one.recording, one.predict(()), one.rate_um_per_s) for one in given.dataset.model_runs]
+    assert excess(given, known, coords).few == few
+
+
+def test_beside_earlier_recordings_a_passport_of_few_is_no_doubt() -> None:
+    model, (before, now) = with_creep(), twice()
+    known = passport.read(model)
+    given = AugmentedModel.given(model, now * 2, before * 2)
+    coords = [localise.coordinates(one.recording, one.predict(()), one.rate_um_per_s) for one in given.dataset.model_runs]
+    assert len(now * 2) >= thresholds.FEW and not excess(given, replace(known, runs=known.runs[:1]), coords).few
 
 
 def test_a_sensor_that_became_noisy() -> None:

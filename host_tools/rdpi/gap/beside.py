@@ -89,7 +89,7 @@ def _hopeless(selection: Selection, others: AugmentedModel) -> tuple[str, ...]:
 def _asked_for_pairs(selection: Selection, gap: Excess) -> AugmentedModel:
     """What was reached, or two effects together that leave clearly less."""
     given, first, reached = selection.given, selection.rounds[0], selection.reached
-    clear = gap.ratio and first.evidence > detection_threshold(given.recordings)
+    clear = gap.ratio and first.evidence > detection_threshold(gap)
     if not clear or any(gap.is_left_little(state.squares) for state in selection.states[1:2]):
         return reached
     for one, other in _promising(first):

@@ -371,7 +371,7 @@ def _sure(selection: Selection, gap: Excess, new: Spectrum) -> bool:
         return False
     known = replace(gap, ratio=gap.ratio * float(np.sqrt(max(new.known, 1e-12))))
     detection = selection.detection - gap.evidence + known.evidence
-    clear = thresholds.UNKNOWN * detection_threshold(selection.given.recordings)
+    clear = thresholds.UNKNOWN * detection_threshold(gap)
     spread = max(gap.spread, thresholds.USUAL_SPREAD)
     return bool(detection > clear or np.log(known.ratio) > thresholds.SPREADS * spread
                 or new.evidence * new.breadth * gap.trust > thresholds.SPECTRUM)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -194,6 +193,7 @@ class Excess:
     spread: float
     ratios: list[float] | None  # per recording
     expected_um: float | None = None  # rms by the passport
+    few: bool = False  # recordings that say what is usual, or what is now
 
     @property
     def trust(self) -> float:
@@ -216,14 +216,16 @@ class Excess:
 def excess(given: AugmentedModel, known: Passport | None, coords: Sequence[localise.Coordinates]) -> Excess:
     """How far the gap exceeds what the passport expects of these recordings."""
     total, lengths = float(np.sum(given.residual**2)), given.dataset.lengths
+    few = len(given.recordings) < thresholds.FEW
     if known is None:
         noise = float(sum(signals.noise_um(part) ** 2 * len(part) for part in given.dataset.split(given.residual)))
-        return Excess(total, noise, None, 0.0, None)
+        return Excess(total, noise, None, 0.0, None, few=few)
     # From the command, as the passport: what an amplifier always did, the model may hold already.
     found = passport.ratio(known, given.residual_um, coords)
     floor = float(np.sum(found.expected_um**2 * lengths))
+    few |= len(known.runs) < thresholds.FEW and not given.earlier  # beside these, the passport counts little
     return Excess(total, min(floor, total), found.overall, found.spread, found.ratio.tolist(),
-                  float(np.sqrt(floor / sum(lengths))))
+                  float(np.sqrt(floor / sum(lengths))), few)
 
 
 # ---- rounds ----
@@ -346,16 +348,16 @@ def _shrink_from_command(state: AugmentedModel, one: Candidate) -> float:
 # ---- rules ----
 
 
-def detection_threshold(recordings: Sequence[Any]) -> float:
+def detection_threshold(gap: Excess) -> float:
     """Evidence from which there is a gap."""
-    return thresholds.DETECTION_FEW if len(recordings) < thresholds.FEW else thresholds.DETECTION
+    return thresholds.DETECTION_FEW if gap.few else thresholds.DETECTION
 
 
 def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, gap: Excess, evidence: float,
             misplaced: Collection[Score]) -> tuple[Score | None, bool, tuple[str | None, ...]]:
     """The score to accept, if any, whether the model was refitted beside it, and why each of the others was not."""
     born_in = thresholds.BORN_IN_FEW if len(state.recordings) < thresholds.FEW else thresholds.BORN_IN
-    clear = bool(gap.ratio and evidence > detection_threshold(state.recordings))
+    clear = bool(gap.ratio and evidence > detection_threshold(gap))
     rejected = ["the recordings do not lie where it would take them" if one in misplaced else
                 _why_rejected(one, bool(state.chosen), clear, born_in) for one in scores]
     open_ = [one for one, why in zip(scores, rejected) if why is None]

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 # --- is there a gap?
 DETECTION = 0.32  # [1] evidence from which there is a gap; tune
-DETECTION_FEW = 0.55  # [1] the same with few recordings; tune
+DETECTION_FEW = 0.55  # [1] the same with few recordings, or a passport of few; tune
 FEW = 4  # [recordings] fewer are few; tune
 USUAL_SPREAD = 0.2  # [ln] scatter of a passport; a poorer one's ratio counts less; tune
 SHRINK_WEIGHT = 1.0  # [1] of the best shrink in the evidence, beside the logarithm of the ratio to the passport; tune
