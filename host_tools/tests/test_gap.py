@@ -841,6 +841,23 @@ def test_few_recordings_show_a_gap_less_surely_and_so_does_a_passport_of_few(now
     assert excess(given, known, coords).few == few
 
 
+def test_what_few_recordings_do_not_agree_on_is_less_sure() -> None:
+    """Beside a passport of few: a model may miss some waveforms by more than commissioning has shown."""
+    known, model = passport.read(commissioned()), commissioned()
+    runs = [*later()]
+    agreed = [changed(run, displacement_um=run.displacement_um * 1.1) for run in runs]
+    apart = [*runs[:2], changed(runs[2], displacement_um=runs[2].displacement_um * 1.2)]
+
+    def spread(of: Sequence[Recording], usual: int) -> float:
+        given = AugmentedModel.given(model, of, [])
+        coords = [localise.coordinates(one.recording, one.predict(()), one.rate_um_per_s)
+                  for one in given.dataset.model_runs]
+        return excess(given, replace(known, runs=known.runs[:usual]), coords).spread
+
+    assert spread(agreed, 4) == spread(apart, 4) == known.spread
+    assert known.spread < spread(agreed, 3) < 0.5 * spread(apart, 3)
+
+
 def test_beside_earlier_recordings_a_passport_of_few_is_no_doubt() -> None:
     model, (before, now) = with_creep(), twice()
     known = passport.read(model)

@@ -223,8 +223,13 @@ def excess(given: AugmentedModel, known: Passport | None, coords: Sequence[local
     # From the command, as the passport: what an amplifier always did, the model may hold already.
     found = passport.ratio(known, given.residual_um, coords)
     floor = float(np.sum(found.expected_um**2 * lengths))
-    few |= len(known.runs) < thresholds.FEW and not given.earlier  # beside these, the passport counts little
-    return Excess(total, min(floor, total), found.overall, found.spread, found.ratio.tolist(),
+    spread = found.spread
+    if len(known.runs) < thresholds.FEW and not given.earlier:  # beside these, the passport counts little
+        few = True
+        if len(found.ratio) > 1:
+            # What has changed shows everywhere; what a model misses of some waveforms only may be as it always was.
+            spread = float(np.hypot(spread, np.std(np.log(np.maximum(found.ratio, 1e-9)), ddof=1)))
+    return Excess(total, min(floor, total), found.overall, spread, found.ratio.tolist(),
                   float(np.sqrt(floor / sum(lengths))), few)
 
 
