@@ -226,7 +226,7 @@ def excess(given: AugmentedModel, known: Passport | None, coords: Sequence[local
     spread = found.spread
     if len(known.runs) < thresholds.FEW and not given.earlier:  # beside these, the passport counts little
         few = True
-        if len(found.ratio) > 1:
+        if len(found.ratio) >= thresholds.FEW:
             # What has changed shows everywhere; what a model misses of some waveforms only may be as it always was.
             spread = float(np.hypot(spread, np.std(np.log(np.maximum(found.ratio, 1e-9)), ddof=1)))
     return Excess(total, min(floor, total), found.overall, spread, found.ratio.tolist(),
