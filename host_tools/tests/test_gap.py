@@ -100,6 +100,15 @@ def test_names_what_was_injected_and_promises_what_arrives(name: str) -> None:
     assert found.document.promised.shrink == pytest.approx(realised, abs=0.1) and realised > 0.4
 
 
+def test_creep_and_a_smaller_gain_are_no_relaxation() -> None:
+    """Both together leave a share that comes late, as a relaxation of 0.36 s would."""
+    found = diagnose(commissioned(), later(entry("creep", percent_per_decade=5.0), entry("gain_change", factor=0.93)))
+    creep, gain = sorted(found.document.effects, key=lambda one: one.name)
+    assert (creep.name, gain.name) == ("creep", "gain_change")
+    assert creep.parameters["percent_per_decade"].value == pytest.approx(5.0, rel=0.1)
+    assert gain.parameters["factor"].value == pytest.approx(0.93, abs=0.01)
+
+
 def test_an_effect_that_does_not_come_up_is_asked_only_of_a_model_that_holds_it() -> None:
     values = {"quadratic": 0.1, "cubic": 0.15, "low_V": 0.0, "high_V": 100.0}
     runs = later(entry("input_curve", **values))
@@ -778,7 +787,9 @@ def test_a_change_that_may_be_none_is_left_out() -> None:
     assert [one.name for one in document.effects] == ["delay"]
     resonance = Candidate(CATALOGUE["resonance"](), {"f0_hz": 61.0, "damping": 0.02}, ("f0_hz", "damping"),
                           np.zeros(0), np.zeros((0, 2)))
-    assert not resonance.at_end and replace(resonance, values={"f0_hz": 61.0, "damping": 0.3}).at_end
+    broad = replace(resonance, values={"f0_hz": 61.0, "damping": 0.3})
+    assert not resonance.at_end and broad.at_end
+    assert not replace(broad, held={"f0_hz": 60.0, "damping": 0.3}).at_end, "the model holds such a one"
     assert bounded(resonance.effect, resonance.values, {"damping": 1.0})["damping"] == 0.3
     assert bounded(resonance.effect, {"f0_hz": 61.0, "damping": 0.5}, {"damping": 1.0})["damping"] == 0.5
 

@@ -9,6 +9,7 @@ sees three field recordings, one of them of unknown memory in a third of the cas
 models predict NEW recordings, other waveforms after a sweep, as `rdpi simulate` does: the zero included.
 
 * rho: rms of what the effect changes, means removed, over what the model missed before. Names count from rho 1 on.
+  Of a pair it is that of both together; a row tells those of which each has as much by itself.
 * right: the first name is the effect's; in set: it or one of its rivals is; misnamed: a name, and none of them is.
 * worse: new recordings, each by itself, that the improved model predicts worse than the old one by more than 2 % of the
   old error, the zero included; and by how much at worst.
@@ -39,6 +40,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -114,8 +116,16 @@ STRANGERS: dict[str, tuple[str, ...]] = {
 APPEARS |= {name: (twins, lambda rig, random, name=name: rig.put(name)) for name, twins in STRANGERS.items()}
 PAIRS = {f"{one}, {other}": (one, other) for one, other in (
     ("delay", "gain"), ("lag", "creep"), ("loop", "delay"), ("creep", "gain"), ("rate", "lag"), ("curve", "relaxation"))}
-APPEARS |= {name: (sum((APPEARS[part][0] for part in parts), ()), lambda rig, random, parts=parts: APPEARS[parts[1]][1](
-    APPEARS[parts[0]][1](rig, random), random)) for name, parts in PAIRS.items()}
+APPEARS |= {name: (sum((APPEARS[part][0] for part in parts), ()), lambda rig, random, name=name: after_each(
+    rig, name, random)[-1]) for name, parts in PAIRS.items()}
+
+
+def after_each(rig: Rig, name: str, random: np.random.Generator) -> list[Rig]:
+    """The rig after each effect of a pair in turn, or after the one."""
+    found = [rig]
+    for part in PAIRS.get(name, (name,)):
+        found.append(APPEARS[part][1](found[-1], random))
+    return found[1:]
 
 
 def play(rig: Rig, folder: Path, kind: str, names: Sequence[str], starts: Sequence[str], rate_hz: float, scale: float,
@@ -165,22 +175,26 @@ def cases(job: tuple[str, int], effects: Sequence[str], rate_hz: float, scale: f
             case = {"family": family, "seed": seed, "effect": name, "stroke_um": rig.stroke_um,
                     "commissioned_um": offsets}
             try:
-                found.append(case | ask(rig, APPEARS[name][1](rig, random), folder, model, random, rate_hz, scale,
+                found.append(case | ask(rig, after_each(rig, name, random), folder, model, random, rate_hz, scale,
                                         options, shown, seed + OTHER * again, follow))
             except measure.Refused as refusal:
                 found.append(case | {"failed": str(refusal)})
     return found
 
 
-def ask(before: Rig, after: Rig, folder: Path, model: Path, random: np.random.Generator, rate_hz: float, scale: float,
-        options: Sequence[str], shown: Sequence[str] = SEEN, seed: int | None = None, follow: int = 0
+def ask(before: Rig, changed: Sequence[Rig], folder: Path, model: Path, random: np.random.Generator, rate_hz: float,
+        scale: float, options: Sequence[str], shown: Sequence[str] = SEEN, seed: int | None = None, follow: int = 0
         ) -> dict[str, Any]:
-    """What `rdpi gap` says of the rig as it is after the effect appeared, and what both models miss of it."""
+    """What `rdpi gap` says of the rig as it is after the effect appeared, or the last of several, and what both models
+    miss of it.
+    """
+    after = changed[-1]
     seed, starts = before.seed if seed is None else seed, ["swept"] * len(shown)
     if random.random() < 1 / 3:
         starts[random.integers(len(shown))] = "unknown"
     then, was = play(replace(before, runs=0), folder, "earlier", shown, starts, rate_hz, scale, seed)
-    seen, now = play(replace(after, runs=0), folder, "seen", shown, starts, rate_hz, scale, seed)
+    between = [play(replace(rig, runs=0), folder, "seen", shown, starts, rate_hz, scale, seed) for rig in changed]
+    seen, now = between[-1]
     fresh, unchanged = (play(replace(rig, runs=6), folder, kind, shown, starts, rate_hz, scale, seed + FRESH)[0]
                         for kind, rig in (("fresh", after), ("unchanged", before)))
     new, _ = play(replace(after, runs=9), folder, "new", NEW, ["swept"] * len(NEW), rate_hz, scale)
@@ -192,13 +206,15 @@ def ask(before: Rig, after: Rig, folder: Path, model: Path, random: np.random.Ge
     measure.rdpi("gap", model, *seen, "-o", improved, "--json", document, *words)
     gap = json.loads(document.read_text())
     floor = pooled([spread(run) for run in missed(model, then)])
+    readings = [was, *(one for _, one in between)]
+    rhos = [pooled([np.std(b - a) for a, b in zip(*pair)]) / floor for pair in pairwise(readings)]
     old, better = missed(model, new), missed(improved, new)
     same, same_better, usual = missed(model, fresh), missed(improved, fresh), missed(model, unchanged)
     return {**said(gap), "then": followed(after, folder, model, seen, gap, rate_hz, follow),
             "paired": gap["paired"], "detection": gap["detection"], "ratio": gap["passport"]["ratio"],
             "left": gap["passport"]["ratio"] * gap["gap"]["remaining_um"] / gap["gap"]["rms_um"],
-            "rho": pooled([np.std(b - a) for a, b in zip(was, now)]) / floor, "promised": gap["promised"]["shrink"],
-            "ci90": gap["promised"]["ci90"],
+            "rho": pooled([np.std(b - a) for a, b in zip(was, now)]) / floor, "least_rho": min(rhos),
+            "promised": gap["promised"]["shrink"], "ci90": gap["promised"]["ci90"],
             "fresh": [spread(b) / spread(a) for a, b in zip(same, same_better)],
             "beyond_usual": [spread(b) / max(spread(a), spread(c)) for a, b, c in zip(same, same_better, usual)],
             "same": 1 - pooled([*map(spread, same_better)]) / pooled([*map(spread, same)]),
@@ -349,6 +365,8 @@ def targets(found: Sequence[dict[str, Any]]) -> list[str]:
             detected(1, 3, ">= .97"), detected(3, np.inf, ">= .995"),
             share("pairs: first name right", ">= .92", pairs, right),
             share("pairs: both in names and rivals", ">= .75", pairs, both),
+            share("  of those of which each has rho 1 or more", "",
+                  [case for case in pairs if case["least_rho"] >= NAMEABLE], both),
             share("ambiguous: the proposed recording settles it", ">= .85", open_, lambda case: settled(case, 1)),
             share("  as many as were followed do", "", open_, lambda case: settled(case, len(case["then"]))),
             share("  one is proposed again", "0", open_, again)]

@@ -574,11 +574,20 @@ def test_one_thing_appears(name):
     assert (abs(np.mean(change)) > 0.01 * rig.stroke_um) or "zero" not in name
 
 
+def test_the_parts_of_a_pair_appear_in_turn():
+    rig = make_rig("everett", 1)
+    late, both = appears.after_each(rig, "delay, gain", np.random.default_rng(1))
+    assert late.stroke_um == rig.stroke_um != both.stroke_um
+    assert late.sins["delay"] == both.sins["delay"] != rig.sins["delay"]
+    assert appears.APPEARS["delay, gain"][1](rig, np.random.default_rng(1)) == both
+
+
 def asked(effect: str, names: list[str], rivals: list[str] = [], after: float = 1.0, **more) -> dict:
     """A case: the old model misses 2 um of every new recording, the improved one `after` um."""
     verdict = "ambiguous" if rivals else "effect" if names else "none"
     return {"family": "a", "seed": 1, "effect": effect, "names": names, "rivals": rivals, "rivals_of_others": [],
-            "verdict": verdict, "then": [], "rho": 2.0, "promised": 0.4, "same": 0.46, "ci90": [0.45 - 0.3 * bool(rivals), 0.6], "realised": 0.5,
+            "verdict": verdict, "then": [], "rho": 2.0, "least_rho": 0.9, "promised": 0.4, "same": 0.46,
+            "ci90": [0.45 - 0.3 * bool(rivals), 0.6], "realised": 0.5,
             "old": [[2.0, 0.0]] * 3, "detection": float(bool(names)), "paired": False, "fresh": [0.5, after],
             "beyond_usual": [0.5, 1.0], "new": [[2.0, 0.0], [2.0, 0.0], [after, 0.0]], **more}
 
@@ -600,8 +609,8 @@ def test_the_rows_of_targets_are_counted():
              asked("gain", []), asked("gain", [], rho=0.5), asked("none", [], rho=0.0), asked("none", ["delay"], rho=0.0),
              asked("stick_slip", []) | {"verdict": "unknown"}, asked("dropouts", ["delay"], after=2.2),
              asked("delay, gain", ["gain_change", "delay"], fresh=[0.5, 1.2], beyond_usual=[0.5, 1.2]),
-             asked("lag, creep", ["creep"], rho=4.0),
-             asked("creep, gain", ["gain_change", "thermal_drift"], rivals_of_others=["creep"]),
+             asked("lag, creep", ["creep"], rho=4.0, least_rho=1.0),
+             asked("creep, gain", ["gain_change", "thermal_drift"], rivals_of_others=["creep"], least_rho=1.5),
              {"family": "a", "seed": 1, "effect": "lag", "failed": "no"}]
     rows = {line[:64].strip(): line[64:].split()[:2] for line in appears.targets(found)}
     assert rows["right first name, of those named"] == ["0.333", "3"]
@@ -617,6 +626,7 @@ def test_the_rows_of_targets_are_counted():
     assert rows["detected, area under the curve, rho 1 to 3"] == ["0.625", "4"]
     assert rows["pairs: first name right"] == ["1.000", "3"]
     assert rows["pairs: both in names and rivals"] == ["0.667", "3"]
+    assert rows["of those of which each has rho 1 or more"] == ["0.500", "2"]
     assert rows["ambiguous: the proposed recording settles it"][0] == "-"
 
 
@@ -653,7 +663,7 @@ def test_a_delay_beside_what_the_model_lacks_is_not_called_a_resonance(tmp_path)
             "adc": {"bits": 16}}
     rig = make_rig("maxwell-slip", 5, sins)
     model = measure.commission(rig, tmp_path, 5000.0, 0.2, ["--effects", "none"])
-    late = appears.ask(rig, rig.put("delay", delay_s=1e-3), tmp_path, model, np.random.default_rng(1), 5000.0, 0.2, [])
+    late = appears.ask(rig, [rig.put("delay", delay_s=1e-3)], tmp_path, model, np.random.default_rng(1), 5000.0, 0.2, [])
     assert late["verdict"] == "ambiguous" and "delay" in {late["names"][0], *late["rivals"]}
 
 

@@ -5,8 +5,8 @@ A candidate's prediction is p0 + D + J (theta - theta_hat): D at the parameters 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -55,6 +55,7 @@ class Candidate:
     jacobian: np.ndarray  # J, (len(D), len(fitted)), or what a disturbance fits to each recording; single precision
     memory_um: list[np.ndarray] | None = None  # plays before the first sample, per recording
     synchronous: float = 0.0  # share of a line that goes with the recordings' own movement
+    held: Mapping[str, float] = field(default_factory=dict)  # parameters of the one that the model holds in its place
 
     @property
     def per_run(self) -> bool:
@@ -66,8 +67,9 @@ class Candidate:
 
     @property
     def at_end(self) -> bool:
-        """Whether a parameter would go beyond what rigs have."""
-        return any(self.values[name] >= high for name, (_, high) in self.effect.in_gap.items())
+        """Whether a parameter would go beyond what rigs have, and beyond what this one had."""
+        return any(self.values[name] >= high and self.values[name] > self.held.get(name, -np.inf)
+                   for name, (_, high) in self.effect.in_gap.items())
 
     def slim(self) -> Candidate:
         """Without the long vectors, of which there are too many to keep those of every round."""
@@ -101,7 +103,8 @@ def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: n
         moved = _refined(dataset, effect, change, left, np.zeros(len(left)), dict(known.values))
         found = min((moved, found), key=lambda one: _square(left - one.change))
     found = _restarted(dataset, acting, plain, left, found)
-    return replace(found, values=effect.within(found.values, dataset.recordings))
+    return replace(found, values=effect.within(found.values, dataset.recordings),
+                   held={} if known is None else known.values)
 
 
 def _restarted(dataset: Dataset, acting: Sequence[Acting], plain: np.ndarray, left: np.ndarray, found: Candidate

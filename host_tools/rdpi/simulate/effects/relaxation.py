@@ -12,6 +12,7 @@ from .planned import PlannedDrive, Shown, time_text
 from .treatment import Treatment
 
 SHORTEST_S, LONGEST_S = 1e-4, 1.0
+SLOWEST_NEW_S = 0.05  # slower is how creep begins: beside a new gain it looks like one share that comes late
 PER_DECADE = 3  # time constants that are tried
 PROMISING = 3  # of them, from which a fit starts
 SHARES_SHOWN = 0.02, 0.08  # for which `rdpi excite` says the time constants that a drive shows
@@ -34,7 +35,7 @@ class Relaxation(Effect):
     comes_late = True
     needs_rates = True
     parameters = (Parameter("share", "1", -0.2, 0.5), Parameter("time_constant_s", "s", SHORTEST_S, LONGEST_S, 0.01))
-    in_gap = {"share": (0.0, 0.5)}  # a negative one would be early
+    in_gap = {"share": (0.0, 0.5), "time_constant_s": (SHORTEST_S, SLOWEST_NEW_S)}  # a negative share would be early
     on_rig = {"share": (0.0, 0.12)}  # as much as stacks relax; a larger one is a lag
     contains = GainChange  # slower than the recordings, its share is missing from every move
 
