@@ -18,10 +18,9 @@ import numpy as np
 from ..data import Recording
 from ..model import Model
 from ..simulate import effects, signals
-from ..simulate.effects import CATALOGUE, Acting, Effect
+from ..simulate.effects import CATALOGUE, SENSOR, Acting, Effect
 from . import thresholds as tuned
 
-SENSOR = effects.STAGES[-1]
 BLOCKS = 8  # of all recordings, at least: left out in turn
 STARTS = 1.3 * 2.0 ** np.arange(-2, 12)  # [samples] times from which the search starts: a delay is no whole number of them
 STEP = 0.05  # [samples] by which derivatives are taken; a shorter time is none

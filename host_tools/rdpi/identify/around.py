@@ -11,8 +11,8 @@ import numpy as np
 from ..data import Recording, arguments
 from ..errors import BadInput
 from ..model import Model, records
-from ..simulate.effects import CATALOGUE, Acting, Effect
-from .amplifier import OF_AMPLIFIER, SENSOR, Amplifier
+from ..simulate.effects import CATALOGUE, SENSOR, Acting, Effect
+from .amplifier import OF_AMPLIFIER, Amplifier
 from .choice import Choice, Judged, Kept, choose, forced, judged, refitted, starts, with_rate_filter, without_rate_law
 from .document import BeforeAfter, IdentifiedEffect
 from .hypothesis import Hypothesis, Setting, Unknowns

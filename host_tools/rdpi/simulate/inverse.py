@@ -14,7 +14,7 @@ from ..errors import BadInput
 from ..firmware import Chain
 from ..model import Model, guarded, operators
 from . import effects, signals
-from .effects import Acting, Addend, Sensor, Treatment, left_out
+from .effects import SENSOR, Acting, Addend, Sensor, Treatment, left_out
 from .effects.planned import time_text
 from .memory import within_drive
 
@@ -23,7 +23,6 @@ APART = 1.005  # least ratio of two poles' time constants: nearer ones would mak
 # The most that the lead adds, as a share of the stroke. A sine over all of the stroke needs that much where the lead is
 # half a radian of it, beyond which it is no good.
 MOST_LEAD = 0.25
-SENSOR = effects.STAGES[-1]
 FREQUENCIES_HZ = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0
 LARGEST_ERROR = 1.0  # of the amplitude, up to which the table goes
 JUMP_S, JUMPS_S = 0.002, (1e-6, 10.0)  # that a jump over backlash is spread over, unless told otherwise; what is taken

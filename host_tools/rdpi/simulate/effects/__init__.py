@@ -16,7 +16,7 @@ from ...data import Recording, arguments
 from ...errors import BadInput
 from ...model import Model, guarded
 from .backlash import Backlash
-from .base import BEFORE_MONITOR, STAGES, Effect, Parameter, Residuals, Values
+from .base import BEFORE_MONITOR, SENSOR, STAGES, Effect, Parameter, Residuals, Values
 from .creep import Creep
 from .cross_coupling import CrossCoupling
 from .delay import Delay
@@ -36,7 +36,7 @@ from .static_nonlinearity import StaticNonlinearity
 from .thermal_drift import ThermalDrift
 from .treatment import Addend, Sensor, Treatment, left_out
 
-__all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "STAGES", "Acting", "Addend", "Displaced", "Effect",
+__all__ = ["BEFORE_MONITOR", "CATALOGUE", "PARAMETERS", "SENSOR", "STAGES", "Acting", "Addend", "Displaced", "Effect",
            "Parameter", "Residuals", "Sensor", "Treatment", "Values", "acting", "beside", "disturbed", "displaced",
            "driven", "driven_run", "entries", "left_out", "operator", "place", "replaced", "then"]
 

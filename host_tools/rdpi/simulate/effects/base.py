@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 STAGES = "DAC", "timing", "amplifier", "actuator", "mechanics", "environment", "sensor"
 BEFORE_MONITOR = STAGES[:3]
+SENSOR = STAGES[-1]
 Values = Mapping[str, float]
 BLOCK = 32  # samples that are filtered at once
 
