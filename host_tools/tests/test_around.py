@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fitted import moving_runs, static_run
-from injected import COMMISSIONING, FURTHER, LIMITS, NOISE_UM, RATE_HZ, drives, entry, plain_model, recorded
+from injected import COMMISSIONING, FURTHER, LIMITS, NOISE_UM, RATE_HZ, drives, entry, left_um, plain_model, recorded
 from plants import changed, stack
 
 from rdpi.data import Recording
@@ -108,12 +108,19 @@ def test_finds_what_is_there(names: tuple[str, ...]) -> None:
 
 def test_finds_what_hides_behind_strong_ringing() -> None:
     """Alone none of these brings much."""
-    behind = {"lag": {"time_constant_s": 0.003}, "relaxation": {"share": 0.08, "time_constant_s": 0.1},
+    behind = {"lag": {"time_constant_s": 0.003}, "relaxation": {"share": 0.08, "time_constant_s": 0.04},
               "resonance": {"f0_hz": 40.0, "damping": 0.015}}
     found = fit(recorded(plain_model(), drives(COMMISSIONING), *(entry(name, **behind[name]) for name in behind)))
     assert [one.acting.effect.name for one in found.choice.kept] == list(behind)
     for one in found.choice.kept:
         assert dict(one.acting.values) == pytest.approx(behind[one.acting.effect.name], rel=0.15)
+
+
+def test_a_share_that_comes_as_late_as_creep_is_creep() -> None:
+    runs = recorded(plain_model(), drives(COMMISSIONING), entry("relaxation", share=0.06, time_constant_s=0.3))
+    found = fit(runs)
+    assert [one.acting.effect.name for one in found.choice.kept] == ["creep"]
+    assert left_um(found.model, runs) < 0.4 * left_um(fit(runs, Options(effects="none")).model, runs)
 
 
 @pytest.mark.parametrize("f0_hz", [200.0, 201.0, 202.0, 203.0])

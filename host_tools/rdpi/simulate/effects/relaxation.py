@@ -12,7 +12,7 @@ from .planned import PlannedDrive, Shown, time_text
 from .treatment import Treatment
 
 SHORTEST_S, LONGEST_S = 1e-4, 1.0
-SLOWEST_NEW_S = 0.05  # slower is how creep begins: beside a new gain it looks like one share that comes late
+SLOWEST_S = 0.05  # that `fit` and `gap` look for: slower is how creep begins, beside a new gain as well
 PER_DECADE = 3  # time constants that are tried
 PROMISING = 3  # of them, from which a fit starts
 SHARES_SHOWN = 0.02, 0.08  # for which `rdpi excite` says the time constants that a drive shows
@@ -35,8 +35,9 @@ class Relaxation(Effect):
     comes_late = True
     needs_rates = True
     parameters = (Parameter("share", "1", -0.2, 0.5), Parameter("time_constant_s", "s", SHORTEST_S, LONGEST_S, 0.01))
-    in_gap = {"share": (0.0, 0.5), "time_constant_s": (SHORTEST_S, SLOWEST_NEW_S)}  # a negative share would be early
-    on_rig = {"share": (0.0, 0.12)}  # as much as stacks relax; a larger one is a lag
+    in_gap = {"share": (0.0, 0.5), "time_constant_s": (SHORTEST_S, SLOWEST_S)}  # a share below 0 would be early
+    # As much as stacks relax; a larger share is a lag.
+    on_rig = {"share": (0.0, 0.12), "time_constant_s": (SHORTEST_S, SLOWEST_S)}
     contains = GainChange  # slower than the recordings, its share is missing from every move
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
@@ -69,7 +70,7 @@ class Relaxation(Effect):
 
     def shown(self, drive: PlannedDrive) -> Shown | None:
         times_s = drive.times_s()
-        times_s = times_s[times_s >= drive.step_s]
+        times_s = times_s[(times_s >= drive.step_s) & (times_s <= SLOWEST_S)]
         changes = (drive.change(self, share=1.0, time_constant_s=time_s) for time_s in times_s)
         least = drive.least(changes, [drive.later(), drive.lagged(drive.step_s), drive.slow()])
         seen = {share: times_s[least <= share] for share in SHARES_SHOWN if np.any(least <= share)}
