@@ -206,15 +206,18 @@ def ask(before: Rig, changed: Sequence[Rig], folder: Path, model: Path, random: 
     measure.rdpi("gap", model, *seen, "-o", improved, "--json", document, *words)
     gap = json.loads(document.read_text())
     floor = pooled([spread(run) for run in missed(model, then)])
-    readings = [was, *(one for _, one in between)]
-    rhos = [pooled([np.std(b - a) for a, b in zip(*pair)]) / floor for pair in pairwise(readings)]
+
+    def rho(one: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> float:
+        return pooled([np.std(b - a) for a, b in zip(one, other)]) / floor
+
+    in_turn = pairwise([was, *(readings for _, readings in between)])
     old, better = missed(model, new), missed(improved, new)
     same, same_better, usual = missed(model, fresh), missed(improved, fresh), missed(model, unchanged)
     return {**said(gap), "then": followed(after, folder, model, seen, gap, rate_hz, follow),
             "paired": gap["paired"], "detection": gap["detection"], "ratio": gap["passport"]["ratio"],
             "left": gap["passport"]["ratio"] * gap["gap"]["remaining_um"] / gap["gap"]["rms_um"],
-            "rho": pooled([np.std(b - a) for a, b in zip(was, now)]) / floor, "least_rho": min(rhos),
-            "promised": gap["promised"]["shrink"], "ci90": gap["promised"]["ci90"],
+            "rho": rho(was, now), "least_rho": min(rho(*pair) for pair in in_turn), "promised": gap["promised"]["shrink"],
+            "ci90": gap["promised"]["ci90"],
             "fresh": [spread(b) / spread(a) for a, b in zip(same, same_better)],
             "beyond_usual": [spread(b) / max(spread(a), spread(c)) for a, b, c in zip(same, same_better, usual)],
             "same": 1 - pooled([*map(spread, same_better)]) / pooled([*map(spread, same)]),
