@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import concurrent.futures
 import errno
 import json
 import os
@@ -19,6 +21,7 @@ from models import random_model
 from plants import quasi_static, stack, waves
 
 from rdpi.data import reserved, write_recording
+from rdpi.errors import BadInput
 from rdpi.gap import batch
 from rdpi.gap.batch import workers
 from rdpi.model import write_model
@@ -527,6 +530,22 @@ def test_a_scheduler_that_goes_away_ends_the_batch_with_words(here, cluster):
     assert process.wait(timeout=120) == 2 and "the scheduler went away" in errors and "Traceback" not in errors
     ended = {line.split()[1].rstrip(":") for line in [first, *out.splitlines()]}
     assert {name for name, status in table("actuator, status") if status == "done"} == ended != set()
+
+
+@pytest.mark.parametrize("raised", [OSError, asyncio.CancelledError, concurrent.futures.CancelledError, TypeError])
+def test_a_scheduler_that_goes_away_while_an_outcome_is_asked_for(raised):
+    class Future:
+        def cancelled(self):
+            return False
+
+        def exception(self):
+            return None
+
+        def result(self):
+            raise raised
+
+    with pytest.raises(BadInput, match="the scheduler went away"):
+        workers._outcome(Future(), batch.Task("A", {}, "", ""), "tcp://here:1")
 
 
 def test_a_scheduler_that_is_not_there(here, rdpi, monkeypatch):

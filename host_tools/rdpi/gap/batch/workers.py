@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import logging
 import multiprocessing
 import os
@@ -145,7 +146,9 @@ def _from(client: Any, as_completed: Callable[..., Any], tasks: Sequence[Task], 
 
 def _outcome(future: Any, task: Task, address: str) -> Outcome:
     """Of a future that has ended. Raises BadInput if it ended because the scheduler is no more."""
-    with suppress(OSError):  # a connection that is lost while what it has made is asked for
+    # A connection is lost while what it has made is asked for. Where that is between the last two steps of result(),
+    # distributed raises the outcome itself, which is no exception: a TypeError.
+    with suppress(OSError, asyncio.CancelledError, concurrent.futures.CancelledError, TypeError):
         if not future.cancelled():
             error = future.exception()
             return future.result() if error is None else lost(
