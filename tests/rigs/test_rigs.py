@@ -586,7 +586,7 @@ def asked(effect: str, names: list[str], rivals: list[str] = [], after: float = 
     """A case: the old model misses 2 um of every new recording, the improved one `after` um."""
     verdict = "ambiguous" if rivals else "effect" if names else "none"
     return {"family": "a", "seed": 1, "effect": effect, "names": names, "rivals": rivals, "rivals_of_others": [],
-            "verdict": verdict, "then": [], "rho": 2.0, "least_rho": 0.9, "promised": 0.4, "same": 0.46,
+            "verdict": verdict, "then": [], "rho": 2.0, "least_rho": 0.9, "promised": 0.4, "same": 0.46, "repeated": 0.41,
             "ci90": [0.45 - 0.3 * bool(rivals), 0.6], "realised": 0.5,
             "old": [[2.0, 0.0]] * 3, "detection": float(bool(names)), "paired": False, "fresh": [0.5, after],
             "beyond_usual": [0.5, 1.0], "new": [[2.0, 0.0], [2.0, 0.0], [after, 0.0]], **more}
@@ -620,6 +620,8 @@ def test_the_rows_of_targets_are_counted():
     assert rows["false alarms where nothing appeared"] == rows["of them with a name"] == ["0.500", "2"]
     assert rows["not in the catalogue: unknown, or a twin"] == ["0.500", "2"]
     assert rows["not in the catalogue: misnamed"] == ["0.500", "2"]
+    assert rows["promise less realised, same kinds, median"] == ["0.060", "8"]
+    assert rows["of the same drives, played once more"] == ["0.010", "8"]
     assert rows["a fresh recording predicted worse by 5 %, offset removed"] == ["0.167", "12"]
     assert rows["and than the old model predicted the rig before"] == ["0.083", "12"]
     assert rows["a track alone predicted worse by 5 %, zero included"] == ["0.042", "24"]
@@ -651,6 +653,7 @@ def test_an_effect_that_appears_is_found_and_does_no_harm(tmp_path, capsys):
                          "0.2", "-o", str(tmp_path)]) == 0
     assert "failed" not in capsys.readouterr().out
     none, late, both = appears.json.loads((tmp_path / "appears.json").read_text())
+    assert late["repeated"] == pytest.approx(late["promised"], abs=0.05)
     assert none["verdict"] == "none" and none["old"] == none["new"] and none["rho"] == pytest.approx(0, abs=0.1)
     assert all(appears.in_set(case) and max(appears.worse(case)) < appears.WORSE for case in (late, both))
     assert late["zero"]["added"] == 0 and abs(both["zero"]["added"]) > 0.01 * both["stroke_um"]
