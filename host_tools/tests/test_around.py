@@ -92,6 +92,20 @@ def test_a_rate_law_takes_the_place_of_no_lag_that_leaves_clearly_less(rated: bo
     assert [leaving(share, lag).beats(law_or_plain) for share in (0.7, 0.85, 0.95)] == [True, rated, False]
 
 
+@pytest.mark.parametrize("beside", [(), ("delay",)])
+def test_what_comes_late_at_the_end_of_what_rigs_have_is_not_kept(beside: tuple[str, ...]) -> None:
+    others = tuple(Acting(CATALOGUE[name](), PUT[name]) for name in beside)
+    one = Acting(CATALOGUE["relaxation"](), PUT["relaxation"])
+    squares = 1.0 + 0.1 * np.random.default_rng(1).random((2, joint.BLOCKS))
+
+    def leaving(share: float, *acting: Acting, at_ends: list[Acting] = []) -> choice.Judged:
+        return choice.Judged(SimpleNamespace(hypothesis=Hypothesis(acting), at_ends=at_ends,
+                                             setting=SimpleNamespace(samples=1000)), share * squares)
+
+    assert leaving(0.5, *others, one).beats(leaving(1.0, *others))
+    assert not leaving(0.5, *others, one, at_ends=[one]).beats(leaving(1.0, *others))
+
+
 @pytest.mark.parametrize("names", [*((name,) for name in PUT), TOGETHER], ids=" ".join)
 def test_finds_what_is_there(names: tuple[str, ...]) -> None:
     """By name and size; what was not fitted is predicted as if nothing stood around the operator."""

@@ -109,6 +109,12 @@ def test_creep_and_a_smaller_gain_are_no_relaxation() -> None:
     assert gain.parameters["factor"].value == pytest.approx(0.93, abs=0.01)
 
 
+def test_of_two_effects_the_one_that_explains_more_comes_first() -> None:
+    """As a pair a static curve and the lag leave least; then the gain takes the place of the curve."""
+    found = diagnose(commissioned(), later(entry("lag", time_constant_s=0.001), entry("gain_change", factor=1.08)))
+    assert [one.name for one in found.document.effects] == ["gain_change", "lag"]
+
+
 def test_an_effect_that_does_not_come_up_is_asked_only_of_a_model_that_holds_it() -> None:
     values = {"quadratic": 0.1, "cubic": 0.15, "low_V": 0.0, "high_V": 100.0}
     runs = later(entry("input_curve", **values))

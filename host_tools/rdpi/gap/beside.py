@@ -54,6 +54,7 @@ def settled(selection: Selection, gap: Excess) -> Selection:
                 rivals = {}
             reached, name = there, done.best.name
         rivals[name] = done.rivals
+    reached = _largest_first(selection.given, reached)
     if len(reached.chosen) == 1:  # of single ones, the first round has told the best
         reached, rivals = selection.states[1] if len(selection.states) > 1 else selection.given, {}
     return _rewritten(selection, reached, rivals, gap)
@@ -63,6 +64,13 @@ def _accepting(given: AugmentedModel, chosen: Iterable[Candidate]) -> AugmentedM
     for one in chosen:
         given = given.accept(one)
     return given
+
+
+def _largest_first(given: AugmentedModel, state: AugmentedModel) -> AugmentedModel:
+    """What took another's place stands last until then, however much goes without it."""
+    without = [_lacking(given, state, place).squares for place in range(len(state.chosen))]
+    order = sorted(range(len(without)), key=lambda place: -without[place])
+    return replace(state, chosen=tuple(state.chosen[place] for place in order))
 
 
 def _lacking(given: AugmentedModel, state: AugmentedModel, place: int) -> AugmentedModel:
@@ -101,7 +109,7 @@ def _asked_for_pairs(selection: Selection, gap: Excess) -> AugmentedModel:
         without = [_lacking(given, pair, place).squares for place in (0, 1)]
         if max(without) < thresholds.CANCELS * given.squares and \
                 pair.squares < (1 - thresholds.RIVAL_MARGIN) * reached.squares:
-            reached = pair if without[0] >= without[1] else replace(pair, chosen=pair.chosen[::-1])
+            reached = pair
     return reached
 
 

@@ -64,9 +64,11 @@ class Judged:
         """Whether it leaves less than the other, by more than the standard error and by enough to matter, however
         blocks are left out.
 
-        What first says that the displacement comes late must show more than what comes beside it, and not only at the
-        end of what rigs have: without it the actuator is plain, and what the operator cannot show may look a little
-        late. In the place of a rate law it must show less, but as certainly: neither actuator is plain.
+        What comes late at the end of what rigs have is something else: slow parts of a loop look like that.
+
+        What first says that the displacement comes late must show more than what comes beside it: without it the
+        actuator is plain, and what the operator cannot show may look a little late. In the place of a rate law it must
+        show less, but as certainly: neither actuator is plain.
 
         The error is that of the blocks' gains over what they leave. Fast blocks show a lag a thousand times as strongly
         as slow ones, and the scatter of the gains themselves would be as large as their sum. Where far less is left
@@ -77,7 +79,7 @@ class Judged:
         beside = self.hypothesis.beside(other.hypothesis)
         late = [one for one in beside if one.effect.comes_late]
         further = beside and (other.hypothesis.comes_late or not late)
-        if not further and late and all(one in self.state.at_ends for one in late):
+        if late and all(one in self.state.at_ends for one in late):
             return False
         instead = other.hypothesis.rated and not self.hypothesis.rated
         share, errors = (tuned.FURTHER_GAIN if further else tuned.INSTEAD_GAIN if late and instead else
