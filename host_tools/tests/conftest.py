@@ -99,7 +99,7 @@ def refused(rdpi: Callable[..., click.testing.Result], tmp_path: Path) -> Callab
     Checks exit status 2, a message without traceback, and that neither a new nor an existing output file is touched.
     The output file is an argument that is the Path `refused.output`, anywhere in the command line.
     """
-    output = tmp_path / "result" / "out.csv"
+    output = tmp_path / "result" / "out.dat"
 
     def run(*arguments: object) -> str:
         assert output in arguments
@@ -111,7 +111,7 @@ def refused(rdpi: Callable[..., click.testing.Result], tmp_path: Path) -> Callab
             assert result.exit_code == 2, result.output
             assert result.output.startswith("rdpi: ") and "Traceback" not in result.output
             assert result.output.count("\n") == 1
-            assert [path.name for path in output.parent.iterdir()] == (["out.csv"] if existing else [])
+            assert [path.name for path in output.parent.iterdir()] == ([output.name] if existing else [])
         assert output.read_text() == "as it was\n"
         output.unlink()
         return result.output.removeprefix("rdpi: ").strip()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,17 @@ def test_the_recording_has_the_samples_of_the_drive() -> None:
     assert "inverted" in text and "ppm" in text and f"= {float(recording.metadata['played_gain']):.6g} x drive" in text
     assert float(recording.metadata["played_clock"]) == pytest.approx(1.0005, abs=1e-5)
     assert float(recording.metadata["played_from_s"]) == pytest.approx(0.7, abs=0.5 / 2000)
+
+
+def test_a_reference_that_was_not_recorded_is_that_of_the_drive() -> None:
+    drive = drive_of()
+    drive = replace(drive, columns={**drive.columns, "reference_um": 0.1 * drive.command_V})
+    run = scope(drive, 9000.0, 0.7)
+    recording, _ = beside_drive(run, drive)
+    np.testing.assert_array_equal(recording.reference_um, 0.1 * recording.command_V)
+    own = replace(run, columns={**run.columns, "reference_um": np.full(len(run), 3.0)})
+    recording, _ = beside_drive(own, drive)
+    np.testing.assert_allclose(recording.reference_um, 3.0)
 
 
 @pytest.mark.parametrize(("changes", "memory"), [

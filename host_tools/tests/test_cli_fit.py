@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import os
 import re
 import subprocess
@@ -260,6 +261,16 @@ def test_bad_recording(case: str, held_out: bool, runs: dict[str, Path], refused
         change(bad)
     text = refused("fit", runs["large"], *(["--hold-out", bad] if held_out else [bad]), "-o", refused.output)
     assert re.match(re.escape(str(bad)) + message, text), text
+
+
+def test_json_is_not_written_over_a_table(rdpi: Callable, runs: dict[str, Path], tmp_path: Path) -> None:
+    """Who forgets the name of the model writes it over the first of several recordings."""
+    one, other = (shutil.copy(path, tmp_path) for path in [*runs.values()][:2])
+    before = Path(one).read_bytes()
+    for arguments in (["fit", "-o", one, other], ["fit", other, "-o", tmp_path / "m.json", "--json", one]):
+        done = rdpi(*arguments)
+        assert done.exit_code == 2 and f"{one}: is a table that is there already" in done.output
+    assert Path(one).read_bytes() == before
 
 
 def test_missing_file(refused: Callable, runs: dict[str, Path]) -> None:

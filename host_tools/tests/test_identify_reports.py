@@ -218,6 +218,28 @@ def test_a_disturbed_reading_is_named(aside_um: float) -> None:
     checks.check_readings(replace(run, columns={**run.columns, "displacement_um": z}))
 
 
+def test_ringing_is_no_disturbed_reading() -> None:
+    run = static_run()
+    since = np.arange(len(run) - 700)
+    for period in (2.3, 3.3, 4.1):
+        z = run.displacement_um.copy()
+        z[700:] += 50 * np.exp(-since / 20) * np.sin(2 * np.pi * since / period)
+        checks.check_readings(replace(run, columns={**run.columns, "displacement_um": z}))
+
+
+def test_a_recording_of_days_is_remarked_on() -> None:
+    """Its times may be in microseconds; and no pole of creep lasts longer than a sample."""
+    run = moving_runs("displacement", law=0.0)[0]
+    slow = replace(run, metadata={**run.metadata, "sample_rate_hz": repr(run.sample_rate_hz / 1e6)},
+                   columns={**run.columns, "time_s": 1e6 * run.time_s})
+    for one, told in ((run, False), (slow, True)):
+        found = fit([one], Options(rate_independent=True))
+        assert any("times are taken for seconds" in text for text in found.warnings) is told
+        assert not told or all(effect["name"] != "creep" for effect in found.model.effects)
+    with pytest.raises(BadInput, match="cannot show creep"):
+        fit([slow], Options(effects="creep"))
+
+
 def test_a_displacement_that_comes_first_is_remarked_on() -> None:
     """Its loops get narrower with the rate."""
     def early(time_s: float) -> list[str]:

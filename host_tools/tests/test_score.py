@@ -16,6 +16,7 @@ from pages import without_scripts
 
 from rdpi.data import Recording, read_recording, write_recording
 from rdpi.errors import BadInput
+from rdpi.identify.report import score as score_page
 from rdpi.model import write_model
 from rdpi.simulate import tracking
 
@@ -118,6 +119,17 @@ def test_page(rdpi: Callable, runs: tuple[str, str]) -> None:
     pictures = [b64decode(one) for one in re.findall('data-pdf="data:application/pdf;base64,([^"]+)"', page)]
     assert len(pictures) == 6 and all(one.startswith(b"%PDF") for one in pictures)
     assert all(b"/FontFile2" in one and b"/Type3" not in one for one in pictures), "letters that programs can edit"
+
+
+def test_an_offset_that_is_removed_is_told(rdpi: Callable, runs: tuple[str, str]) -> None:
+    told = "the mean error is removed"
+    for options, removed in (((), False), (("--remove-offset",), True)):
+        done = rdpi("score", *runs, "--report", "page", *options)
+        page = without_scripts(Path("page/score.html").read_text())
+        assert ("(removed)" in done.output) is (told in page) is ("The offset is removed from" in page) is removed
+    run = followed(profile, offset_um=0.5, noise_um=0.01)
+    assert all(one.plot != other.plot for one, other in list(zip(
+        score_page._figures(run, True), score_page._figures(run, False)))[:2])  # a spectrum has no mean
 
 
 @pytest.mark.parametrize("missing", ["reference_um", "displacement_um"])

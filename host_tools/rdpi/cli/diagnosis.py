@@ -54,7 +54,8 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
         write_recording(output, columns, recordings[0].metadata)
     for run, prediction in zip(recordings, predictions):
         if run.displacement_um is None:
-            click.echo(f"{run.path}: predicted; there is no displacement_um to compare with")
+            click.echo(f"{run.path}: predicted; there is no displacement_um to compare with" + (
+                "" if output else ", and no -o to write the prediction to"))
         for note in scoring.notes(parameters, run, prediction):
             click.echo(f"note: {note}")
     if not scored:
@@ -76,7 +77,7 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
 @command("gap")
 @click.argument("model", metavar="MODEL.json", type=ModelFile())
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
-@click.option("-o", "--output", metavar="IMPROVED.json", type=Output(),
+@click.option("-o", "--output", metavar="IMPROVED.json", type=Output(json=True),
               help="The model, with the effects that were found.")
 @click.option("--report", metavar="DIR", type=Report("gap.json", "index.html"),
               help="Write index.html (one page with pictures) and gap.json to this directory.")
@@ -185,10 +186,10 @@ def score(runs: tuple[str, ...], remove_offset: bool, max_rms_percent: float | N
               "rms_percent": scoring.overall_rms_percent(scores, [len(run) for run in recordings]),
               "max_percent": max(one.max_percent for one in scores), "gate_failed": failed}
     if report is not None:
-        reports.write_score(report, recordings, scores, result)
+        reports.write_score(report, recordings, scores, result, remove_offset)
     click.echo("\n".join(scoring.table(
         [(run.path, one, f"{1e3 * abs(one.delay_s):.3g} ms {'late' if one.delay_s >= 0 else 'early'}, "
-          f"offset {one.offset_um:.3g} um; without both "
+          f"offset {one.offset_um:.3g} um{' (removed)' if remove_offset else ''}; without both "
           f"{one.rms_percent_without_delay:.3f} % rms") for run, one in zip(recordings, scores)],
         "the reference's peak-to-peak")))
     if failed:

@@ -13,7 +13,7 @@ from .types import Folder, ModelFile, Numbers, Output, Percent, Report
 
 @command("fit")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
-@click.option("-o", "--output", required=True, metavar="MODEL.json", type=Output(), help="The model.")
+@click.option("-o", "--output", required=True, metavar="MODEL.json", type=Output(json=True), help="The model.")
 @click.option("--operators", type=int, default=9, show_default=True, metavar="N",
               help="Number of plays with a positive threshold.")
 @click.option("--deadzones", type=int, default=2, show_default=True, metavar="M",

@@ -93,7 +93,7 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
                 where = f"{error.filename}: " if error.filename else ""
                 _fail(f"{where}{error.strerror or error}; check the path and permissions")
 
-        run.params.append(click.Option(["--json", "json_path"], type=Output(), metavar="FILE",
+        run.params.append(click.Option(["--json", "json_path"], type=Output(json=True), metavar="FILE",
                                        help="Also write the result as JSON. With -, JSON goes to standard output "
                                             "and all other text to standard error."))
         return run
@@ -125,6 +125,7 @@ def _check_paths(context: click.Context) -> None:
     inputs: list[str] = []
     models: list[str] = []
     outputs: list[str] = []
+    documents: list[str] = []
     folders: list[str] = []
     kept: list[tuple[str, str]] = []
     made = None
@@ -145,16 +146,19 @@ def _check_paths(context: click.Context) -> None:
             models += values if isinstance(kind, ModelFile) else []
         elif "-" not in values:
             outputs += values
+            documents += values if kind.json else []
             folders += values if kind.dir_okay else []
         elif parameter.name != "json_path":
             raise BadInput(f"{parameter.opts[0]} -: standard output is only for --json; give a file name")
         elif getattr(sys.stdout, "name", None) == os.devnull:
             raise BadInput("--json -: standard output is closed; give a file name")
     if outputs:
-        from ..data import check_outputs
+        from ..data import check_no_table, check_outputs
         from ..model import kept_with
 
         check_outputs(outputs, inputs, made, folders, [file for model in models for file in kept_with(model)])
+        for name in documents:
+            check_no_table(name)
     for folder, option in kept:
         from ..data import check_made
 

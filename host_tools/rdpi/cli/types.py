@@ -10,10 +10,11 @@ LARGEST = 1e9
 
 
 class Output(click.Path):
-    """A file that the command writes."""
+    """A file that the command writes; `json`: it is a JSON document, and not to be written over a table."""
 
-    def __init__(self, dir_okay: bool = False) -> None:
+    def __init__(self, dir_okay: bool = False, json: bool = False) -> None:
         super().__init__(dir_okay=dir_okay)
+        self.json = json
 
 
 class ModelFile(click.Path):

@@ -60,14 +60,16 @@ def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]
     """A recording at the samples of the drive that was played, from where its sweep ends; and lines that say what was
     found.
 
-    command_V becomes that of the drive, every other column is interpolated behind a low-pass. Raises BadInput if the
-    drive is not in the recording from the end of its sweep to its own end, or if its place stays in doubt.
+    command_V becomes that of the drive, every other column is interpolated behind a low-pass. A reference that was not
+    recorded is that of the drive. Raises BadInput if the drive is not in the recording from the end of its sweep to its own end, or if its place stays in doubt.
     """
     first, swept = _after_sweep(drive)
     found = align(run, drive, first)
     times = run.time_s[0] + found.start_s + found.clock * np.arange(first, len(drive)) / drive.sample_rate_hz
     columns = {name: values for name, values in run.columns.items() if name not in ("time_s", "command_V")}
     read = at_times(run.time_s, columns, times)
+    if drive.reference_um is not None:
+        read.setdefault("reference_um", drive.reference_um[first:])
     rate_hz = drive.sample_rate_hz
     metadata = {**run.metadata, "memory": run.metadata.get("memory", "reset" if swept else "unknown"),
                 "sample_rate_hz": f"{rate_hz:.12g}", "played": drive.path, "played_digest": drive.digest,

@@ -42,6 +42,12 @@ def check_outputs(outputs: Sequence[str], inputs: Collection[str] = (), made: st
                 raise BadInput(f"{name}: would be written over {kind}; give another name")
 
 
+def check_no_table(name: str) -> None:
+    """Raise BadInput if a JSON document would be written over a table, by its name: a recording, as a rule."""
+    if name.lower().endswith(".csv") and os.path.isfile(name):
+        raise BadInput(f"{name}: is a table that is there already, and JSON would be written over it; give another name")
+
+
 def check_made(made: str, outputs: Sequence[str], option: str = "--report", chosen: str = "") -> None:
     """Raise BadInput unless the directory of an option is there or can be made, and is none of the outputs.
 

@@ -507,6 +507,10 @@ def _remark(plant: Plant, scores: Sequence[RunScore], warnings: list[str]) -> No
                 "" if run.held_out else ", and the fit leaves out what comes before the drive has erased it; record "
                 "right after a decaying sweep, and write # memory: reset above the columns, or cut the sweep off with "
                 "`rdpi import --drive`"))
+        if run.recording.sample_rate_hz < tuned.SLOW_HZ:
+            rate_hz = run.recording.sample_rate_hz
+            warnings.append(f"{path}: {rate_hz:.3g} samples per second, so that it lasts {len(run.recording) / rate_hz:.3g} s: "
+                            "times are taken for seconds; if they are ms or us, give `rdpi import` their unit")
         if stays:
             warnings.append(f"{path}: {stays} samples stay at the highest or lowest reading "
                             "while the command moves; check whether the sensor is clipped")

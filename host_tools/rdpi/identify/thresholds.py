@@ -53,6 +53,7 @@ SEVERAL_RATES = 3.0  # [1] ratio of the strokes' mean rates, from which they are
 # --- what a fit remarks on (identify.py)
 NARROWER = 0.05  # [of the lowest slope] that it grows with the rate; actuators' loops get wider; judged
 FAR_OFF = 20.0  # [rms] that the largest miss of a recording is, from which its place is told; judged
+SLOW_HZ = 1.0  # [samples per second] slower ones are told: times may be in ms or us; judged
 POOR_PERCENT = 3.0  # [% of the stroke] rms of a run; judged
 RESET_DOUBT = 0.7  # [1] error of a run's beginning, best start over rest, below which reset is doubted; judged
 OTHER_SOURCE = 0.6  # [1] residual with the other rate source over this one's; below, that one is proposed; judged

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ...data import arguments, check_made, read_bytes, same_file
+from ...data import arguments, check_made, check_no_table, read_bytes, same_file
 from ...errors import BadInput
 from ...model import kept_with
 from .page import FILES, PAGE
@@ -174,6 +174,7 @@ def _check_apart(tasks: Sequence[Task], path: str) -> None:
             raise BadInput(f"{path}:{line}: {task.model} would be written by line {written[model]} too; give another model")
         if model in inputs or same_file(model, path):
             raise BadInput(f"{path}:{line}: the model {task.model} would be written over an input; give another model")
+        check_no_table(task.model_file)
         written[model] = line
     for task in tasks:
         model = os.path.realpath(task.model_file)

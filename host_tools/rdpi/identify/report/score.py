@@ -28,27 +28,31 @@ TEMPLATES = environment(__package__)
 
 
 def write_score(folder: str | os.PathLike[str], runs: Sequence[Recording], scores: Sequence[tracking.Tracked],
-                document: dict[str, Any]) -> None:
-    """Write score.html and score.json, the `document`, into a folder, which is made. Each is written atomically."""
-    text = _page(runs, scores)
+                document: dict[str, Any], remove_offset: bool = False) -> None:
+    """Write score.html and score.json, the `document`, into a folder, which is made. Each is written atomically.
+    `remove_offset`: the scores are without the mean errors, and so are the pictures.
+    """
+    text = _page(runs, scores, remove_offset)
     make_folder(folder)
     atomic_write(Path(folder) / PAGE, text)
     atomic_write(Path(folder) / DOCUMENT, json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
-def _page(runs: Sequence[Recording], scores: Sequence[tracking.Tracked]) -> str:
+def _page(runs: Sequence[Recording], scores: Sequence[tracking.Tracked], remove_offset: bool) -> str:
     worst = sorted(range(len(runs)), key=lambda k: -scores[k].rms_percent)
     actuator = next((run.metadata["actuator"] for run in runs if run.metadata.get("actuator")), "the reference")
     with drawing.style():
         return TEMPLATES.get_template("score.html.j2").render(
-            heading=plain(actuator, 100), sentence=_sentence(scores), rows=_rows(runs, scores),
-            figures=[one for k in worst[:SHOWN] for one in _figures(runs[k])], facts=[("tool", f"rdpi {version()}")])
+            heading=plain(actuator, 100), sentence=_sentence(scores, remove_offset), rows=_rows(runs, scores),
+            figures=[one for k in worst[:SHOWN] for one in _figures(runs[k], remove_offset)],
+            remove_offset=remove_offset, facts=[("tool", f"rdpi {version()}")])
 
 
-def _sentence(scores: Sequence[tracking.Tracked]) -> str:
+def _sentence(scores: Sequence[tracking.Tracked], remove_offset: bool) -> str:
     worst = max(scores, key=lambda one: one.rms_percent)
     text = f"The displacement follows the reference to {number(worst.rms_percent, 2)} % rms of its peak-to-peak"
-    return text + (", or better." if len(scores) > 1 else ".")
+    better = ", or better" if len(scores) > 1 else ""
+    return text + better + ("; the mean error is removed." if remove_offset else ".")
 
 
 def _rows(runs: Sequence[Recording], scores: Sequence[tracking.Tracked]) -> list[dict[str, str]]:
@@ -59,8 +63,10 @@ def _rows(runs: Sequence[Recording], scores: Sequence[tracking.Tracked]) -> list
             for k, (run, one) in enumerate(zip(runs, scores))]
 
 
-def _figures(run: Recording) -> list[drawing.Shown]:
+def _figures(run: Recording, remove_offset: bool) -> list[drawing.Shown]:
     name, error = plain(base(run.path), 60), run.displacement_um - run.columns["reference_um"]
+    if remove_offset:
+        error = error - np.mean(error)
     made = [(_time(run, error), f"{name}: where the error is largest, over time."),
             (_against(run, error), f"{name}: the error against the reference. A loop is hysteresis or delay."),
             (_spectrum(run, error), f"{name}: spectrum of the error, in octaves.")]

@@ -26,7 +26,7 @@ class Creep(Effect):
     name = "creep"
     title = "creep"
     what = "after a move the actuator goes on moving, in proportion to the logarithm of time"
-    remedy = "wait after large moves, close the loop for slow motion, or add creep to the inverse"
+    remedy = "wait after large moves, close the loop for slow motion, or take an inverse that knows of creep"
     needs = "steps, each with a hold after it; creep starts anew at each step"
     stages = ("actuator",)
     of_rig = True
@@ -50,8 +50,9 @@ class Creep(Effect):
                          poles=tuple((share, float(time_s)) for time_s in TIMES_S) if share else ())
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
-        longest = max(len(run) * run.sample_time_s for run in residuals.runs)
-        return [self.absent()] if longest > HOLD_S else []
+        longest_s = max(len(run) * run.sample_time_s for run in residuals.runs)
+        slowest_s = max(run.sample_time_s for run in residuals.runs)  # beside it a pole must still last
+        return [self.absent()] if longest_s > HOLD_S and slowest_s < TIMES_S[-1] / 10 else []
 
     def shown(self, drive: PlannedDrive) -> Shown | None:
         least = float(drive.least([drive.change(self, percent_per_decade=1.0)], [drive.lagged(FAST_S)])[0])
