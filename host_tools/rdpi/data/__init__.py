@@ -14,6 +14,6 @@ from .resample import filled, thinned
 
 __all__ = ["MIN_SAMPLES", "RATE_TOLERANCE", "RATES_HZ", "ROLES", "RUN_COLUMNS", "GrowingRecording", "Limits", "Recording",
            "Request", "amid", "arguments", "atomic_write", "beside_drive", "check_made", "check_no_table", "check_outputs",
-           "check_sizes", "check_targets", "content", "excite", "filled", "import_recording", "is_device", "make_drive", "make_folder",
-           "read_bytes", "read_recording", "reserved", "same_file", "sample_times", "sync_folder", "taken", "targets",
-           "thinned", "write_all", "write_recording"]
+           "check_sizes", "check_targets", "content", "excite", "filled", "import_recording", "is_device", "make_drive",
+           "make_folder", "read_bytes", "read_recording", "reserved", "same_file", "sample_times", "sync_folder", "taken",
+           "targets", "thinned", "write_all", "write_recording"]

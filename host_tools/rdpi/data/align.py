@@ -61,7 +61,8 @@ def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]
     found.
 
     command_V becomes that of the drive, every other column is interpolated behind a low-pass. A reference that was not
-    recorded is that of the drive. Raises BadInput if the drive is not in the recording from the end of its sweep to its own end, or if its place stays in doubt.
+    recorded is that of the drive. Raises BadInput if the drive is not in the recording from the end of its sweep to its
+    own end, or if its place stays in doubt.
     """
     first, swept = _after_sweep(drive)
     found = align(run, drive, first)
