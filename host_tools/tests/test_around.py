@@ -92,6 +92,26 @@ def test_a_rate_law_takes_the_place_of_no_lag_that_leaves_clearly_less(rated: bo
     assert [leaving(share, lag).beats(law_or_plain) for share in (0.7, 0.85, 0.95)] == [True, rated, False]
 
 
+@pytest.mark.parametrize(("left", "taken"), [(0.5, True), (0.85, False)])
+def test_several_that_come_late_take_the_place_of_a_rate_law(left: float, taken: bool, monkeypatch: pytest.MonkeyPatch
+                                                             ) -> None:
+    """Each alone hardly leaves less than the law; together they must leave far less."""
+    squares = 1.0 + 0.1 * np.random.default_rng(1).random((2, joint.BLOCKS))
+    asked = []
+
+    def leaving(share: float, *names: str, rated: bool = False) -> choice.Judged:
+        acting = tuple(Acting(CATALOGUE[name](), PUT[name]) for name in names)
+        return choice.Judged(SimpleNamespace(hypothesis=Hypothesis(acting, rated=rated), at_ends=[],
+                                             setting=SimpleNamespace(samples=1000)), share * squares)
+
+    plain, law, late = leaving(3.0), leaving(1.0, rated=True), leaving(left, "lag", "relaxation")
+    monkeypatch.setattr(choice, "_grown", lambda *arguments: asked.append(arguments) or late)
+    monkeypatch.setattr(choice, "_pruned", lambda now, rate_law: now)
+    assert choice._late_instead(plain, law, []) is (late if taken else law) and asked == [(plain, [], False)]
+    for beside in (plain, leaving(1.0, "lag", rated=True)):  # no law, or one beside what comes late
+        assert choice._late_instead(plain, beside, []) is beside and len(asked) == 1
+
+
 @pytest.mark.parametrize("beside", [(), ("delay",)])
 def test_what_comes_late_at_the_end_of_what_rigs_have_is_not_kept(beside: tuple[str, ...]) -> None:
     others = tuple(Acting(CATALOGUE[name](), PUT[name]) for name in beside)

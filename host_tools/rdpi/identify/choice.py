@@ -139,6 +139,7 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     plain = judged(setting, Hypothesis(), unknowns)
     grown = _grown(plain, candidates, rate_law, lambda share: progress(0.5 * share))
     now = _pruned(grown, rate_law)
+    now = _late_instead(plain, now, candidates)
     now = _late_first(plain, now, candidates, rate_law)
     progress(0.6)
     full = _full(now, candidates)
@@ -254,6 +255,18 @@ def _grown(now: Judged, candidates: Sequence[Effect], rate_law: bool, progress: 
         now, rounds = better, rounds + 1
         progress(rounds / (1 + len(candidates)))
     return now
+
+
+def _late_instead(plain: Judged, now: Judged, candidates: Sequence[Effect]) -> Judged:
+    """What grows without a rate law, where one was taken and nothing that comes late: if that leaves far less.
+
+    The law stands for all that comes late, as far as that goes. Each such effect alone hardly leaves less than it does.
+    """
+    if not now.hypothesis.rated or now.hypothesis.comes_late:
+        return now
+    other = _pruned(_grown(plain, candidates, False), False)
+    enough = other.hypothesis.comes_late and other.left < (1 - tuned.FIRST_GAIN[0]) * now.left
+    return other if enough and other.beats(now) else now
 
 
 def _late_first(plain: Judged, now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged:
