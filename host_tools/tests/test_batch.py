@@ -282,6 +282,8 @@ def test_no_model_is_written_over_what_is_kept_with_one_that_is_read(here, rdpi)
     done = rdpi("batch", "plan.csv", "-o", "results.sqlite")
     assert done.exit_code == 2 and f"plan.csv:2: the model {copy} would be written over an input" in done.output
     plan("B,,a.csv,m.json", names="actuator,fit,gap,model")
+    done = rdpi("batch", "plan.csv", "-o", copy)
+    assert done.exit_code == 2 and f"{copy}: would be written over a file of B in plan.csv" in done.output
     done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--json", copy)
     assert done.exit_code == 2 and f"{copy}: is a table that is there already" in done.output
     assert copy.read_bytes() == whole and not Path("results.sqlite").exists()

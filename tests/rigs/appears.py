@@ -19,8 +19,9 @@ models predict NEW recordings, other waveforms after a sweep, as `rdpi simulate`
 Under the table stand the rows of targets that the tool is to reach: singles are one effect of APPEARS of rho 1 or more,
 and "all" are these. A track alone: one of the references, predicted with the zero included, by more than 5 % worse.
 A fresh recording is one of the kinds that `rdpi gap` saw, with other random numbers: its frequency may be three times
-as high, which changes what a delay brings. Beside the promise for these stands that for the same drives once more. An effect may hide what the model missed all along; then the
-right one makes a prediction worse. The row below leaves these out: they were predicted as badly before the effect.
+as high, which changes what a delay brings. Beside the promise for these stands that for the same drives once more.
+An effect may hide what the model missed all along; then the right one makes a prediction worse. The row below leaves
+these out: they were predicted as badly before the effect.
 `--poor` shows a tracked profile and a sine only. `--nones` lets nothing happen several times, with other drives.
 `--follow` plays the recording that an "ambiguous" verdict proposes, on the rig as it is then, from any past, and asks
 again with it beside the first ones; so many times. Settled: the first name is right and has no rival left.

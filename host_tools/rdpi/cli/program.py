@@ -121,7 +121,9 @@ def _print_json(text: str) -> None:
 
 
 def _check_paths(context: click.Context) -> None:
-    """Refuse, before any work, outputs that cannot be written or that are inputs, kept with a model, or each other."""
+    """Refuse, before any work, outputs that cannot be written or that are inputs, kept with a model, or each other, and
+    JSON in the place of a table.
+    """
     inputs: list[str] = []
     models: list[str] = []
     outputs: list[str] = []

@@ -54,7 +54,8 @@ def settled(selection: Selection, gap: Excess) -> Selection:
                 rivals = {}
             reached, name = there, done.best.name
         rivals[name] = done.rivals
-    reached = _largest_first(selection.given, reached)
+    if len(reached.chosen) > 1:
+        reached = _largest_first(selection.given, reached)
     if len(reached.chosen) == 1:  # of single ones, the first round has told the best
         reached, rivals = selection.states[1] if len(selection.states) > 1 else selection.given, {}
     return _rewritten(selection, reached, rivals, gap)
@@ -67,10 +68,15 @@ def _accepting(given: AugmentedModel, chosen: Iterable[Candidate]) -> AugmentedM
 
 
 def _largest_first(given: AugmentedModel, state: AugmentedModel) -> AugmentedModel:
-    """What took another's place stands last until then, however much goes without it."""
-    without = [_lacking(given, state, place).squares for place in range(len(state.chosen))]
+    """With its effects in the order of what is left without each. What took another's place was put last."""
+    without = _without_each(given, state)
     order = sorted(range(len(without)), key=lambda place: -without[place])
     return replace(state, chosen=tuple(state.chosen[place] for place in order))
+
+
+def _without_each(given: AugmentedModel, state: AugmentedModel) -> list[float]:
+    """Squares that are left without each accepted effect, the others as they are."""
+    return [_lacking(given, state, place).squares for place in range(len(state.chosen))]
 
 
 def _lacking(given: AugmentedModel, state: AugmentedModel, place: int) -> AugmentedModel:
@@ -106,8 +112,7 @@ def _asked_for_pairs(selection: Selection, gap: Excess) -> AugmentedModel:
         except BadInput:  # numbers beyond the library's
             continue
         # Two that are each larger than the gap, and cancel, make up for what the model missed anyway.
-        without = [_lacking(given, pair, place).squares for place in (0, 1)]
-        if max(without) < thresholds.CANCELS * given.squares and \
+        if max(_without_each(given, pair)) < thresholds.CANCELS * given.squares and \
                 pair.squares < (1 - thresholds.RIVAL_MARGIN) * reached.squares:
             reached = pair
     return reached

@@ -155,13 +155,13 @@ def _rows(document: FitDocument, sides: Sequence[Side]) -> list[dict[str, str]]:
 def _sections(result: Fit, runs: Sequence[Recording], sides: Sequence[Side]) -> list[dict[str, Any]]:
     """Headings with their pictures."""
     worst = sorted(range(len(runs)), key=lambda k: -float(np.std(sides[-1].residuals_um[k])))
-    first, least = runs[worst[0]], " without the effects" if len(sides) > 1 else ""
+    first, by = runs[worst[0]], " without the effects" if len(sides) > 1 else ""
     return [
         _section("Measured against predicted", True, [
             (drawing.time_figure(first, _missed(sides, worst[0])),
-             f"{_name(first)}, where most is missed{least}. The mean error is removed."),
+             f"{_name(first)}, where most is missed{by}. The mean error is removed."),
             (drawing.residual_figure(first, _missed(sides, worst[0]), result.noise_um),
-             f"What is missed of {_name(first)}: all of it, and where it is worst{least}. The mean is removed.")]),
+             f"What is missed of {_name(first)}: all of it, and where it is worst{by}. The mean is removed.")]),
         _section("Loops", False, [(drawing.loop_figure(runs[k], _missed(sides, k)), f"{_name(runs[k])}: one wide "
                                    "cycle, and what is missed of it.") for k in worst[:LOOPS]]),
         _section("Slopes against rate", True, [

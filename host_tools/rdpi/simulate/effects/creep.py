@@ -11,6 +11,7 @@ from .planned import PlannedDrive, Shown, time_text
 from .treatment import Treatment
 
 TIMES_S = 10.0 ** np.arange(-1.0, 3.01, 0.5)  # of the lags whose sum grows as the logarithm of time
+COARSEST_S = TIMES_S[-1] / 10  # of sampling: beside a longer sample hardly a lag lasts
 PER_DECADE = float((len(TIMES_S) - 1) / np.log10(TIMES_S[-1] / TIMES_S[0]))
 FAST_S = 0.01  # a lag of this time constant may be there too
 HOLD_S = 1.0  # creep is slow: shorter recordings cannot show it
@@ -51,8 +52,8 @@ class Creep(Effect):
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         longest_s = max(len(run) * run.sample_time_s for run in residuals.runs)
-        slowest_s = max(run.sample_time_s for run in residuals.runs)  # beside it a pole must still last
-        return [self.absent()] if longest_s > HOLD_S and slowest_s < TIMES_S[-1] / 10 else []
+        coarsest_s = max(run.sample_time_s for run in residuals.runs)
+        return [self.absent()] if longest_s > HOLD_S and coarsest_s < COARSEST_S else []
 
     def shown(self, drive: PlannedDrive) -> Shown | None:
         least = float(drive.least([drive.change(self, percent_per_decade=1.0)], [drive.lagged(FAST_S)])[0])
