@@ -445,6 +445,13 @@ def test_the_data_sheet_of_the_sensor(sensor: Sensor, delay_s: float, lag_s: flo
     assert (found.delay_s, found.lag_s) == pytest.approx((delay_s, lag_s), abs=1e-12)
 
 
+def test_what_does_nothing_is_not_said_to_be_compensated() -> None:
+    (told,) = inverse_of(model_with(entry("delay", parameters={"delay_s": {"value": None}}))).told
+    assert (told.how, told.why) == ("left out", "with these values it does nothing")
+    found = inverse_of(model_with(entry("delay", origin="fit")), sensor=Sensor(1.23e-3, 0.0))
+    assert (found.told[0].how, found.told[0].why) == ("left out", "all of it is the sensor's") and not found.chain.acts
+
+
 @pytest.mark.parametrize(("sensor", "words"), [
     (Sensor(2e-3, 0.0), "later than all"), (Sensor(-1.0, 0.0), "--sensor-delay -1"),
     (Sensor(0.0, float("nan")), "--sensor-lag nan")])

@@ -200,4 +200,4 @@ def lines(choice: Choice, model: Model) -> list[str]:
 def _size(effect: Effect, parameter: Any, value: float, ci95: tuple[float, float] | None) -> str:
     unit = effect.unit(parameter)
     text = f"{parameter.name} {value:.4g}" + (f" {unit}" if unit != "1" else "")
-    return text + (f" ({ci95[0]:.4g} to {ci95[1]:.4g})" if ci95 else ", at an end of what the fit allows")
+    return text + (f" (95 %: {ci95[0]:.4g} to {ci95[1]:.4g})" if ci95 else ", at an end of what the fit allows")
