@@ -15,6 +15,7 @@ from ..simulate.effects import CATALOGUE, SENSOR, Acting, Effect
 from .amplifier import OF_AMPLIFIER, Amplifier
 from .choice import Choice, Judged, Kept, choose, forced, judged, refitted, starts, with_rate_filter, without_rate_law
 from .document import BeforeAfter, IdentifiedEffect
+from .holds import limited
 from .hypothesis import Hypothesis, Setting, Unknowns
 from .joint import Linearised, refined
 from .regression import Run, rerated, smoothing_times_s, top_rate
@@ -68,7 +69,8 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
     rate_law = strokes.rates_differ
     names = wanted(options.effects)
     if names is None:
-        candidates = [_placed(kind, amplifier) for kind in FITTED.values() if strokes.show(kind)]
+        candidates = list(filter(None, (limited(_placed(kind, amplifier), runs, plain.model) for kind in FITTED.values()
+                                        if strokes.show(kind))))
         found = choose(setting.thinned(strokes.shortest_s), unknowns, candidates, rate_law, progress)
         if options.rate_filter_s is None and not options.rate_independent:
             least_s = FILTER_SAMPLES * max(run.sample_time_s for run in runs)
@@ -200,4 +202,7 @@ def lines(choice: Choice, model: Model) -> list[str]:
 def _size(effect: Effect, parameter: Any, value: float, ci95: tuple[float, float] | None) -> str:
     unit = effect.unit(parameter)
     text = f"{parameter.name} {value:.4g}" + (f" {unit}" if unit != "1" else "")
-    return text + (f" (95 %: {ci95[0]:.4g} to {ci95[1]:.4g})" if ci95 else ", at an end of what the fit allows")
+    if ci95:
+        return f"{text} (95 %: {ci95[0]:.4g} to {ci95[1]:.4g})"
+    return text + (", the most that holds show" if parameter.name == effect.in_holds and value > 0 else
+                   ", at an end of what the fit allows")
