@@ -445,6 +445,16 @@ def test_the_data_sheet_of_the_sensor(sensor: Sensor, delay_s: float, lag_s: flo
     assert (found.delay_s, found.lag_s) == pytest.approx((delay_s, lag_s), abs=1e-12)
 
 
+def test_an_effect_that_acts_has_all_its_values() -> None:
+    for share, refused in ((0.1, True), (0.0, False), (None, False)):
+        model = model_with(entry("relaxation", parameters={"share": share, "time_constant_s": None}))
+        if refused:
+            with pytest.raises(BadInput, match=r"relaxation\): time_constant_s is null, but the effect acts"):
+                inverse_of(model)
+        else:
+            assert not inverse_of(model).chain.acts
+
+
 def test_what_does_nothing_is_not_said_to_be_compensated() -> None:
     (told,) = inverse_of(model_with(entry("delay", parameters={"delay_s": {"value": None}}))).told
     assert (told.how, told.why) == ("left out", "with these values it does nothing")

@@ -61,6 +61,14 @@ def test_a_folder_that_may_not_be_written_to(monkeypatch: pytest.MonkeyPatch) ->
     check_outputs(["/dev/null"])
 
 
+def test_a_file_that_is_protected_is_not_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rename that puts a file into its place does not ask it."""
+    monkeypatch.setattr(os, "access", lambda path, mode: os.path.isdir(path))
+    with pytest.raises(BadInput, match="run.csv: .*protected"):
+        check_outputs(["run.csv"])
+    check_outputs(["new.csv"])
+
+
 def test_the_target_of_each_source() -> None:
     assert targets(["a.mat"], "new.csv") == [Path("new.csv")]
     assert targets(["a.mat"], "runs") == targets(["x/a.mat"], "runs/") == [Path("runs/a.csv")]

@@ -154,7 +154,8 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("options, status", [
     (("--fail-on", "effect"), 1), (("--fail-on", "ambiguous,unknown"), 0), (("--max-gap", "90"), 0),
-    (("--max-gap", "0.001"), 1), (("--fail-on", "unknown, effect", "--max-gap", "90"), 1)])
+    (("--max-gap", "0.001"), 1), (("--fail-on", "unknown, effect", "--max-gap", "90"), 1),
+    (("--fail-on", "effect", "--fail-on", "unknown"), 1)])
 def test_gates_of_gap(rdpi: Callable, late: Path, tmp_path: Path, options: tuple[str, ...], status: int) -> None:
     done = rdpi("gap", late / "model.json", late / "late0.csv", late / "late1.csv", *options, "-o",
                 tmp_path / "improved.json", "--json", tmp_path / "gap.json")

@@ -14,7 +14,7 @@ from ..errors import BadInput, printable
 from . import diagnosis, models
 from .program import by_options, command, other_outputs
 from .progress import progress
-from .types import Choices, Output, Percent, Report
+from .types import Choices, Output, Percent, Report, all_of
 
 if TYPE_CHECKING:
     from ..gap.batch import Row
@@ -37,7 +37,8 @@ OPTIONS = (*(one for one in models.fit.params if isinstance(one, click.Option) a
 @click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
               help="Exit with status 1 if the rms error of any actuator's held-out recordings exceeds this, % of stroke. "
                    "Without hold_out, the limit applies to all its recordings.")
-@click.option("--fail-on", type=Choices("effect", "ambiguous", "unknown"), default=(), metavar="VERDICT,...",
+@click.option("--fail-on", multiple=True, callback=all_of, type=Choices("effect", "ambiguous", "unknown"),
+              metavar="VERDICT,...",
               help="Exit with status 1 if the verdict of any actuator is one of these: effect, ambiguous, unknown.")
 @click.option("--max-gap", "max_gap_percent", type=Percent(), metavar="PERCENT",
               help="Exit with status 1 if the rms gap of any actuator exceeds this, % of stroke.")

@@ -11,7 +11,7 @@ from .. import version
 from ..errors import BadInput
 from .program import command
 from .progress import progress
-from .types import Choices, ModelFile, Output, Percent, Report
+from .types import Choices, ModelFile, Output, Percent, Report, all_of
 
 if TYPE_CHECKING:
     from ..gap import GapDocument
@@ -95,7 +95,8 @@ def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offse
                    "they help. May be given several times.")
 @click.option("--without", multiple=True, metavar="EFFECT",
               help="Do not try this effect. May be given several times.")
-@click.option("--fail-on", type=Choices("effect", "ambiguous", "unknown"), default=(), metavar="VERDICT,...",
+@click.option("--fail-on", multiple=True, callback=all_of, type=Choices("effect", "ambiguous", "unknown"),
+              metavar="VERDICT,...",
               help="Exit with status 1 if the verdict is one of these: effect, ambiguous, unknown.")
 @click.option("--max-gap", "max_gap_percent", type=Percent(), metavar="PERCENT",
               help="Exit with status 1 if the rms gap exceeds this, % of stroke.")

@@ -96,6 +96,11 @@ class Choices(click.ParamType):
         return found
 
 
+def all_of(context: click.Context, parameter: click.Parameter, values: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
+    """The words of a `Choices` that may be given several times."""
+    return tuple(word for one in values for word in one)
+
+
 class Rows(click.ParamType):
     """START:STOP, as Python slices count."""
 

@@ -77,6 +77,8 @@ def _check_folder(name: str, made: str | None, folders: Collection[str]) -> None
     into = name if os.path.isdir(name) else os.path.dirname(os.path.realpath(name))
     if os.path.isdir(into) and (into == name or not is_device(name)) and not os.access(into, os.W_OK):
         raise BadInput(f"{name}: you may not write to the directory {into}; check its permissions")
+    if os.path.isfile(name) and not os.access(name, os.W_OK):
+        raise BadInput(f"{name}: is there already and protected against writing; give another name, or lift its protection")
 
 
 def targets(sources: Sequence[str], output: str, others: Sequence[str] = (), numbered: bool = False) -> list[Path]:

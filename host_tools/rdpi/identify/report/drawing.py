@@ -33,6 +33,7 @@ WIDE, LOOP = (4.6, 3.3), (3.6, 3.4)  # inches
 COLUMNS = 500  # of a curve over time: more cannot be seen
 ZOOM = 0.05  # of a recording, shown once more where the residual is worst
 STROKES = 8  # of a recording, shown beside what is predicted
+DYNAMIC = 1e3  # of a spectrum: what is so much smaller than the largest is not shown
 NUMBERED = 120  # cells of the heat map that have room for a number
 
 
@@ -65,9 +66,12 @@ def spectrum_figure(curves: Sequence[tuple[str, Sequence[float], np.ndarray, dic
     for label, rms, bands, look in curves:
         axes.stairs(np.where(np.array(rms) > 0, rms, np.nan), bands, baseline=None, label=label, **look)
     edges = curves[0][2]
-    shows = any(np.any(np.array(rms) > 0) for _, rms, _, _ in curves)  # what is missed nowhere has no logarithm
-    axes.set(xscale="log", yscale="log" if shows else "linear", xlabel=LABELS["frequency_hz"],
+    everything = np.concatenate([np.array(rms, float) for _, rms, _, _ in curves])
+    shown = everything[everything > 0]  # what is missed nowhere has no logarithm
+    axes.set(xscale="log", yscale="log" if len(shown) else "linear", xlabel=LABELS["frequency_hz"],
              ylabel=f"{what} per band [µm rms]", xlim=(edges[edges > 0][0], edges[-1]))
+    if len(shown) and np.min(shown) < np.max(shown) / DYNAMIC:
+        axes.set_ylim(bottom=np.max(shown) / DYNAMIC)
     logarithmic(axes)
     legend(axes)
     return figure

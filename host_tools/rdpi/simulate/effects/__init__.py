@@ -219,7 +219,7 @@ def _acting(entry: Any, where: str) -> Acting:
         raise BadInput(f"{where}: parameters must be an object")
     if (complaint := _misnamed(entry, given, kind)) is not None:
         raise BadInput(f"{where}: {complaint}")
-    values = {}
+    values, unknown = {}, []
     for parameter in kind.parameters:
         value = given.get(parameter.name, parameter.absent)
         if isinstance(value, dict):
@@ -233,6 +233,7 @@ def _acting(entry: Any, where: str) -> Acting:
             value = value["value"]
         if value is None:
             value = parameter.absent
+            unknown += [parameter.name] if value and np.isfinite(value) else []
         low, high = parameter.ends
         if isinstance(value, bool) or not isinstance(value, (int, float)) or \
                 not (low <= value <= high or value in (parameter.low, parameter.high)):
@@ -241,6 +242,8 @@ def _acting(entry: Any, where: str) -> Acting:
         values[parameter.name] = float(value)
     if (complaint := kind.refusal(values)) is not None:
         raise BadInput(f"{where}: {complaint}")
+    if unknown and values != kind(stage, **options).absent():
+        raise BadInput(f"{where}: {unknown[0]} is null, but the effect acts; give it a number")
     return Acting(kind(stage, **options), values)
 
 
