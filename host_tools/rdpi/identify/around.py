@@ -204,5 +204,5 @@ def _size(effect: Effect, parameter: Any, value: float, ci95: tuple[float, float
     text = f"{parameter.name} {value:.4g}" + (f" {unit}" if unit != "1" else "")
     if ci95:
         return f"{text} (95 %: {ci95[0]:.4g} to {ci95[1]:.4g})"
-    return text + (", the most that holds show" if parameter.name == effect.in_holds and value > 0 else
-                   ", at an end of what the fit allows")
+    limited_by_holds = effect.on_rig != type(effect).on_rig and value > 0
+    return text + (", the most that holds show" if limited_by_holds else ", at an end of what the fit allows")
