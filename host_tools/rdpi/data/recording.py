@@ -236,9 +236,9 @@ def sample_times(count: int, rate_hz: float, first: int = 0) -> np.ndarray:
 def check_metadata(metadata: Mapping[str, str], key_place: Callable[[str], str]) -> None:
     """Raise BadInput unless `memory` and `sample_rate_hz`, where given, are so written and can be used."""
     for key in metadata:
-        for known in ("memory", "sample_rate_hz"):
-            if key != known and str(key).lower() == known:
-                raise BadInput(f"{key_place(key)}: write {known} in lower case, not {quoted(str(key))}")
+        known = str(key).lower()
+        if key != known and known in ("memory", "sample_rate_hz"):
+            raise BadInput(f"{key_place(key)}: write {known} in lower case, not {quoted(str(key))}")
     memory = metadata.get("memory")
     if memory is not None and memory not in MEMORY:
         raise BadInput(f"{key_place('memory')}: memory is {quoted(str(memory))}; use one of {', '.join(MEMORY)}")

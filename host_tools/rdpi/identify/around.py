@@ -15,7 +15,7 @@ from ..simulate.effects import CATALOGUE, SENSOR, Acting, Effect
 from .amplifier import OF_AMPLIFIER, Amplifier
 from .choice import Choice, Judged, Kept, choose, forced, judged, refitted, starts, with_rate_filter, without_rate_law
 from .document import BeforeAfter, IdentifiedEffect
-from .holds import limited
+from .holds import is_limited, limited
 from .hypothesis import Hypothesis, Setting, Unknowns
 from .joint import Linearised, refined
 from .regression import Run, rerated, smoothing_times_s, top_rate
@@ -204,5 +204,5 @@ def _size(effect: Effect, parameter: Any, value: float, ci95: tuple[float, float
     text = f"{parameter.name} {value:.4g}" + (f" {unit}" if unit != "1" else "")
     if ci95:
         return f"{text} (95 %: {ci95[0]:.4g} to {ci95[1]:.4g})"
-    limited_by_holds = effect.on_rig != type(effect).on_rig and value > 0
-    return text + (", the most that holds show" if limited_by_holds else ", at an end of what the fit allows")
+    return text + (", the most that holds show" if is_limited(effect) and value > 0 else
+                   ", at an end of what the fit allows")

@@ -6,6 +6,7 @@ Over whole recordings creep also makes up for what the operator cannot show of s
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 
 import numpy as np
 
@@ -28,8 +29,14 @@ def limited(effect: Effect, runs: Sequence[Recording], model: Model) -> Effect |
     low, high = effect.on_rig[effect.in_holds]
     if most <= low:
         return None
-    effect.on_rig = {**effect.on_rig, effect.in_holds: (low, min(high, most))}
-    return effect
+    narrower = copy(effect)
+    narrower.on_rig = {**effect.on_rig, effect.in_holds: (low, min(high, most))}
+    return narrower
+
+
+def is_limited(effect: Effect) -> bool:
+    """Whether `limited` made it."""
+    return effect.on_rig != type(effect).on_rig
 
 
 def most_shown(effect: Effect, name: str, runs: Sequence[Recording], model: Model) -> float:

@@ -155,17 +155,16 @@ def inverse_of(model: Model, *, leave_out: Collection[str] = (), preview: bool =
     told, used = [], []
     for one in acting:
         name = one.effect.name
+        values = next((less.values for whole, less in zip(open_, lessened) if whole is one), one.values)
         if name in leave_out:
             treatment = left_out("as asked")
         elif one.effect.stage == SENSOR and one not in open_:
             treatment = left_out("it is the sensor's, the actuator does not show it")
+        elif values == one.effect.absent():
+            treatment = left_out("with these values it does nothing" if values == one.values else
+                                 "all of it is the sensor's")
         else:
-            values = next((less.values for whole, less in zip(open_, lessened) if whole is one), one.values)
-            if values == one.effect.absent():
-                treatment = left_out("with these values it does nothing" if values == one.values else
-                                     "all of it is the sensor's")
-            else:
-                treatment = one.effect.treated(values, model, folded_into)
+            treatment = one.effect.treated(values, model, folded_into)
             if treatment.model is not None:
                 treatment, folded_into = _folded(treatment, folded_into)
         spread = f", spread over {time_text(jump_s)}" if treatment.jump_um else ""

@@ -141,15 +141,15 @@ def draw_slopes(axes: Axes, model: Model, bands: RateSlopes | None) -> None:
     line = span / (LINES - 4)
     low, high = middle - span / 2 - line, middle + span / 2 + 3 * line  # room for the guard's name above the slopes'
     named = np.arange(0, len(ends), -(-len(ends) // LABELS))
-    guard, right = model.rate.max_um_per_s, top
-    if guard < 1.3 * top:
-        right = max(top, guard)
+    guard = model.rate.max_um_per_s
+    near = guard < 1.3 * top
+    right = max(top, guard) if near else top
     for i, height in zip(named, _spread(ends[named], line, high - 2.5 * line)):
         # A leader from the line's end: where lines are close, their names stand above them.
         axes.annotate(f"$W_{{{i}}}$", (top, ends[i]), xytext=(top + 0.03 * right, height), fontsize=8, va="center",
                       color=colours[i], arrowprops={"arrowstyle": "-", "lw": 0.6, "color": colours[i], "shrinkA": 0,
                                                     "shrinkB": 0})
-    if guard < 1.3 * top:
+    if near:
         axes.axvline(guard, color="red", lw=0.8, ls="--")
         side = 1 if guard < right / 2 else -1
         axes.annotate("guard", (guard, high), xytext=(3 * side, -3), textcoords="offset points", va="top",

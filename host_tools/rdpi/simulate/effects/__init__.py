@@ -219,6 +219,7 @@ def _acting(entry: Any, where: str) -> Acting:
         raise BadInput(f"{where}: parameters must be an object")
     if (complaint := _misnamed(entry, given, kind)) is not None:
         raise BadInput(f"{where}: {complaint}")
+    effect = kind(stage, **options)
     values, unknown = {}, []
     for parameter in kind.parameters:
         value = given.get(parameter.name, parameter.absent)
@@ -226,7 +227,7 @@ def _acting(entry: Any, where: str) -> Acting:
             if "value" not in value:
                 raise BadInput(f'{where}: {parameter.name} has no value; give it as "value", '
                                "or the number in place of the object")
-            unit = value.get("unit", known := kind(stage, **options).unit(parameter))
+            unit = value.get("unit", known := effect.unit(parameter))
             if unit not in (known, parameter.unit):
                 raise BadInput(f"{where}: {parameter.name} is in {_text(unit)}; give it in {known}, the unit of every "
                                "model file")
@@ -242,9 +243,9 @@ def _acting(entry: Any, where: str) -> Acting:
         values[parameter.name] = float(value)
     if (complaint := kind.refusal(values)) is not None:
         raise BadInput(f"{where}: {complaint}")
-    if unknown and values != kind(stage, **options).absent():
+    if unknown and values != effect.absent():
         raise BadInput(f"{where}: {unknown[0]} is null, but the effect acts; give it a number")
-    return Acting(kind(stage, **options), values)
+    return Acting(effect, values)
 
 
 def _text(value: Any) -> str:

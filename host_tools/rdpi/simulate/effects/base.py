@@ -85,7 +85,8 @@ class Effect:
     of_rig: ClassVar[bool] = False  # stands around the operator of ordinary rigs; `fit` looks for it unless told not to
     needs_rates: ClassVar[bool] = False  # with strokes of a single rate it looks like a loop
     needs_loops: ClassVar[bool] = False  # with strokes of a single size it does
-    on_rig: Mapping[str, tuple[float, float]] = {}  # narrower bounds of parameters where `fit` looks for it
+    # Narrower bounds of parameters where `fit` looks for it; narrower still of an effect that recordings limit.
+    on_rig: Mapping[str, tuple[float, float]] = {}
     in_holds: ClassVar[str | None] = None  # the parameter by which it alone moves on while the drive stands still
     in_gap: ClassVar[Mapping[str, tuple[float, float]]] = {}  # likewise where `gap` does
     comes_late: ClassVar[bool] = False  # the displacement comes late by it, as it does by others of its kind
