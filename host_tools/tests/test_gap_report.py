@@ -300,6 +300,13 @@ def test_nothing_for_certain(ratio: float, why: str) -> None:
         "time with --earlier: this tells more.")
 
 
+def test_the_card_of_a_rival_says_what_it_would_be_and_bring() -> None:
+    accepted, other = gap_report._which(read(document("ambiguous")))
+    assert not accepted["rival"] and any("cannot be told from a first-order lag" in fact for fact in accepted["facts"])
+    assert other["rival"] and other["facts"] == ["time constant 0.480 ms (95 % interval 0.440 to 0.520 ms)",
+                                                "shrink 74 % in its place"]
+
+
 def test_an_unknown_cause() -> None:
     assert sentence(document("unknown")) == (
         "The gap is 0.371 µm rms (2.8 % of the stroke) over 4 recordings, 3.8 times what the model missed at "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
@@ -10,15 +11,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from injected import Drives, drives, entry, plain_model, recorded
+from conftest import ROOT
+from injected import LIMITS, Drives, drives, entry, plain_model, recorded
 from plants import changed, marked
 
-from rdpi.data import Recording, read_recording
+from rdpi.data import Recording, excite, read_recording, sample_times
 from rdpi.gap import Diagnosis, diagnose, experiment
 from rdpi.gap.augmented import AugmentedModel
+from rdpi.gap.sections import NotKnown
 from rdpi.gap.selection import Selection
 from rdpi.identify import Options, checks, fit
 from rdpi.model import Model
+
+sys.path.insert(0, str(ROOT / "tests" / "bench"))
+
+import bench as vb  # noqa: E402
 
 SLOW: Drives = (("sawtooth", {"frequencies_hz": (0.5, 2.0), "cycles": 2}, 1.0), ("minor-loops", {"levels": 4}, 1.0),
                 ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.4, 0.6, 1.0, 1.4, 2.2), "seed": 1}, 1.0))
@@ -47,11 +54,16 @@ def asked_at_speed() -> Diagnosis:
     return diagnose(slowly_commissioned(), recorded(plain_model(), unswept(FAST), RIG))
 
 
+def band_at_speed() -> NotKnown:
+    (band,) = (one for one in asked_at_speed().document.not_known_from_commissioning if one.axis == "frequency_hz")
+    return band
+
+
 def test_where_commissioning_did_not_move_the_gap_need_not_be_new() -> None:
-    (band,) = asked_at_speed().document.not_known_from_commissioning
-    assert band.axis == "frequency_hz" and band.low == 32 and band.high >= 64
+    band = band_at_speed()
+    assert band.low == 32 and band.high >= 64
     assert band.share > 0.8 and band.moved_um > 4 * band.commissioned_um
-    (said,) = (note for note in asked_at_speed().document.notes if "not known from commissioning" in note)
+    (said,) = (note for note in asked_at_speed().document.notes if "not known from commissioning" in note and "Hz" in note)
     assert "32 to" in said and "Hz" in said
 
 
@@ -64,6 +76,7 @@ def test_a_model_of_before_does_not_say() -> None:
     known = slowly_commissioned()
     octaves = {name: part for name, part in known.passport["octaves"].items() if name != "moved"}
     older = replace(known, passport={**known.passport, "octaves": octaves})
+    older.passport["level"] = {name: part for name, part in known.passport["level"].items() if name != "least_std_um"}
     assert not diagnose(older, asked_at_speed().runs).document.not_known_from_commissioning
 
 
@@ -92,7 +105,7 @@ def test_the_proposed_drive_shows_frequencies(rdpi: Callable, tmp_path: Path, mo
     """It moves no further at them than the recordings did; fitted with it, the model knows them."""
     monkeypatch.chdir(tmp_path)
     drive = proposed(asked_at_speed(), slowly_commissioned(), rdpi)
-    (band,) = asked_at_speed().document.not_known_from_commissioning
+    band = band_at_speed()
     swept = drive.time_s <= float(drive.metadata["sweep_s"])
     assert np.ptp(drive.command_V[~swept]) * 0.13 <= 2.2 * band.moved_um and np.ptp(drive.command_V[swept]) == 100
     fastest = max(np.max(np.abs(np.diff(run.command_V))) * run.sample_rate_hz for run in asked_at_speed().runs)
@@ -117,3 +130,60 @@ def test_a_sine_that_is_upside_down_is_remarked_on() -> None:
     notes = checks.check_against(slowly_commissioned(), [changed(sine, displacement_um=-sine.displacement_um)])
     assert any("moves opposite to the model" in note and "sign" in note for note in notes)
     assert not any("opposite" in note for note in checks.check_against(slowly_commissioned(), [sine]))
+
+
+FINE = (("sine", {"frequencies_hz": (2.0,), "cycles": 12}, 0.06, 25.0),
+        ("sawtooth", {"frequencies_hz": (1.0, 2.0), "cycles": 3}, 0.04, 25.0),
+        ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.5, 1.0, 1.7), "seed": 4}, 0.08, 70.0))
+
+
+def played(bench: vb.Bench, command_V: np.ndarray, name: str) -> Recording:
+    """On a bench that was swept to the middle of its range."""
+    rate_hz = LIMITS.sample_rate_hz
+    bench.demagnetise(rate_hz)
+    columns = {"time_s": sample_times(len(command_V), rate_hz), "command_V": command_V,
+               "displacement_um": bench.run(command_V, rate_hz)}
+    return Recording(name, {"sample_rate_hz": f"{rate_hz:g}", "memory": "reset"}, columns, f"sha256:{name}")
+
+
+def finely(bench: vb.Bench) -> list[Recording]:
+    """Movements of 4 to 8 % of the range about places aside of its middle."""
+    found = []
+    for kind, options, share, place_V in FINE:
+        wave = place_V + share * (excite.make_drive(kind, LIMITS, **options, sweep=False)[0]["command_V"] - 50)
+        found.append(played(bench, np.r_[np.full(50, 50.0), np.linspace(50, wave[0], 400), wave], f"fine {kind}.csv"))
+    return found
+
+
+def asked_of_little(kind: str) -> tuple[Model, Diagnosis]:
+    """Commissioned over its range and asked about little movements."""
+    bench = vb.make(kind, 3)
+    model = fit([played(bench, drive.command_V, drive.path) for drive in unswept(SLOW)]).model
+    return model, diagnose(model, finely(bench))
+
+
+def test_movements_smaller_than_those_of_commissioning_show_nothing_new() -> None:
+    model, found = asked_of_little("bouc-wen")  # its inner loops drift
+    (little,) = found.document.not_known_from_commissioning
+    assert little.axis == "movement_um" and little.share > 0.9
+    assert little.low < little.high == little.moved_um < 0.4 * little.commissioned_um
+    assert found.document.verdict == "none"
+    (said,) = (note for note in found.document.notes if "not known from commissioning" in note)
+    assert "um rms or less" in said
+    level = {**model.passport["level"], "least_std_um": None, "drift_um": None}
+    older = replace(model, passport={**model.passport, "level": level})
+    assert diagnose(older, found.runs).document.verdict != "none"
+
+
+def test_the_proposed_drive_shows_small_movements(rdpi: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fitted with it, the model knows what it misses of them."""
+    monkeypatch.chdir(tmp_path)
+    model, found = asked_of_little("preisach")
+    assert found.document.not_known_from_commissioning
+    drive = proposed(found, model, rdpi)
+    swept = drive.time_s <= float(drive.metadata["sweep_s"])
+    assert 3 < np.ptp(drive.command_V[~swept]) < 10 and np.ptp(drive.command_V[swept]) == 100
+    bench = vb.make("preisach", 3)
+    runs = [played(bench, drive.command_V, drive.path) for drive in (*unswept(SLOW), drive)]
+    again = diagnose(fit(runs).model, finely(bench)).document
+    assert again.verdict == "none" and not again.not_known_from_commissioning

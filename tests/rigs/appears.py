@@ -22,7 +22,8 @@ A fresh recording is one of the kinds that `rdpi gap` saw, with other random num
 as high, which changes what a delay brings. Beside the promise for these stands that for the same drives once more.
 An effect may hide what the model missed all along; then the right one makes a prediction worse. The row below leaves
 these out: they were predicted as badly before the effect.
-`--poor` shows a tracked profile and a sine only. `--nones` lets nothing happen several times, with other drives.
+`--poor` shows a tracked profile and a sine only, `--fine` movements of a tenth of the range only. `--nones` lets nothing
+happen several times, with other drives.
 `--follow` plays the recording that an "ambiguous" verdict proposes, on the rig as it is then, from any past, and asks
 again with it beside the first ones; so many times. Settled: the first name is right and has no rival left.
 
@@ -412,7 +413,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--chain", choices=["auto", "none"], default="auto",
                         help="effects that `rdpi fit` looks for; none: the model lacks the chain from the first day")
     parser.add_argument("--nones", type=int, default=1, help="cases per rig in which nothing appears (default 1)")
-    parser.add_argument("--poor", action="store_true", help="`rdpi gap` sees a tracked profile and a sine only")
+    shown = parser.add_mutually_exclusive_group()
+    shown.add_argument("--poor", dest="shown", action="store_const", const=POOR, default=SEEN,
+                       help="`rdpi gap` sees a tracked profile and a sine only")
+    shown.add_argument("--fine", dest="shown", action="store_const", const=tuple(waves.FINE),
+                       help="`rdpi gap` sees movements of a tenth of the range only")
     parser.add_argument("--follow", type=int, default=0, metavar="N", help="proposed recordings to play (default 0)")
     parser.add_argument("--excite", type=float, default=0.0, metavar="S",
                         help="commission with one recording of `rdpi excite commission`, so long")
@@ -427,7 +432,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"no effect {', '.join(sorted(wrong))}: {'; '.join(APPEARS)}")
     jobs = [(family, seed) for family in families for seed in range(options.seed, options.seed + options.rigs)]
     work = partial(cases, effects=effects, rate_hz=options.rate, scale=options.scale, options=options.options,
-                   chain=options.chain, shown=POOR if options.poor else SEEN, nones=options.nones, follow=options.follow,
+                   chain=options.chain, shown=options.shown, nones=options.nones, follow=options.follow,
                    excite_s=options.excite)
     found = sum(measure.run_all(work, jobs, options.jobs), [])
     print(table(found))

@@ -104,14 +104,38 @@ def wander(rate_hz: float, scale: float, random: np.random.Generator) -> np.ndar
     return 0.5 + 0.45 * wave / np.abs(wave).max()
 
 
+# --- field, a tenth of the range -----------------------------------------------------------------------------------
+
+FINE_SHARE = 0.05  # of the range to both sides of a place
+
+
+def fine_scan(rate_hz: float, scale: float, random: np.random.Generator) -> np.ndarray:
+    """Triangles about one place, as a scanner draws lines."""
+    t = np.arange(int(3 * scale * rate_hz)) / rate_hz
+    phase = random.uniform(4, 15) * t % 1
+    return random.uniform(0.15, 0.85) + FINE_SHARE * (1 - 4 * np.abs(phase - 0.5))
+
+
+def fine_sines(rate_hz: float, scale: float, random: np.random.Generator) -> np.ndarray:
+    """A multisine about another."""
+    lines = np.geomspace(3, 60, 8) * random.uniform(0.95, 1.05, 8)
+    return random.uniform(0.15, 0.85) + FINE_SHARE * multisine(rate_hz, 3 * scale, lines, random)
+
+
+def fine_moves(rate_hz: float, scale: float, random: np.random.Generator) -> np.ndarray:
+    """Smooth moves with rests about a third, as a stage is brought into focus."""
+    return random.uniform(0.15, 0.85) + FINE_SHARE * (2 * moves(rate_hz, 1.5 * scale, random) - 1)
+
+
 COMMISSION: dict[str, Wave] = {"sawtooths": sawtooths, "growing": growing, "steps": steps}
 FIELD: dict[str, Wave] = {"decay": decay, "moves": moves, "biased": biased, "two_sines": two_sines}
 UNSEEN: dict[str, Wave] = {"wander": wander}
+FINE: dict[str, Wave] = {"fine_scan": fine_scan, "fine_sines": fine_sines, "fine_moves": fine_moves}
 
 
 def drive(name: str, rate_hz: float, seed: int, start: float = 0.5, scale: float = 1.0) -> np.ndarray:
-    """A drive of COMMISSION, FIELD or UNSEEN from `start` on, in shares of the range. `scale` stretches its length."""
-    make = {**COMMISSION, **FIELD, **UNSEEN}[name]
+    """A drive of COMMISSION, FIELD, UNSEEN or FINE from `start` on, in shares of the range. `scale` stretches its length."""
+    make = {**COMMISSION, **FIELD, **UNSEEN, **FINE}[name]
     wave = np.clip(make(rate_hz, scale, np.random.default_rng([seed, len(name)])), 0, 1)
     way = np.linspace(start, wave[0], max(2, int(MOVE_S * abs(wave[0] - start) * rate_hz)), endpoint=False)
     return np.concatenate([np.full(int(START_S * rate_hz), start), way, wave])

@@ -131,6 +131,10 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
     if unknown.axis == "position_um":
         kind, seen = "commission", [run.command_V for run in state.recordings]
         limits = replace(limits, min_V=min(limits.min_V, *map(np.min, seen)), max_V=max(limits.max_V, *map(np.max, seen)))
+    elif unknown.axis == "movement_um":
+        kind, mostly_V = "multisine", [np.percentile(run.command_V, (10, 90)) for run in state.recordings]
+        low_V, high_V = np.clip(min(mostly_V, key=np.ptp), limits.min_V, limits.max_V)  # not on the way there
+        limits = replace(limits, min_V=float(low_V), max_V=float(high_V), sweep_V=(limits.min_V, limits.max_V))
     else:
         top_hz = min(unknown.high, limits.sample_rate_hz / excite.SAMPLES_PER_PERIOD)
         kind, options = "chirp", {"frequencies_hz": (unknown.low / 4, top_hz), "duration_s": CHIRP_S}
@@ -142,8 +146,9 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
         columns, _ = excite.make_drive(kind, limits, **options)
     except BadInput:  # the sample rate is too low, or the range too small
         return None
-    why = f"this drive goes where commissioning did not: {unknown.low:.4g} to {unknown.high:.4g} {unknown.unit}; give " \
-          "its recording to `rdpi fit` with those of commissioning, and ask again"
+    where = "moves as little as these recordings, and commissioning did not" if unknown.axis == "movement_um" else \
+        f"goes where commissioning did not: {unknown.low:.4g} to {unknown.high:.4g} {unknown.unit}"
+    why = f"this drive {where}; give its recording to `rdpi fit` with those of commissioning, and ask again"
     return NextExperiment(command=excite.command_line(kind, limits, "next.csv", **options), why=why, seconds=float(columns["time_s"][-1]))
 
 

@@ -163,13 +163,15 @@ class NotExcited(Document):
 class NotKnown(Document):
     """A part of the gap that lies where the recordings of the passport hardly moved: it need not be new."""
 
-    axis: Literal["frequency_hz", "position_um"] = json_key("axis on which it lies")
+    axis: Literal["frequency_hz", "position_um", "movement_um"] = json_key(
+        "axis on which it lies; movement_um: standard deviation of a recording's prediction")
     low: float = json_key("where it begins")
     high: float = json_key("where it ends")
     unit: str = json_key("unit of low and high")
     share: float = json_key("share of the gap's energy beyond noise", low=0, high=1)
-    moved_um: float | None = json_key("along frequency, how far the recordings move there", "um", low=0, default=None)
-    commissioned_um: float | None = json_key("along frequency, how far those of the passport did", "um", low=0,
+    moved_um: float | None = json_key("how far the recordings move there; null: along position", "um", low=0,
+                                      default=None)
+    commissioned_um: float | None = json_key("how far those of the passport did; null: along position", "um", low=0,
                                              default=None)
 
 

@@ -22,7 +22,8 @@ def not_known(known: Passport | None, runs: Sequence[Recording], residuals_um: S
     squares = np.concatenate([(left - np.mean(left)) ** 2 for left in residuals_um])
     if known is None or np.mean(squares) < (thresholds.ABOVE_NOISE * noise_um) ** 2:
         return []
-    found = [*_frequencies(known, runs, coords, spectrum), *_positions(known, squares, coords, noise_um)]
+    found = [*_frequencies(known, runs, coords, spectrum), *_positions(known, squares, coords, noise_um),
+             *_movements(known, residuals_um, coords, noise_um)]
     return [one for one in found if one.share > thresholds.BIN_SHARE]
 
 
@@ -86,9 +87,28 @@ def _positions(known: Passport, squares: np.ndarray, coords: Sequence[localise.C
     return found
 
 
+def _movements(known: Passport, residuals_um: Sequence[np.ndarray], coords: Sequence[localise.Coordinates],
+               noise_um: float) -> list[NotKnown]:
+    """Smaller ones than in any recording of commissioning."""
+    small = np.array([passport.too_small(known, at) > thresholds.TOO_SMALL for at in coords])
+    if not np.any(small):
+        return []
+    squares = np.array([max(0.0, float(np.var(left)) - noise_um**2) * len(left) for left in residuals_um])
+    moved = [float(np.std(at["position_um"])) for at, one in zip(coords, small) if one]
+    return [NotKnown(axis="movement_um", low=min(moved), high=max(moved), unit="um", moved_um=max(moved),
+                     share=float(np.sum(squares[small]) / max(float(np.sum(squares)), 1e-300)),
+                     commissioned_um=known.level.least_std_um)]
+
+
 def remark(one: NotKnown) -> str:
     """A part of the gap that is not known from commissioning, for people."""
-    moved = "commissioning did not go" if one.moved_um is None else \
-        f"commissioning moved by {one.commissioned_um:.2g} um and these recordings by {one.moved_um:.2g} um"
-    return (f"{100 * one.share:.0f} % of the gap lies at {one.low:.4g} to {one.high:.4g} {one.unit}, where {moved}; what "
-            "the model misses there is not known from commissioning and need not be new")
+    where = f"lies at {one.low:.4g} to {one.high:.4g} {one.unit}, where commissioning "
+    if one.axis == "position_um":
+        where += "did not go"
+    elif one.axis == "frequency_hz":
+        where += f"moved by {one.commissioned_um:.2g} um and these recordings by {one.moved_um:.2g} um"
+    else:
+        where = (f"lies in recordings that move by {one.moved_um:.2g} um rms or less, and commissioning moved by "
+                 f"{one.commissioned_um:.2g} um or more")
+    return (f"{100 * one.share:.0f} % of the gap {where}; what the model misses there is not known from commissioning and "
+            "need not be new")

@@ -15,7 +15,7 @@ import numpy as np
 from ..data import RUN_COLUMNS, Recording, arguments, taken
 from ..errors import BadInput
 from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, Passport,
-                     guarded, records)
+                     guarded, operators, records)
 from ..simulate import chain, effects, signals
 from . import around, localise, passport
 from . import thresholds as tuned
@@ -155,7 +155,8 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         warnings.append(f"only {len(found.plant.picks)} of {options.deadzones} dead zones are fitted, because more "
                         "would lie at or below zero; check for ringing and delay, and that the range is covered")
     left_out = _leave_out(found, predictions)
-    model.passport = _passport(runs, hold_out, predictions, left_out, noises, found.sweep.drifts).to_json()
+    drift_um = _half_loop_um(model) if found.sweep.drifts else 0.0
+    model.passport = _passport(runs, hold_out, predictions, left_out, noises, drift_um).to_json()
     bands = slopes_of_bands(found.model, found.runs)
     progress(1.0)
     result = Fit(model, (found.plant.residual, found.without.residual), scores, bands,
@@ -452,7 +453,7 @@ def _leave_out(found: Operator, predictions: Sequence[chain.Prediction]) -> list
 
 
 def _passport(runs: Sequence[Recording], hold_out: Sequence[Recording], predictions: Sequence[chain.Prediction],
-              left_out: Sequence[np.ndarray | None], noises: Sequence[float], drifts: bool) -> Passport:
+              left_out: Sequence[np.ndarray | None], noises: Sequence[float], drift_um: float) -> Passport:
     residuals = []
     for k, (run, prediction) in enumerate(zip([*runs, *hold_out], predictions)):
         left = run.displacement_um - prediction.predicted_um
@@ -463,7 +464,13 @@ def _passport(runs: Sequence[Recording], hold_out: Sequence[Recording], predicti
             residuals.append(passport.Residual(run, passport.FITTED, None, left, coords, noises[k]))
         else:
             residuals.append(passport.Residual(run, passport.LEFT_OUT, left_out[k], left, coords, noises[k]))
-    return passport.build(residuals, drifts)
+    return passport.build(residuals, drift_um)
+
+
+def _half_loop_um(model: Model) -> float:
+    """Half the width of the great loop at rest, amid the range: as far as plays that forget lead aside of others."""
+    reach_um = abs(model.gain_um_per_V) * (model.drive.max_V - model.drive.min_V) / 2
+    return float(operators.bank(np.minimum(model.thresholds_um, reach_um), operators.play_weights(model, 0.0)))
 
 
 def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], predictions: Sequence[chain.Prediction],

@@ -21,7 +21,7 @@ from . import thresholds as tuned
 from .passport_file import AXES, FITTED, LEFT_OUT, OTHER_RUNS, SHAPE_AXES, SOURCES, read
 
 __all__ = ["FITTED", "LEFT_OUT", "OTHER_RUNS", "build", "expected_octaves", "expected_um", "level_um", "octaves",
-           "moved_um", "ratio", "read", "repeated"]
+           "moved_um", "ratio", "read", "remembered", "repeated", "too_small"]
 
 PARTS = 4  # of the only recording, which are left out in turn
 SPLITS = 1, PARTS, 16  # every run counts as a whole and in so many windows: small movements are seen too
@@ -63,8 +63,11 @@ class Ratio(NamedTuple):
     spread: float  # sd of the logarithm of a run's ratio when nothing has changed
 
 
-def build(residuals: Sequence[Residual], drifts: bool | None = None) -> Passport:
-    """The passport of a model from what it left of its runs; two dozen of them make 20 kB of JSON."""
+def build(residuals: Sequence[Residual], drift_um: float = 0.0) -> Passport:
+    """The passport of a model from what it left of its runs; two dozen of them make 20 kB of JSON.
+
+    `drift_um` is how far inner loops that drift may lead aside of the model; 0: they do not drift.
+    """
     energies = [_energy(one) for one in residuals]
     windows, owner = _windows(residuals)
     square = np.concatenate(energies)
@@ -78,7 +81,8 @@ def build(residuals: Sequence[Residual], drifts: bool | None = None) -> Passport
         runs=[_run(one) for one in residuals],
         axes=_axes({name: np.concatenate([one.coords[name] for one in residuals]) for name in AXES}, square),
         octaves=_spectra(residuals),
-        level=records.PassportLevel(coefficients=_coefficients(windows), **windows._asdict()), drifts=drifts))
+        level=records.PassportLevel(coefficients=_coefficients(windows), **windows._asdict(),
+                                    least_std_um=_least_std(residuals), drift_um=drift_um), drifts=drift_um > 0))
 
 
 def repeated(known: Passport) -> Passport:
@@ -94,7 +98,8 @@ def repeated(known: Passport) -> Passport:
     first, *others = (tuned.REPEATS**2 * value for value in level.coefficients)
     return replace(known, noise_um=float(np.sqrt(2 * noise)), rms_um=differs(known.rms_um),
                    expected_um=differs(known.expected_um),
-                   level=replace(level, rms_um=[*map(differs, level.rms_um)], coefficients=[first + beside, *others]))
+                   level=replace(level, rms_um=[*map(differs, level.rms_um)], coefficients=[first + beside, *others],
+                                 least_std_um=None, drift_um=None))
 
 
 def expected_um(known: Passport, coords: Coordinates) -> np.ndarray:
@@ -108,9 +113,29 @@ def expected_um(known: Passport, coords: Coordinates) -> np.ndarray:
 
 
 def level_um(known: Passport, coords: Coordinates) -> float:
-    """rms that the residual of a run, or of a part of one, should have once its mean is removed."""
+    """rms that the residual of a run, or of a part of one, should have once its mean is removed.
+
+    A model that was fitted to large movements misses small ones by a larger share of them, so a movement smaller than
+    any recording of the passport is taken for one as large. Loops that drift may lead aside meanwhile by what they
+    remember. Going there at a constant rate has an rms about the mean of the way / sqrt(12).
+    """
     windows = _Windows(*(np.array(getattr(known.level, name)) for name in _Windows._fields))
-    return float(np.sqrt(_level(windows, np.array(known.level.coefficients), _features(coords))))
+    features = _features(coords)
+    features[0] = max(features[0], known.level.least_std_um or 0.0)
+    square = _level(windows, np.array(known.level.coefficients), features)
+    drift_um = remembered(known, coords) * (known.level.drift_um or 0.0)
+    return float(np.sqrt(square + drift_um**2 / 12))
+
+
+def too_small(known: Passport, coords: Coordinates) -> float:
+    """How much less a run moves than any recording of the passport: 0, no less, to 1, it rests."""
+    least_um = known.level.least_std_um
+    return max(0.0, 1 - float(np.std(coords["position_um"])) / least_um) if least_um else 0.0
+
+
+def remembered(known: Passport, coords: Coordinates) -> float:
+    """What a run's movement does not wipe out, as a share of the Preisach plane: a triangle, of which it takes one."""
+    return max(0.0, 1 - float(np.std(coords["position_um"])) / max(known.level.std_um)) ** 2
 
 
 def expected_octaves(known: Passport, coords: Coordinates, spectrum: Octaves,
@@ -239,6 +264,13 @@ def _windows(residuals: Sequence[Residual]) -> tuple[_Windows, np.ndarray]:
             within = -1 if split == 1 else (part.start + part.stop) * PARTS // (2 * len(position))
             owner.append(k if len(residuals) > 1 else within)
     return _Windows(*np.array(rows).T), np.array(owner)
+
+
+def _least_std(residuals: Sequence[Residual]) -> float:
+    """Of the recording that moves least while it moves: the median of its quarters, for a sweep may come first."""
+    stds = [np.array([np.std(part) for part in np.array_split(one.coords["position_um"], 4)]) for one in residuals]
+    rest = tuned.AT_REST * max(map(np.max, stds))
+    return float(min(np.median(std[std >= rest]) for std in stds if np.any(std >= rest)))
 
 
 def _parts(samples: int, splits: Sequence[int]) -> Iterator[tuple[int, slice]]:

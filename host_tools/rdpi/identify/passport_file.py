@@ -62,6 +62,9 @@ def read(model: Model) -> Passport | None:
     windows = len(level.numbers("rms_um"))
     for name in LEVEL_LISTS:
         level.numbers(name, windows)
+    for name in ("least_std_um", "drift_um"):
+        if level.get(name) is not None:
+            level.number(name)
     for name in ("rms_um", "weight"):
         if not np.all(level.numbers(name) > 1 / LARGEST):
             level.refuse(name, "must be positive")

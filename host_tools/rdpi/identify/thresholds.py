@@ -78,6 +78,7 @@ PART_WORTH = 0.5  # [runs] that a part of the only recording is worth there; jud
 SPREAD_RUNS = 3.0  # [runs] that such a spread is worth beside those of the passport itself; benches
 REPEATS = 0.6  # [1] an actuator's difference from itself, drive repeated, over the model's error: 0.5 to 0.6; cycles
 LOW = 1e-2  # [usual size] of a feature, below which its logarithm says nothing; judged
+AT_REST = 1e-3  # [1] movement of a part of a recording beside the largest, below which it rests; judged
 LEAST = 1e-6  # [stroke] the same of a window; judged
 MAX_WINDOWS = 200  # [windows] of all recordings; more are not kept; judged
 MIN_WINDOW = 100  # [samples] shorter windows are not taken; judged

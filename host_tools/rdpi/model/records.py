@@ -176,6 +176,10 @@ class PassportLevel(Document):
     rate_um_per_s: list[float] = json_key("rms rate", "um/s", low=0)
     rms_um: list[float] = json_key("rms of the residual, mean removed", "um", low=0)
     weight: list[float] = json_key("weight: parts of one size of one recording weigh 1 together", low=0)
+    least_std_um: float | None = json_key("standard deviation of the recording that moved least; smaller movements are "
+                                          "missed by as much", "um", low=0, omitted=True)
+    drift_um: float | None = json_key("how far inner loops that drift may lead aside of the prediction while movements "
+                                      "are small", "um", low=0, omitted=True)
 
 
 @dataclass(kw_only=True)

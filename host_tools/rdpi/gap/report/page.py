@@ -11,7 +11,7 @@ from typing import Any
 from ...data import atomic_write, make_folder
 from ...identify.report import (NONE, base, bracketed, change, environment, given, interval, listed, number, percent, plain,
                            shrink, shrinks, sized, tight, um)
-from ..sections import GapDocument
+from ..sections import AcceptedEffect, CandidateEntry, GapDocument
 from . import pictures as draw, words
 from .pictures import Pictures
 from .words import about, grid, terms
@@ -136,8 +136,7 @@ def _which(document: GapDocument) -> list[dict[str, Any]]:
     cards, coarse = [], grid(document)
     for effect in document.effects:
         scores, rivals = effect.held_out_rms_um, effect.confusable_with
-        facts = [f"{sized(name, one, effect.was)}{bracketed(interval(name, one))}"
-                 for name, one in given(effect.parameters).items()]
+        facts = _sizes(effect)
         if coarse and words.reading_step_um(effect) > 0:
             facts.append(f"its rounding: step / √12 = {um(coarse.own_um)} rms")
         facts += [f"residual, held out: {change(scores.before, scores.after, '→')}",
@@ -146,8 +145,19 @@ def _which(document: GapDocument) -> list[dict[str, Any]]:
         if rivals:
             facts.append(f"cannot be told from {listed([words.rival(document, name) for name in rivals], 'or')}")
         cards.append({**about(effect.name), "stage": effect.stage, "facts": facts, "rival": False})
-        cards += [{**about(name), "stage": "", "facts": [], "rival": True} for name in rivals]
+        cards += [{**about(name), "stage": "", "facts": _in_its_place(document, name), "rival": True} for name in rivals]
     return cards
+
+
+def _in_its_place(document: GapDocument, name: str) -> list[str]:
+    """What a rival would be, and bring."""
+    found = [[*_sizes(one), f"shrink {shrink(one.shrink)} in its place"] for one in words.tried(document) if one.name == name]
+    return found[0] if found else []
+
+
+def _sizes(effect: AcceptedEffect | CandidateEntry) -> list[str]:
+    return [f"{sized(name, one, effect.was)}{bracketed(interval(name, one))}"
+            for name, one in given(effect.parameters).items()]
 
 
 def _candidates(document: GapDocument) -> list[dict[str, Any]]:
