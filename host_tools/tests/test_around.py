@@ -22,6 +22,8 @@ from rdpi.identify.choice import Choice, choose
 from rdpi.identify.hypothesis import Hypothesis, Setting
 from rdpi.identify.identify import Fit
 from rdpi.identify.joint import Linearised
+from rdpi.identify.passport import LEFT_OUT
+from rdpi.identify.strokes import covered
 from rdpi.model import Model
 from rdpi.simulate import ALL, chain, inverse_of
 from rdpi.simulate.effects import CATALOGUE, Acting, Residuals
@@ -520,3 +522,34 @@ def test_an_inverse_without_compensation_has_the_operator_alone() -> None:
     broken = replace(found.model, operator_alone={**found.model.operator_alone, "slopes": [1.0]})
     with pytest.raises(BadInput, match="operator_alone: slopes: has 1 values"):
         broken.uncompensated()
+
+
+# --- a recording beside which the others show little -----------------------------------------------------------------
+
+WIDE, LITTLE = (("multisine", {"duration_s": length_s, "seed": seed}, share) for length_s, seed, share in
+                ((8.0, 3, 1.0), (6.0, 4, 0.06)))
+LATE_AND_CREEPING = entry("lag", "amplifier", time_constant_s=1e-3), entry("creep", percent_per_decade=2.0)
+
+
+def uneven(*canned: tuple) -> list[Recording]:
+    """Of a late, creeping actuator that no plays describe quite."""
+    return [changed(run, displacement_um=run.displacement_um + 0.02 * np.sin(3 * run.displacement_um))
+            for run in recorded(plain_model(), drives(canned), *LATE_AND_CREEPING)]
+
+
+def test_small_movements_beside_large_ones_take_nothing_from_the_model() -> None:
+    """What is fitted to the small ones only says nothing about the large ones, so that these are left out in parts."""
+    alone, both = fit(uneven(WIDE)), fit(uneven(WIDE, LITTLE))
+    assert [one["name"] for one in both.model.effects] == [one["name"] for one in alone.model.effects] == ["lag", "creep"]
+    assert both.scores[0].score.rms_um < 1.1 * alone.scores[0].score.rms_um
+    large, little = both.model.passport["runs"]
+    assert large["held_out"] == little["held_out"] == LEFT_OUT
+    assert large["rms_um"] < 1.3 * both.scores[0].score.rms_um and little["rms_um"] < large["rms_um"]
+
+
+def test_a_recording_is_covered_by_others_that_move_where_it_does() -> None:
+    wide, little = drives((WIDE, LITTLE))
+    assert covered([wide]) == [False] and covered([wide, wide]) == [True, True]
+    assert covered([wide, little]) == [False, True] and covered([little, wide, wide]) == [True, True, True]
+    low, high = (changed(wide, command_V=place + wide.command_V / 2) for place in (0.0, 50.0))
+    assert covered([low, high]) == [False, False] and covered([low, high, wide]) == [True, True, True]

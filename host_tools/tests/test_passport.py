@@ -251,6 +251,14 @@ def test_spread_of_a_single_run_is_that_of_its_parts() -> None:
     assert 0.25 < spread((0.1,) * 4) < 0.35 < 0.5 < spread((0.05, 0.4, 0.05, 0.4))
 
 
+def test_spread_does_not_ask_recordings_about_movements_far_from_theirs() -> None:
+    """The passport is not asked that way either."""
+    wide, little = waves(90, 2, 8, RATE_HZ), 45 + 0.05 * (waves(90, 2, 8, RATE_HZ) - 45)
+    apart = passport.build([left_of(drive, noise(len(drive), size), f"{size}.csv", LEFT_OUT)
+                            for drive, size in ((wide, 0.5), (little, 0.02))])
+    assert apart.spread == thresholds.SPREAD
+
+
 # --- on actuators that are not the model -----------------------------------------------------------------------------
 
 LIMITS = excite.Limits(0, 100, sample_rate_hz=2000.0)
@@ -378,6 +386,22 @@ def test_an_offset_that_is_no_number(offset_um: object) -> None:
     known["runs"] = [{**run, "offset_um": offset_um} for run in known["runs"]]
     with pytest.raises(BadInput, match=r"passport\.runs\[0\]\.offset_um: must be a number"):
         passport.read(with_passport(known))
+
+
+@pytest.mark.parametrize("name", ["least_std_um", "drift_um"])
+@pytest.mark.parametrize("value", [-1.0, 1e15, float("nan"), "x", True, []])
+def test_what_small_movements_bring_is_a_number_within_the_movement(name: str, value: object) -> None:
+    known = plain().to_json()
+    known["level"] = {**known["level"], name: value}
+    with pytest.raises(BadInput, match=rf"passport\.level\.{name}: must be a number from 0 to"):
+        passport.read(with_passport(known))
+
+
+def test_a_passport_of_rests_remembers_nothing_and_all() -> None:
+    known = plain()
+    rests = replace(known, level=replace(known.level, std_um=[0.0] * len(known.level.std_um)))
+    assert passport.remembered(rests, {"position_um": np.zeros(9)}) == 1
+    assert passport.remembered(rests, {"position_um": np.arange(9.0)}) == 0
 
 
 def test_every_key_is_needed() -> None:

@@ -18,6 +18,7 @@ from plants import changed, marked
 from rdpi.data import Recording, excite, read_recording, sample_times
 from rdpi.gap import Diagnosis, diagnose, experiment
 from rdpi.gap.augmented import AugmentedModel
+from rdpi.gap.report import words
 from rdpi.gap.sections import NotKnown
 from rdpi.gap.selection import Selection
 from rdpi.identify import Options, checks, fit
@@ -155,6 +156,7 @@ def finely(bench: vb.Bench) -> list[Recording]:
     return found
 
 
+@lru_cache(maxsize=None)
 def asked_of_little(kind: str) -> tuple[Model, Diagnosis]:
     """Commissioned over its range and asked about little movements."""
     bench = vb.make(kind, 3)
@@ -169,7 +171,7 @@ def test_movements_smaller_than_those_of_commissioning_show_nothing_new() -> Non
     assert little.low < little.high == little.moved_um < 0.4 * little.commissioned_um
     assert found.document.verdict == "none"
     (said,) = (note for note in found.document.notes if "not known from commissioning" in note)
-    assert "um rms or less" in said
+    assert "um rms or less" in said and "cannot tell whether something has changed" in words.sentence(found.document)
     level = {**model.passport["level"], "least_std_um": None, "drift_um": None}
     older = replace(model, passport={**model.passport, "level": level})
     assert diagnose(older, found.runs).document.verdict != "none"
@@ -187,3 +189,13 @@ def test_the_proposed_drive_shows_small_movements(rdpi: Callable, tmp_path: Path
     runs = [played(bench, drive.command_V, drive.path) for drive in (*unswept(SLOW), drive)]
     again = diagnose(fit(runs).model, finely(bench)).document
     assert again.verdict == "none" and not again.not_known_from_commissioning
+
+
+@pytest.mark.parametrize("drift_um, moved", [(None, True), (2.0, False)])
+def test_a_zero_within_the_reach_of_loops_that_drift_has_not_moved(drift_um: float | None, moved: bool) -> None:
+    model, found = asked_of_little("bouc-wen")
+    level = {**model.passport["level"], "drift_um": drift_um}
+    shift_um = 0.8 - found.document.runs[0].offset_um
+    aside = changed(found.runs[0], displacement_um=found.runs[0].displacement_um + shift_um)
+    offset = diagnose(replace(model, passport={**model.passport, "level": level}), [aside]).document.offset_um
+    assert offset.mean == pytest.approx(0.8, abs=0.1) and offset.moved == moved

@@ -30,7 +30,7 @@ SHOWING: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("steps", {"levels": 3, "hold_s": 1.0}, "fast edges and holds show what kind of motion is missing"),
     ("chirp", {"duration_s": 10.0}, "small movements of all frequencies show whether it depends on the amplitude"),
     ("minor-loops", {"levels": 4}, "loops of all sizes show whether it is the hysteresis"))
-SMALL = 0.1  # of the drive's range
+SMALL, LEAST_WIDTH = 0.1, 1e-3  # of the drive's range
 CHIRP_S = 10.0  # where nothing is known yet
 LONGEST = 120_000  # samples of a drive that is simulated
 SAME, SAME_LENGTH = 0.9, 0.05  # correlation, and share of the length, of two recordings of the same drive
@@ -132,9 +132,10 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
         kind, seen = "commission", [run.command_V for run in state.recordings]
         limits = replace(limits, min_V=min(limits.min_V, *map(np.min, seen)), max_V=max(limits.max_V, *map(np.max, seen)))
     elif unknown.axis == "movement_um":
-        kind, mostly_V = "multisine", [np.percentile(run.command_V, (10, 90)) for run in state.recordings]
-        low_V, high_V = np.clip(min(mostly_V, key=np.ptp), limits.min_V, limits.max_V)  # not on the way there
-        limits = replace(limits, min_V=float(low_V), max_V=float(high_V), sweep_V=(limits.min_V, limits.max_V))
+        span_V = limits.max_V - limits.min_V
+        mostly_V = [float(np.ptp(np.percentile(run.command_V, (10, 90)))) for run in state.recordings]  # not the way there
+        least_V = [width_V for width_V in mostly_V if width_V > LEAST_WIDTH * span_V]
+        kind, limits = "multisine", _amid(limits, min([*least_V, SMALL * span_V]) / 2)
     else:
         top_hz = min(unknown.high, limits.sample_rate_hz / excite.SAMPLES_PER_PERIOD)
         kind, options = "chirp", {"frequencies_hz": (unknown.low / 4, top_hz), "duration_s": CHIRP_S}
@@ -148,7 +149,8 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
         return None
     where = "moves as little as these recordings, and commissioning did not" if unknown.axis == "movement_um" else \
         f"goes where commissioning did not: {unknown.low:.4g} to {unknown.high:.4g} {unknown.unit}"
-    why = f"this drive {where}; give its recording to `rdpi fit` with those of commissioning, and ask again"
+    why = f"this drive {where}; if the actuator is as it was, give its recording to `rdpi fit` with those of commissioning, " \
+          "and ask again"
     return NextExperiment(command=excite.command_line(kind, limits, "next.csv", **options), why=why, seconds=float(columns["time_s"][-1]))
 
 

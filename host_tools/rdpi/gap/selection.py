@@ -194,8 +194,7 @@ class Excess:
     ratios: list[float] | None  # per recording
     expected_um: float | None = None  # rms by the passport
     few: bool = False  # recordings that say what is usual, or what is now
-    too_small: float = 0.0  # how much less than at commissioning they move, as the gap lies; 0 no less, 1 they rest
-    drifting: float = 0.0  # how much they leave of what loops that drift remember, likewise; 0 nothing, 1 all
+    untold: float = 0.0  # share of the gap whose shape may be the model's own, because so little moved; 0 to 1
 
     @property
     def trust(self) -> float:
@@ -232,10 +231,10 @@ def excess(given: AugmentedModel, known: Passport | None, coords: Sequence[local
             # What has changed shows everywhere; what a model misses of some waveforms only may be as it always was.
             spread = float(np.hypot(spread, np.std(np.log(np.maximum(found.ratio, 1e-9)), ddof=1)))
     squares = np.maximum(found.actual_um**2 * lengths, np.finfo(float).tiny)
-    small, left = (float(np.average([share(known, at) for at in coords], weights=squares))
-                   for share in (passport.too_small, passport.remembered))
+    shares = [passport.too_small, passport.remembered] if known.level.drift_um else [passport.too_small]
+    untold = max(float(np.average([share(known, at) for at in coords], weights=squares)) for share in shares)
     return Excess(total, min(floor, total), found.overall, spread, found.ratio.tolist(),
-                  float(np.sqrt(floor / sum(lengths))), few, small, left if known.level.drift_um else 0.0)
+                  float(np.sqrt(floor / sum(lengths))), few, untold)
 
 
 # ---- rounds ----
@@ -266,8 +265,8 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
     baseline = _baseline(equations)
     scores = tuple(_score(state, equations, baseline, k, gap.floor + state.excused()) for k in range(len(found)))
     gains = [one.gain for one in scores if not one.was_there]
-    # Loops that drift while movements are small look like creep, and are nothing new.
-    evidence = gap.evidence + (1 - gap.drifting) * thresholds.SHRINK_WEIGHT * max([*gains, 0.0])
+    # What a model misses of small movements has a shape, and loops that drift look like creep: that is nothing new.
+    evidence = gap.evidence + (1 - gap.untold) * thresholds.SHRINK_WEIGHT * max([*gains, 0.0])
     misplaced: list[Score] = []
     best, refitted, rejected = _choose(state, scores, baseline, gap, evidence, misplaced)
     while best is not None and not refitted and _misplaces(state, best):
@@ -368,7 +367,7 @@ def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
             misplaced: Collection[Score]) -> tuple[Score | None, bool, tuple[str | None, ...]]:
     """The score to accept, if any, whether the model was refitted beside it, and why each of the others was not."""
     born_in = thresholds.BORN_IN_FEW if len(state.recordings) < thresholds.FEW else thresholds.BORN_IN
-    born_in += gap.too_small * (1 - born_in)  # what the model misses of small movements has a shape, and is nothing new
+    born_in += min(1.0, gap.untold / thresholds.TOO_SMALL) * (1 - born_in)
     clear = bool(gap.ratio and evidence > detection_threshold(gap))
     rejected = ["the recordings do not lie where it would take them" if one in misplaced else
                 _why_rejected(one, bool(state.chosen), clear, born_in) for one in scores]

@@ -83,7 +83,7 @@ ZERO_SCATTER = 0.004  # [stroke] that zeros scatter by, worth one recording; rig
 # --- is it known from commissioning?
 HARDLY_MOVED = 4.0  # [movement] of commissioning, by which more is not known in an octave; judged
 BEYOND_ENDS = 0.02  # [range] of commissioning, beyond whose ends nothing is known; judged
-TOO_SMALL = 0.5  # [1] by which a recording moves less than any of commissioning, for what it shows not to be known; judged
+TOO_SMALL = 0.5  # [1] by which recordings move less than any of commissioning, for their gap not to be known; judged
 ABOVE_NOISE = 1.4  # [noise] rms from which a gap has places; judged
 MOSTLY = 0.5  # [of the energy] at places that are not known, from which these come first; judged
 

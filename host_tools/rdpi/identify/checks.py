@@ -229,7 +229,7 @@ def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list
             raise BadInput(f"{run.path}: no earlier recording has its {run.sample_rate_hz:g} samples per second")
         apart, nearest = min(((_apart(run, one), one) for one in alike), key=lambda pair: pair[0])
         if apart > tuned.SAME_DRIVE or len(nearest) < len(run):
-            short = f"which differs by up to {100 * apart:.3g} % of the range" \
+            short = f"which differs by {f'up to {100 * apart:.3g} %' if apart < 1 else 'more than all'} of the range" \
                 if apart > tuned.SAME_DRIVE and len(nearest) >= len(run) \
                 else f"which ends after {len(nearest)} of its {len(run)} samples"
             raise BadInput(f"{run.path}: no earlier recording has the same drive throughout (the nearest is "

@@ -27,7 +27,7 @@ from .choice import Choice
 from .document import FitDocument
 from .regression import (Columns, Plant, Reduced, Run, joined, offset_of, parts_of, prepare, reduce, rerated,
                          saturation_of, search, smoothing_times_s, solve, top_rate, without_rate)
-from .strokes import Strokes
+from .strokes import Strokes, covered
 from .sweep_start import SweepStart, sweep_start
 
 GRID = np.linspace(0.12, 0.88, 20)  # candidate dead zones, as shares of the displacement's range
@@ -415,21 +415,24 @@ def _of_plant(model: Model, plant: Plant, columns: Columns, runs: Sequence[Run],
 
 
 def _leave_out(found: Operator, predictions: Sequence[chain.Prediction]) -> list[np.ndarray | None]:
-    """What a model fitted to the others misses of each run, (samples,); None where the others do not make a model. Of
-    the only run, parts are left out in turn.
+    """What a model fitted to the others misses of each run, (samples,); None where the others do not make a model. Of a
+    run that moves where no other does, such as the only one, parts are left out in turn.
 
     Effects, rate and memory are those of the model's own prediction: they hardly differ, and finding them anew takes
     long.
     """
-    runs, columns, m = found.runs, found.columns, len(found.plant.picks)
-    parts, reduced = [(k, slice(None)) for k in range(len(runs))], found.reduced
-    if len(runs) == 1:
-        (run,) = runs
-        ends = np.linspace(run.first, len(run.x_um), passport.PARTS + 1).astype(int)
-        ends[0] = 0  # what depends on an unknown memory goes with the first part
-        parts = [(0, slice(*map(int, pair))) for pair in zip(ends, ends[1:])]
-        runs = list(parts_of(run, columns.thresholds_um, [part for _, part in parts]))
-        reduced = reduce(runs, columns, found.model.stroke_um)
+    columns, m = found.columns, len(found.plant.picks)
+    parts: list[tuple[int, slice]] = []
+    runs: list[Run] = []
+    for k, (run, whole) in enumerate(zip(found.runs, covered([run.recording for run in found.runs]))):
+        slices = [slice(None)]
+        if not whole:
+            ends = np.linspace(run.first, len(run.x_um), passport.PARTS + 1).astype(int)
+            ends[0] = 0  # what depends on an unknown memory goes with the first part
+            slices = [slice(*map(int, pair)) for pair in zip(ends, ends[1:])]
+        parts += [(k, part) for part in slices]
+        runs += [run] if whole else parts_of(run, columns.thresholds_um, slices)
+    reduced = found.reduced if len(runs) == len(found.runs) else reduce(runs, columns, found.model.stroke_um)
     left: list[np.ndarray | None] = [None] * len(parts)
     for group in np.array_split(np.arange(len(runs)), min(len(runs), FOLDS)):
         rest = [k for k in range(len(runs)) if k not in group]
@@ -447,9 +450,8 @@ def _leave_out(found: Operator, predictions: Sequence[chain.Prediction]) -> list
                     run.command_V, seen.rate_um_per_s))[part]
         except BadInput:  # what the others determine is no model: the run is then known as fitted only
             pass
-    if len(found.runs) == 1:
-        return [None if any(one is None for one in left) else np.concatenate(left)]
-    return left
+    of_runs = [[one for one, (at, _) in zip(left, parts) if at == k] for k in range(len(found.runs))]
+    return [None if any(one is None for one in pieces) else np.concatenate(pieces) for pieces in of_runs]
 
 
 def _passport(runs: Sequence[Recording], hold_out: Sequence[Recording], predictions: Sequence[chain.Prediction],

@@ -31,6 +31,7 @@ from ..simulate.effects import Acting, Residuals
 from . import thresholds as tuned
 from .hypothesis import Hypothesis, Setting, Unknowns, bounds, scale_of, shifted
 from .regression import prior
+from .strokes import covered
 
 BLOCKS = 8  # of each recording
 STEPS = 16  # of Levenberg and Marquardt
@@ -362,10 +363,11 @@ class Linearised:
     @cached_property
     def foldings(self) -> list[list[np.ndarray]]:
         """Blocks that are left out in turn: parts of every recording; and whole recordings, where none of them holds so
-        much that the others make no operator.
+        much, or moves so far, that the others make no operator.
         """
         block, rows = np.arange(BLOCKS * len(self.setting.runs)), [len(at) for at in self.setting.rows]
-        owners = [block % BLOCKS] + ([block // BLOCKS] if max(rows) < tuned.MOST_LEFT_OUT * sum(rows) else [])
+        whole = max(rows) < tuned.MOST_LEFT_OUT * sum(rows) and all(covered(self.setting.runs))
+        owners = [block % BLOCKS] + ([block // BLOCKS] if whole else [])
         return [[owner == one for one in range(owner[-1] + 1)] for owner in owners]
 
     def held_out(self, rated: bool | None = None, join: int | None = None) -> np.ndarray:

@@ -135,7 +135,7 @@ def too_small(known: Passport, coords: Coordinates) -> float:
 
 def remembered(known: Passport, coords: Coordinates) -> float:
     """What a run's movement does not wipe out, as a share of the Preisach plane: a triangle, of which it takes one."""
-    return max(0.0, 1 - float(np.std(coords["position_um"])) / max(known.level.std_um)) ** 2
+    return max(0.0, 1 - float(np.std(coords["position_um"])) / max(*known.level.std_um, np.finfo(float).tiny)) ** 2
 
 
 def expected_octaves(known: Passport, coords: Coordinates, spectrum: Octaves,
@@ -323,6 +323,9 @@ def _spread(windows: _Windows, owner: np.ndarray, fitted: bool) -> float:
     for k in () if alone and fitted else np.flatnonzero(windows.weight == (1 / PARTS if alone else 1)):
         others = _Windows(*(column[(owner != owner[k]) & (owner >= 0)] for column in windows))
         features = np.array([column[k] for column in windows[:_FEATURES]])
+        if not alone and not tuned.NEAR * np.min(others.std_um[others.weight == 1]) <= features[0] \
+                <= np.max(others.std_um) / tuned.NEAR:
+            continue  # the passport is not asked about what moves so much less or more than all of it
         expected = _level(others, _coefficients(others), features)
         misses.append(float(np.log(windows.rms_um[k] ** 2 / expected) / 2))
     prior = tuned.SPREAD_RUNS

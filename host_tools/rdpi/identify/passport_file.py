@@ -64,7 +64,7 @@ def read(model: Model) -> Passport | None:
         level.numbers(name, windows)
     for name in ("least_std_um", "drift_um"):
         if level.get(name) is not None:
-            level.number(name)
+            level.number(name, high=2 * float(np.max(level.numbers("span_um"))))
     for name in ("rms_um", "weight"):
         if not np.all(level.numbers(name) > 1 / LARGEST):
             level.refuse(name, "must be positive")
@@ -98,10 +98,10 @@ class _Checked:
     def section(self, name: str) -> _Checked:
         return _Checked(self.item(name), f"{self._place}.{name}")
 
-    def number(self, name: str, low: float = 0.0) -> None:
+    def number(self, name: str, low: float = 0.0, high: float = LARGEST) -> None:
         value = self.item(name)
-        if type(value) not in (int, float) or not low <= value <= LARGEST:
-            self.refuse(name, f"must be a number from {low:g} to {LARGEST:g}")
+        if type(value) not in (int, float) or not low <= value <= high:
+            self.refuse(name, f"must be a number from {low:g} to {high:g}")
 
     def numbers(self, name: str, length: int | None = None, low: float = 0.0) -> np.ndarray:
         values = self.item(name)

@@ -36,6 +36,17 @@ class Strokes(NamedTuple):
         return (self.rates_differ or not kind.needs_rates) and (self.sizes_differ or not kind.needs_loops)
 
 
+def covered(runs: Sequence[Recording]) -> list[bool]:
+    """Whether the others move over enough of where each run mostly does to say something about it."""
+    low, high = np.array([np.percentile(run.command_V, (5, 95)) for run in runs]).T
+    found = []
+    for k in range(len(runs)):
+        others = np.arange(len(runs)) != k
+        shared = min(high[k], np.max(high[others])) - max(low[k], np.min(low[others])) if len(runs) > 1 else -np.inf
+        found.append(bool(shared >= tuned.COVERED * (high[k] - low[k])))
+    return found
+
+
 def _spread(values: np.ndarray, way: np.ndarray) -> float:
     """Ratio of the values between which nine tenths of the way lie."""
     low, high = (_quantile(values, way, end) for end in (0.05, 0.95))

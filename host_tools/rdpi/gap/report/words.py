@@ -16,6 +16,7 @@ from ...identify import FITTED
 from ...identify.report import (SAME, bin_names, bracketed, change, drawing, given, interval, listed, moved, number, percent,
                            plain, quantity, sentence_of, shrinks, sized, times, um, unit_of)
 from ...simulate.effects import CATALOGUE, PARAMETERS
+from .. import thresholds
 from ..sections import AcceptedEffect, CandidateEntry, GapDocument, NextExperiment
 
 NOTICED = 0.005  # shrink: less is 0 %
@@ -235,6 +236,9 @@ def _cause(document: GapDocument, effect: AcceptedEffect) -> str:
 
 def _nothing(document: GapDocument) -> str:
     passport = document.passport
+    if any(one.axis == "movement_um" and one.share > thresholds.MOSTLY for one in document.not_known_from_commissioning):
+        return ("These recordings move less than any of commissioning. What the model misses of such movements is not known, "
+                "so that they cannot tell whether something has changed.")
     if passport and passport.ratio > 1 + SAME:
         factor = math.exp(TWO_SIGMA * passport.spread)
         why = f": {terms(document).known} is known to a factor of {number(factor, 2)} only" if passport.ratio < factor else ""
