@@ -343,7 +343,7 @@ def _elsewhere(axes: Sequence[localise.Axis], words: Terms) -> str | None:
     if worst is None or worst[0] < thresholds.BIN_RATIO:
         return None
     ratio, share, axis, k = worst
-    return (f"the {words.gap} as a whole is as expected, but {100 * share:.0f} % of it lies at {axis.name} "
+    return (f"the {words.gap} as a whole is not clearly more than expected, but {100 * share:.0f} % of it lies at {axis.name} "
             f"{axis.labels[k]}, {ratio:.2g} times what {words.usual_there}; this is too little to name a cause")
 
 

@@ -31,7 +31,7 @@ SHOWING: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("chirp", {"duration_s": 10.0}, "small movements of all frequencies show whether it depends on the amplitude"),
     ("minor-loops", {"levels": 4}, "loops of all sizes show whether it is the hysteresis"))
 SMALL, LEAST_WIDTH = 0.1, 1e-3  # of the drive's range
-CHIRP_S = 10.0  # where nothing is known yet
+CHIRP_S, LITTLE_S = 10.0, 20.0  # where nothing is known yet; and of small movements
 LONGEST = 120_000  # samples of a drive that is simulated
 SAME, SAME_LENGTH = 0.9, 0.05  # correlation, and share of the length, of two recordings of the same drive
 
@@ -135,7 +135,7 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
         span_V = limits.max_V - limits.min_V
         mostly_V = [float(np.ptp(np.percentile(run.command_V, (10, 90)))) for run in state.recordings]  # not the way there
         least_V = [width_V for width_V in mostly_V if width_V > LEAST_WIDTH * span_V]
-        kind, limits = "multisine", _amid(limits, min([*least_V, SMALL * span_V]) / 2)
+        kind, options, limits = "commission", {"duration_s": LITTLE_S}, _amid(limits, min([*least_V, SMALL * span_V]) / 2)
     else:
         top_hz = min(unknown.high, limits.sample_rate_hz / excite.SAMPLES_PER_PERIOD)
         kind, options = "chirp", {"frequencies_hz": (unknown.low / 4, top_hz), "duration_s": CHIRP_S}
@@ -147,10 +147,12 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
         columns, _ = excite.make_drive(kind, limits, **options)
     except BadInput:  # the sample rate is too low, or the range too small
         return None
-    where = "moves as little as these recordings, and commissioning did not" if unknown.axis == "movement_um" else \
-        f"goes where commissioning did not: {unknown.low:.4g} to {unknown.high:.4g} {unknown.unit}"
+    where, otherwise = f"goes where commissioning did not: {unknown.low:.4g} to {unknown.high:.4g} {unknown.unit}", ""
+    if unknown.axis == "movement_um":
+        where = "moves as little as these recordings, and commissioning did not"
+        otherwise = "; if it may have changed, play the drive of commissioning again and give its recording to `rdpi gap`"
     why = f"this drive {where}; if the actuator is as it was, give its recording to `rdpi fit` with those of commissioning, " \
-          "and ask again"
+          f"and ask again{otherwise}"
     return NextExperiment(command=excite.command_line(kind, limits, "next.csv", **options), why=why, seconds=float(columns["time_s"][-1]))
 
 
