@@ -472,7 +472,7 @@ def _passport(runs: Sequence[Recording], hold_out: Sequence[Recording], predicti
 def _half_loop_um(model: Model) -> float:
     """Half the width of the great loop at rest, amid the range: as far as plays that forget lead aside of others."""
     reach_um = abs(model.gain_um_per_V) * (model.drive.max_V - model.drive.min_V) / 2
-    return float(operators.bank(np.minimum(model.thresholds_um, reach_um), operators.play_weights(model, 0.0)))
+    return abs(float(operators.bank(np.minimum(model.thresholds_um, reach_um), operators.play_weights(model, 0.0))))
 
 
 def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], predictions: Sequence[chain.Prediction],
