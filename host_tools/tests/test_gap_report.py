@@ -300,6 +300,17 @@ def test_nothing_for_certain(ratio: float, why: str) -> None:
         "time with --earlier: this tells more.")
 
 
+def test_recordings_that_move_too_little_cannot_tell() -> None:
+    content = document("none", not_known_from_commissioning=[{
+        "axis": "movement_um", "low": 0.4, "high": 0.6, "unit": "um", "share": 0.9, "moved_um": 0.6, "commissioned_um": 3.0}])
+    text = page_of(content, pictures(samples=2))
+    assert "cannot tell whether something has changed" in sentence(content)
+    assert '<span class="badge ambiguous">cannot tell</span>' in text and "nothing new" not in text
+    assert "No effect is named: movements so small may be missed by as much." in text
+    content["not_known_from_commissioning"][0]["share"] = 0.3
+    assert '<span class="badge none">nothing new</span>' in page_of(content, pictures(samples=2))
+
+
 def test_the_card_of_a_rival_says_what_it_would_be_and_bring() -> None:
     accepted, other = gap_report._which(read(document("ambiguous")))
     assert not accepted["rival"] and any("cannot be told from a first-order lag" in fact for fact in accepted["facts"])

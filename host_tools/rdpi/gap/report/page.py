@@ -21,6 +21,7 @@ TWIN = "gap.json"
 
 VERDICTS = {"effect": "effect found", "ambiguous": "not decided yet", "none": "nothing new",
             "unknown": "no known effect"}
+TOO_LITTLE = "cannot tell"  # in the place of "nothing new"
 NOTHING_TO_RECORD = {
     **dict.fromkeys(("effect", "none"), "No question is open that another recording would settle."),
     "ambiguous": "None of the drives that rdpi excite makes would tell these effects apart. A column monitor_V (the "
@@ -54,7 +55,9 @@ def page(document: GapDocument, pictures: Pictures) -> str:
     """The page's text; the same for the same document and pictures."""
     verdict = document.verdict
     return TEMPLATES.get_template("gap.html.j2").render(
-        terms=terms(document), paired=document.paired, badge=VERDICTS[verdict], verdict=verdict,
+        terms=terms(document), paired=document.paired, verdict=verdict,
+        badge=TOO_LITTLE if words.too_little(document) else VERDICTS[verdict],
+        tone="ambiguous" if words.too_little(document) else verdict,
         sentence=words.sentence(document), promise=words.promise(document), tiles=_tiles(document),
         where=words.where(document), figures=draw.where(document, pictures), why=words.why(document),
         which=_which(document), candidates=_candidates(document), matrix=_matrix(document),

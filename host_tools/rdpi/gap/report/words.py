@@ -234,9 +234,15 @@ def _cause(document: GapDocument, effect: AcceptedEffect) -> str:
     return f"either {listed([phrase(effect), *others], 'or')}" if others else phrase(effect)
 
 
+def too_little(document: GapDocument) -> bool:
+    """Whether nothing is new as far as recordings tell that move too little to tell much."""
+    return document.verdict == "none" and any(one.axis == "movement_um" and one.share > thresholds.MOSTLY
+                                              for one in document.not_known_from_commissioning)
+
+
 def _nothing(document: GapDocument) -> str:
     passport = document.passport
-    if any(one.axis == "movement_um" and one.share > thresholds.MOSTLY for one in document.not_known_from_commissioning):
+    if too_little(document):
         return ("These recordings move less than any of commissioning. What the model misses of such movements is not known, "
                 "so that they cannot tell whether something has changed.")
     if passport and passport.ratio > 1 + SAME:
@@ -354,7 +360,8 @@ def why(document: GapDocument) -> list[str]:
         lines.append(f"{len(tried(document))} effects were tried. {'These hold' if several else 'This one holds'} on "
                      f"{unseen_parts(document)} {'they were' if several else 'it was'} not fitted to.")
     elif verdict == "none":
-        lines.append("No effect is needed: what is left is not clearly more than was to be expected.")
+        lines.append("No effect is needed: what is left is not clearly more than was to be expected." if not too_little(
+            document) else "No effect is named: movements so small may be missed by as much.")
     else:
         lines.append("Either the cause is not among the effects that rdpi knows, or these recordings do not contain "
                      "what would show it.")
