@@ -835,7 +835,7 @@ def test_monitors_that_contradict_each_other_are_left_out() -> None:
 
 def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
     """Beside a large gap the monitor is believed until what it shows makes that larger."""
-    runs = [changed(run, displacement_um=run.displacement_um + np.random.default_rng(k).normal(0, 0.3, len(run)))
+    runs = [changed(run, displacement_um=run.displacement_um + np.random.default_rng(k).normal(0, 0.35, len(run)))
             for k, run in enumerate(later())]
     found = diagnose(commissioned(), shown_filtered(runs))
     assert found.document.verdict == "unknown" and found.improved.digest() == commissioned().digest()

@@ -367,7 +367,7 @@ def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
             misplaced: Collection[Score]) -> tuple[Score | None, bool, tuple[str | None, ...]]:
     """The score to accept, if any, whether the model was refitted beside it, and why each of the others was not."""
     born_in = thresholds.BORN_IN_FEW if len(state.recordings) < thresholds.FEW else thresholds.BORN_IN
-    born_in += min(1.0, gap.untold / thresholds.TOO_SMALL) * (1 - born_in)
+    born_in += min(1.0, gap.untold / thresholds.TOO_SMALL) ** 2 * (1 - born_in)
     clear = bool(gap.ratio and evidence > detection_threshold(gap))
     rejected = ["the recordings do not lie where it would take them" if one in misplaced else
                 _why_rejected(one, bool(state.chosen), clear, born_in) for one in scores]
