@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -13,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from benches import swept_and_played, vb
 from injected import (COMMISSIONING, FURTHER, LATER, NOISE_UM, RATE_HZ, commissioned, drives, entry, left_um,
                       plain_model, recorded, rms)
 from plants import changed, marked, recording
 
-from rdpi.data import Recording, excite, sample_times
+from rdpi.data import Recording, excite
 from rdpi.errors import BadInput
 from rdpi.identify import Options, fit, localise, passport
 from rdpi.gap import Diagnosis, diagnose, diagnosis, experiment, thresholds
@@ -29,10 +28,6 @@ from rdpi.gap.spectrum import Spectrum
 from rdpi.model import Memory, Model
 from rdpi.simulate import chain, effects
 from rdpi.simulate.effects import CATALOGUE, STAGES
-
-sys.path.insert(0, str(ROOT / "tests" / "bench"))
-
-import bench as vb  # noqa: E402
 
 # Plain to see in LATER; which parameter to find, and how nearly: the model is fitted and has an error of its own.
 PLAIN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
@@ -286,10 +281,7 @@ def played(bench: vb.Bench, canned: tuple, sweep: bool) -> list[Recording]:
     runs = []
     for k, (kind, options, share) in enumerate(canned):
         command = 50 + share * (excite.make_drive(kind, LIMITS, sweep=sweep, **options)[0]["command_V"] - 50)
-        bench.demagnetise(2000.0)
-        columns = {"time_s": sample_times(len(command), 2000.0), "command_V": command,
-                   "displacement_um": bench.run(command, 2000.0)}
-        runs.append(Recording(f"{kind} {k}.csv", {"sample_rate_hz": "2000", "memory": "reset"}, columns, f"{kind}{k}"))
+        runs.append(swept_and_played(bench, command, 2000.0, f"{kind} {k}.csv"))
     return runs
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
@@ -11,22 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from benches import swept_and_played, vb
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import model_of, rate_of, recording, stack, waves
 
-from rdpi.data import Recording, excite, sample_times
+from rdpi.data import Recording, excite
 from rdpi.errors import BadInput
 from rdpi.identify import localise, passport, thresholds
 from rdpi.identify.identify import Fit, fit
 from rdpi.identify.passport import FITTED, LEFT_OUT, OTHER_RUNS, Residual
 from rdpi.model import Model, Passport, read_model, write_model
 from rdpi.simulate import chain
-
-sys.path.insert(0, str(ROOT / "tests" / "bench"))
-
-import bench as vb  # noqa: E402
 
 RATE_HZ = 1000.0
 NOISE_UM = 0.004
@@ -278,10 +273,7 @@ LATER = (("multisine", {"duration_s": 6.0, "seed": 7, "frequencies_hz": (0.7, 1.
 def played(bench: vb.Bench, kind: str, options: dict, size: float, name: str) -> Recording:
     """A recording of a drive, shrunk about mid range, on a bench that was swept."""
     drive = 50 + size * (excite.make_drive(kind, LIMITS, **options)[0]["command_V"] - 50)
-    bench.demagnetise(LIMITS.sample_rate_hz)
-    columns = {"time_s": sample_times(len(drive), LIMITS.sample_rate_hz), "command_V": drive,
-               "displacement_um": bench.run(drive, LIMITS.sample_rate_hz)}
-    return Recording(name, {"sample_rate_hz": "2000", "memory": "reset"}, columns, f"sha256:{name}")
+    return swept_and_played(bench, drive, LIMITS.sample_rate_hz, name)
 
 
 @lru_cache(maxsize=None)
@@ -413,7 +405,8 @@ def test_every_key_is_needed() -> None:
             if isinstance(value, dict):
                 yield from keys(value, (*path, name))
 
-    younger = ("octaves", "moved"), ("drifts",), ("level", "least_std_um"), ("level", "drift_um")  # than the format: models of before lack them
+    # Younger than the format: models of before lack them.
+    younger = ("octaves", "moved"), ("drifts",), ("level", "least_std_um"), ("level", "drift_um")
     found = [path for path in keys(plain().to_json()) if path not in younger]
     assert len(found) > 25
     for path in found:

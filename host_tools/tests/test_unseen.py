@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
@@ -11,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from benches import swept_and_played, vb
 from injected import LIMITS, Drives, drives, entry, plain_model, recorded
 from plants import changed, marked
 
-from rdpi.data import Recording, excite, read_recording, sample_times
+from rdpi.data import Recording, excite, read_recording
 from rdpi.gap import Diagnosis, diagnose, experiment
 from rdpi.gap.augmented import AugmentedModel
 from rdpi.gap.report import words
@@ -23,10 +22,6 @@ from rdpi.gap.sections import NotKnown
 from rdpi.gap.selection import Selection
 from rdpi.identify import Options, checks, fit
 from rdpi.model import Model
-
-sys.path.insert(0, str(ROOT / "tests" / "bench"))
-
-import bench as vb  # noqa: E402
 
 SLOW: Drives = (("sawtooth", {"frequencies_hz": (0.5, 2.0), "cycles": 2}, 1.0), ("minor-loops", {"levels": 4}, 1.0),
                 ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.4, 0.6, 1.0, 1.4, 2.2), "seed": 1}, 1.0))
@@ -139,12 +134,7 @@ FINE = (("sine", {"frequencies_hz": (2.0,), "cycles": 12}, 0.06, 25.0),
 
 
 def played(bench: vb.Bench, command_V: np.ndarray, name: str) -> Recording:
-    """On a bench that was swept to the middle of its range."""
-    rate_hz = LIMITS.sample_rate_hz
-    bench.demagnetise(rate_hz)
-    columns = {"time_s": sample_times(len(command_V), rate_hz), "command_V": command_V,
-               "displacement_um": bench.run(command_V, rate_hz)}
-    return Recording(name, {"sample_rate_hz": f"{rate_hz:g}", "memory": "reset"}, columns, f"sha256:{name}")
+    return swept_and_played(bench, command_V, LIMITS.sample_rate_hz, name)
 
 
 def finely(bench: vb.Bench) -> list[Recording]:

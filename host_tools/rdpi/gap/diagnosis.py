@@ -298,9 +298,9 @@ def _offset(selection: Selection) -> Offset:
     sure = sure if any(sure) else ~sure
     told = zeros[sure]
     agree, added = zeros_agree(model, told, compared=bool(base.earlier)), 0.0
-    if (known := passport.read(model)) and known.level.drift_um and not base.earlier:
-        remembered = [passport.remembered(known, {"position_um": run.displacement_um}) for run in state.recordings]
-        agree &= abs(float(np.mean(told))) > max(remembered) * known.level.drift_um  # inner loops may lead as far
+    if (known := passport.read(model)) and not base.earlier:
+        astray_um = [passport.astray_um(known, {"position_um": run.displacement_um}) for run in state.recordings]
+        agree &= abs(float(np.mean(told))) > max(astray_um)
     if agree and state.chosen:
         added = float(np.mean(told))
     elif state.chosen and not any(one.effect.starts_memory for one in state.chosen):

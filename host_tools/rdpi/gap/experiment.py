@@ -128,6 +128,7 @@ def _missing(state: AugmentedModel, kind: str, options: dict[str, Any]) -> dict[
 def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment | None:
     """The drive that goes where commissioning did not: no further, and no faster, than these recordings."""
     limits, options = _limits(state), {}
+    where, otherwise = f"goes where commissioning did not: {unknown.low:.4g} to {unknown.high:.4g} {unknown.unit}", ""
     if unknown.axis == "position_um":
         kind, seen = "commission", [run.command_V for run in state.recordings]
         limits = replace(limits, min_V=min(limits.min_V, *map(np.min, seen)), max_V=max(limits.max_V, *map(np.max, seen)))
@@ -136,6 +137,8 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
         mostly_V = [float(np.ptp(np.percentile(run.command_V, (10, 90)))) for run in state.recordings]  # not the way there
         least_V = [width_V for width_V in mostly_V if width_V > LEAST_WIDTH * span_V]
         kind, options, limits = "commission", {"duration_s": LITTLE_S}, _amid(limits, min([*least_V, SMALL * span_V]) / 2)
+        where = "moves as little as these recordings, and commissioning did not"
+        otherwise = "; if it may have changed, play the drive of commissioning again and give its recording to `rdpi gap`"
     else:
         top_hz = min(unknown.high, limits.sample_rate_hz / excite.SAMPLES_PER_PERIOD)
         kind, options = "chirp", {"frequencies_hz": (unknown.low / 4, top_hz), "duration_s": CHIRP_S}
@@ -147,10 +150,6 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
         columns, _ = excite.make_drive(kind, limits, **options)
     except BadInput:  # the sample rate is too low, or the range too small
         return None
-    where, otherwise = f"goes where commissioning did not: {unknown.low:.4g} to {unknown.high:.4g} {unknown.unit}", ""
-    if unknown.axis == "movement_um":
-        where = "moves as little as these recordings, and commissioning did not"
-        otherwise = "; if it may have changed, play the drive of commissioning again and give its recording to `rdpi gap`"
     why = f"this drive {where}; if the actuator is as it was, give its recording to `rdpi fit` with those of commissioning, " \
           f"and ask again{otherwise}"
     return NextExperiment(command=excite.command_line(kind, limits, "next.csv", **options), why=why, seconds=float(columns["time_s"][-1]))

@@ -14,6 +14,7 @@ from ..model import Model
 from ..simulate import effects
 from ..simulate.effects import Acting
 from . import thresholds as tuned
+from .strokes import covered
 
 ROWS = 12_000  # about so many samples count: more say no more
 GOLDEN = (5**0.5 - 1) / 2
@@ -87,6 +88,11 @@ class Setting:
     def shares(self) -> list[np.ndarray]:
         """Rate over the highest one, per run."""
         return [np.minimum(rate / self.top_um_per_s, FASTEST) for rate in self.rates_um_per_s]
+
+    @cached_property
+    def others_cover(self) -> bool:
+        """Whether each run may be left out as a whole: the others move where it does."""
+        return all(covered(self.runs))
 
     def thinned(self, shortest_s: float) -> Setting:
         """With every second sample, or every third and so on, of the runs that were sampled faster than a choice needs;

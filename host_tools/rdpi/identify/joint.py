@@ -31,7 +31,6 @@ from ..simulate.effects import Acting, Residuals
 from . import thresholds as tuned
 from .hypothesis import Hypothesis, Setting, Unknowns, bounds, scale_of, shifted
 from .regression import prior
-from .strokes import covered
 
 BLOCKS = 8  # of each recording
 STEPS = 16  # of Levenberg and Marquardt
@@ -366,7 +365,7 @@ class Linearised:
         much, or moves so far, that the others make no operator.
         """
         block, rows = np.arange(BLOCKS * len(self.setting.runs)), [len(at) for at in self.setting.rows]
-        whole = max(rows) < tuned.MOST_LEFT_OUT * sum(rows) and all(covered(self.setting.runs))
+        whole = max(rows) < tuned.MOST_LEFT_OUT * sum(rows) and self.setting.others_cover
         owners = [block % BLOCKS] + ([block // BLOCKS] if whole else [])
         return [[owner == one for one in range(owner[-1] + 1)] for owner in owners]
 

@@ -20,7 +20,7 @@ from ..simulate import signals
 from . import thresholds as tuned
 from .passport_file import AXES, FITTED, LEFT_OUT, OTHER_RUNS, SHAPE_AXES, SOURCES, read
 
-__all__ = ["FITTED", "LEFT_OUT", "OTHER_RUNS", "build", "expected_octaves", "expected_um", "level_um", "octaves",
+__all__ = ["FITTED", "LEFT_OUT", "OTHER_RUNS", "astray_um", "build", "expected_octaves", "expected_um", "level_um", "octaves",
            "moved_um", "ratio", "read", "remembered", "repeated", "too_small"]
 
 PARTS = 4  # of the only recording, which are left out in turn
@@ -123,14 +123,18 @@ def level_um(known: Passport, coords: Coordinates) -> float:
     features = _features(coords)
     features[0] = max(features[0], known.level.least_std_um or 0.0)
     square = _level(windows, np.array(known.level.coefficients), features)
-    drift_um = remembered(known, coords) * (known.level.drift_um or 0.0)
-    return float(np.sqrt(square + drift_um**2 / 12))
+    return float(np.sqrt(square + astray_um(known, coords) ** 2 / 12))
 
 
 def too_small(known: Passport, coords: Coordinates) -> float:
     """How much less a run moves than any recording of the passport: 0, no less, to 1, it rests."""
     least_um = known.level.least_std_um
     return max(0.0, 1 - float(np.std(coords["position_um"])) / least_um) if least_um else 0.0
+
+
+def astray_um(known: Passport, coords: Coordinates) -> float:
+    """How far loops that drift may lead aside of a run's prediction; 0 where they do not drift."""
+    return remembered(known, coords) * (known.level.drift_um or 0.0)
 
 
 def remembered(known: Passport, coords: Coordinates) -> float:
@@ -268,7 +272,7 @@ def _windows(residuals: Sequence[Residual]) -> tuple[_Windows, np.ndarray]:
 
 def _least_std(residuals: Sequence[Residual]) -> float:
     """Of the recording that moves least while it moves: the median of its quarters, for a sweep may come first."""
-    stds = [np.array([np.std(part) for part in np.array_split(one.coords["position_um"], 4)]) for one in residuals]
+    stds = [np.array([np.std(part) for part in np.array_split(one.coords["position_um"], PARTS)]) for one in residuals]
     rest = tuned.AT_REST * max(map(np.max, stds))
     return float(min(np.median(std[std >= rest]) for std in stds if np.any(std >= rest)))
 

@@ -38,11 +38,13 @@ class Strokes(NamedTuple):
 
 def covered(runs: Sequence[Recording]) -> list[bool]:
     """Whether the others move over enough of where each run mostly does to say something about it."""
+    if len(runs) == 1:
+        return [False]
     low, high = np.array([np.percentile(run.command_V, (5, 95)) for run in runs]).T
     found = []
     for k in range(len(runs)):
         others = np.arange(len(runs)) != k
-        shared = min(high[k], np.max(high[others])) - max(low[k], np.min(low[others])) if len(runs) > 1 else -np.inf
+        shared = min(high[k], np.max(high[others])) - max(low[k], np.min(low[others]))
         found.append(bool(shared >= tuned.COVERED * (high[k] - low[k])))
     return found
 

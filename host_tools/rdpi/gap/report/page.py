@@ -54,10 +54,9 @@ def write(document: GapDocument, pictures: Pictures, folder: str | os.PathLike[s
 def page(document: GapDocument, pictures: Pictures) -> str:
     """The page's text; the same for the same document and pictures."""
     verdict = document.verdict
+    badge, tone = (TOO_LITTLE, "ambiguous") if words.too_little(document) else (VERDICTS[verdict], verdict)
     return TEMPLATES.get_template("gap.html.j2").render(
-        terms=terms(document), paired=document.paired, verdict=verdict,
-        badge=TOO_LITTLE if words.too_little(document) else VERDICTS[verdict],
-        tone="ambiguous" if words.too_little(document) else verdict,
+        terms=terms(document), paired=document.paired, badge=badge, tone=tone,
         sentence=words.sentence(document), promise=words.promise(document), tiles=_tiles(document),
         where=words.where(document), figures=draw.where(document, pictures), why=words.why(document),
         which=_which(document), candidates=_candidates(document), matrix=_matrix(document),
@@ -154,8 +153,8 @@ def _which(document: GapDocument) -> list[dict[str, Any]]:
 
 def _in_its_place(document: GapDocument, name: str) -> list[str]:
     """What a rival would be, and bring."""
-    found = [[*_sizes(one), f"shrink {shrink(one.shrink)} in its place"] for one in words.tried(document) if one.name == name]
-    return found[0] if found else []
+    one = next((one for one in words.tried(document) if one.name == name), None)
+    return [] if one is None else [*_sizes(one), f"shrink {shrink(one.shrink)} in its place"]
 
 
 def _sizes(effect: AcceptedEffect | CandidateEntry) -> list[str]:

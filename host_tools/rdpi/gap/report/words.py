@@ -359,9 +359,10 @@ def why(document: GapDocument) -> list[str]:
     elif verdict == "effect":
         lines.append(f"{len(tried(document))} effects were tried. {'These hold' if several else 'This one holds'} on "
                      f"{unseen_parts(document)} {'they were' if several else 'it was'} not fitted to.")
+    elif too_little(document):
+        lines.append("No effect is named: movements so small may be missed by as much.")
     elif verdict == "none":
-        lines.append("No effect is needed: what is left is not clearly more than was to be expected." if not too_little(
-            document) else "No effect is named: movements so small may be missed by as much.")
+        lines.append("No effect is needed: what is left is not clearly more than was to be expected.")
     else:
         lines.append("Either the cause is not among the effects that rdpi knows, or these recordings do not contain "
                      "what would show it.")
