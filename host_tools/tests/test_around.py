@@ -400,6 +400,18 @@ def test_a_delay_that_hides_a_lag_is_parted() -> None:
     assert [next(iter(one.values.values())) for one in both.hypothesis.acting] == pytest.approx([0.0025, 0.002], abs=0.0002)
 
 
+@pytest.mark.parametrize("parted", [True, False])
+def test_the_interval_of_one_that_may_hide_another_holds_both(parted: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not parted:  # then it holds nothing but the sum
+        monkeypatch.setattr(choice, "_all_parted", lambda hypothesis, absent: [])
+    runs = recorded(plain_model(), drives(COMMISSIONING), entry("delay", delay_s=0.0002),
+                    entry("lag", time_constant_s=0.0002))
+    [one] = fit(runs).choice.kept  # in samples of 1 ms
+    low, high = one.ci95[one.acting.effect.late_by]
+    assert one.acting.effect.late_by and low < 0.0004 < high
+    assert (low < 0.0002) == parted
+
+
 def test_nothing_is_fitted_twice_from_the_same_place(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pruning, exchanging and comparing all ask what is left without each effect."""
     asked, judged = [], choice.judged
@@ -452,7 +464,7 @@ def test_what_does_nothing_in_whole_recordings_is_dropped(monkeypatch: pytest.Mo
              for one in both.hypothesis.acting}
     kept = tuple(choice.Kept(one, {}, alone[other], ()) for one, other in
                  zip(both.hypothesis.acting, ("delay", "creep")))
-    found = choice.refitted(Choice(plain, both, kept), whole, False)
+    found = choice.refitted(Choice(plain, both, kept), whole, [], False)
     assert [one.acting.effect.name for one in found.kept] == ["creep"]
     assert found.found.hypothesis.acting == tuple(one.acting for one in found.kept)
     assert found.kept[0].without.hypothesis.acting == ()

@@ -81,7 +81,7 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
                 thinned = [one.thinned(strokes.shortest_s) for one in settings.values()]
                 found = with_rate_filter(found, thinned, candidates)
             setting = settings.get(found.found.state.setting.rate_filter_s, setting)
-        found = refitted(found, setting, rate_law)
+        found = refitted(found, setting, candidates, rate_law)
     else:
         candidates = [_placed(kind, amplifier) for name, kind in FITTED.items() if name in names]  # in whatever order they are given
         alone = refined(setting, Hypothesis(), unknowns)

@@ -152,7 +152,7 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
         if now is grown or (grown := _grown(now, candidates, rate_law)) is now:
             break
         now, compared = _exchanged(_pruned(grown, rate_law), candidates)
-    return Choice(plain, now, tuple(_kept(now, compared, rate_law)))
+    return Choice(plain, now, tuple(_kept(now, compared, candidates, rate_law)))
 
 
 def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], rate_law: bool) -> Choice:
@@ -161,10 +161,10 @@ def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     now = _full(plain, candidates, whatever=True)
     rated = now.trying(replace(now.hypothesis, rated=True)) if rate_law else now
     now = rated if rated.beats(now) else now
-    return Choice(plain, now, tuple(_kept(now, _compared(now, ()), rate_law)))
+    return Choice(plain, now, tuple(_kept(now, _compared(now, ()), candidates, rate_law)))
 
 
-def refitted(choice: Choice, setting: Setting, rate_law: bool) -> Choice:
+def refitted(choice: Choice, setting: Setting, candidates: Sequence[Effect], rate_law: bool) -> Choice:
     """The choice made with thinned recordings, and what it was compared with, fitted to the whole ones, `setting`.
     Without effects that do nothing there.
     """
@@ -184,7 +184,7 @@ def refitted(choice: Choice, setting: Setting, rate_law: bool) -> Choice:
     kept = (one for one in choice.kept if one.acting.effect.name not in idle)
     return Choice(plain, found, tuple(
         replace(one, acting=acting, ci95=ci95, without=again(one.without))
-        for one, acting, ci95 in zip(kept, found.hypothesis.acting, _intervals(found, rate_law))))
+        for one, acting, ci95 in zip(kept, found.hypothesis.acting, _intervals(found, candidates, rate_law))))
 
 
 def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:
@@ -192,7 +192,7 @@ def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:
     if not choice.found.hypothesis.rated:
         return choice
     now = choice.found.trying(replace(choice.found.hypothesis, rated=False))
-    return Choice(choice.plain, now, tuple(_kept(now, _compared(now, candidates), False)))
+    return Choice(choice.plain, now, tuple(_kept(now, _compared(now, candidates), candidates, False)))
 
 
 def with_rate_filter(choice: Choice, settings: Sequence[Setting], candidates: Sequence[Effect]) -> Choice:
@@ -210,7 +210,7 @@ def with_rate_filter(choice: Choice, settings: Sequence[Setting], candidates: Se
         best = beside if beside.beats(alone) else alone
     if not best.beats(now):
         return choice
-    return Choice(choice.plain, best, tuple(_kept(best, _compared(best, candidates), True)))
+    return Choice(choice.plain, best, tuple(_kept(best, _compared(best, candidates), candidates, True)))
 
 
 def starts(state: Linearised, effect: Effect) -> list[Acting]:
@@ -291,8 +291,7 @@ def _late_first(plain: Judged, now: Judged, candidates: Sequence[Effect], rate_l
 def _joined(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged | None:
     """With the effect that helps most, or the simplest of those that help as much; None: none helps."""
     state, absent = now.state, _absent(now.state, candidates)
-    parted = [_parted(state.hypothesis, one, effect) for one in state.hypothesis.acting if one.effect.late_by
-              for effect in absent if effect.late_by]
+    parted = _all_parted(state.hypothesis, absent)
     first = _to_first_order(state, [effect for effect in absent if not (parted and effect.late_by)])
     if rate_law and not state.hypothesis.rated:
         first[""] = squares_of(state.held_out(rated=True)), replace(state.hypothesis, rated=True)
@@ -304,6 +303,12 @@ def _joined(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged
         return None
     best = min(fitted, key=lambda one: one.left)
     return min((one for one in fitted if not best.beats(one)), key=lambda one: (one.hypothesis.size, one.left))
+
+
+def _all_parted(hypothesis: Hypothesis, absent: Sequence[Effect]) -> list[Hypothesis]:
+    """Each effect that is late by a time parted with each absent one that is."""
+    return [_parted(hypothesis, one, effect) for one in hypothesis.acting if one.effect.late_by
+            for effect in absent if effect.late_by]
 
 
 def _parted(hypothesis: Hypothesis, one: Acting, effect: Effect) -> Hypothesis:
@@ -369,25 +374,35 @@ def _pruned(now: Judged, rate_law: bool, than: Judged | None = None, whole: Judg
     return now
 
 
-def _intervals(now: Judged, rate_law: bool) -> list[dict[str, tuple[float, float]]]:
+def _intervals(now: Judged, candidates: Sequence[Effect], rate_law: bool) -> list[dict[str, tuple[float, float]]]:
     """95 % intervals of the parameters of each effect, within bounds; none for one at a bound.
 
-    Beside the scatter from block to block counts how far the parameter moves with a rate law, or without the one there
-    is: no law is quite that of an actuator, and what it leaves goes into the parameters.
+    Beside the scatter from block to block counts how far the parameter moves
+
+    - with a rate law, or without the one there is: no law is quite that of an actuator, and what it leaves goes into
+      the parameters;
+    - with another effect that is late by a time beside it, where nothing says that it is not there.
     """
-    other = now
-    if rate_law:
-        other = now.trying(replace(now.hypothesis, rated=not now.hypothesis.rated))
+    laws = [now.trying(replace(now.hypothesis, rated=not now.hypothesis.rated))] if rate_law else []
+    parted = [other for other in map(now.trying, _all_parted(now.hypothesis, _absent(now.state, candidates)))
+              if not now.beats(other)]
     found = []
-    for one, there, errors in zip(now.hypothesis.acting, other.hypothesis.acting, now.state.errors()):
+    for one, errors in zip(now.hypothesis.acting, now.state.errors()):
         ends = {}
         for name, error in errors.items():
             value = one.values[name]
-            reach = tuned.CHAIN_WIDEN * 1.96 * float(np.hypot(error, there.values[name] - value))
+            moved, apart = (max((abs(_value(other, one, name) - value) for other in others), default=0.0)
+                            for others in (laws, parted))
+            reach = float(np.hypot(tuned.CHAIN_WIDEN * 1.96 * np.hypot(error, moved), apart))
             low, high = np.clip([value - reach, value + reach], *bounds(one, name))
             ends[name] = float(low), float(high)
         found.append(ends)
     return found
+
+
+def _value(judged: Judged, one: Acting, name: str) -> float:
+    """Of a parameter of an effect that acts there, too."""
+    return next(other.values[name] for other in judged.hypothesis.acting if other.effect.name == one.effect.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -437,9 +452,9 @@ def _exchanged(now: Judged, candidates: Sequence[Effect]) -> tuple[Judged, list[
     return _exchanged(min(better, key=lambda one: one.left), candidates) if better else (now, compared)
 
 
-def _kept(now: Judged, compared: Sequence[Compared], rate_law: bool) -> Iterator[Kept]:
+def _kept(now: Judged, compared: Sequence[Compared], candidates: Sequence[Effect], rate_law: bool) -> Iterator[Kept]:
     acting = now.hypothesis.acting
-    for one, ci95, other in zip(acting, _intervals(now, rate_law), compared):
+    for one, ci95, other in zip(acting, _intervals(now, candidates, rate_law), compared):
         rivals = [effect.effect.name for rival in other.rivals if not now.beats(rival)
                   for effect in rival.hypothesis.beside(now.hypothesis)]
         yield Kept(one, ci95, other.without, tuple(rivals))
