@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from injected import LATER, RATE_HZ, commissioned, drives, entry, plain_model, recorded
+from plants import changed
 
 from rdpi import BadInput
 from rdpi.data import Recording
@@ -127,6 +128,33 @@ def test_the_zero_stays_where_no_effect_is_accepted() -> None:
     told = diagnosis._offset(left)
     assert found.reached.chosen and told.added == 0
     assert told.mean > thresholds.ZERO_SCATTER * commissioned().stroke_um
+
+
+def test_a_zero_that_only_an_effect_moves_has_not_moved() -> None:
+    """The actuator's gain turns about its middle, that of the model about an end of its range."""
+    runs = recorded(plain_model(), drives(LATER))
+    middle_um = [float(np.mean(run.displacement_um)) for run in runs]
+    runs = [changed(run, displacement_um=at + 0.92 * (run.displacement_um - at)) for run, at in zip(runs, middle_um)]
+    found = diagnose(commissioned(), runs)
+    offset = found.document.offset_um
+    assert [one.name for one in found.document.effects] == ["gain_change"] and not offset.moved
+    assert min(abs(offset.low), abs(offset.high)) > 0.02 * commissioned().stroke_um
+    assert offset.added == pytest.approx(offset.mean)
+    assert not any("zero" in note for note in found.document.notes)
+
+
+@pytest.mark.parametrize("undone", [True, False])
+def test_what_an_effect_does_to_the_zero_is_undone(undone: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A curve that leaves the zero nearly where it was would lay all recordings .3 % of the stroke further off."""
+    if not undone:
+        monkeypatch.setattr(thresholds, "ZERO_UNDONE", thresholds.ZERO_SCATTER)
+    runs = [changed(run, displacement_um=run.displacement_um - 0.005 * commissioned().stroke_um) for run in recorded(
+        plain_model(), drives(LATER), entry("static_nonlinearity", linear=0.0, quadratic=0.02, cubic=0.0))]
+    found = diagnose(commissioned(), runs)
+    assert [one.name for one in found.document.effects] == ["static_nonlinearity"]
+    before, after = (sum(float(np.mean(run.displacement_um - one.predicted_um)) ** 2
+                         for run, one in zip(runs, chain.simulate(model, runs))) for model in (commissioned(), found.improved))
+    assert (found.document.offset_um.added != 0) == (after < 1.2 * before) == undone
 
 
 def test_what_hardly_shrinks_all_that_is_missed_is_left_out() -> None:

@@ -282,6 +282,8 @@ def _offset(selection: Selection) -> Offset:
     where the model was identified. Where they do not agree, it undoes what the effects do to it, as far as that brings it
     nearer to their mean. Creep and the room move one recording's zero and not the next one's.
     That of a recording of unknown memory holds what its plays remember: it counts only if there is no other.
+    A zero that only the effects move has not moved: a gain turns about an end of the model's range, the actuator's about
+    another place.
 
     Without accepted effects the improved model is the one that was given. Starts that the rounds came to may explain
     zeros then, but are in no model.
@@ -306,11 +308,11 @@ def _offset(selection: Selection) -> Offset:
     elif state.chosen and not any(one.effect.starts_memory for one in state.chosen):
         taken_um = float(np.mean((zeros - before)[sure]))
         undone_um = float(np.clip(np.mean(told), min(taken_um, 0.0), max(taken_um, 0.0)))
-        added = undone_um if abs(undone_um) > thresholds.ZERO_SCATTER * model.stroke_um else 0.0
+        added = undone_um if abs(undone_um) > thresholds.ZERO_UNDONE * model.stroke_um else 0.0
     least = max(thresholds.ZERO * rms(selection.before_um), thresholds.MUCH_ZERO * model.stroke_um)
     return Offset(mean=float(np.mean(zeros)), low=float(min(zeros)), high=float(max(zeros)),
                   added=added,
-                  moved=bool(agree and min(abs(zeros)) > least))
+                  moved=bool(agree and min(*abs(zeros), *abs(before)) > least))
 
 
 def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Offset, noise_um: float,

@@ -79,6 +79,7 @@ LOST = 0.2  # [of the squares gained] by which recordings may be predicted worse
 # --- has the zero moved?
 ZERO_AGREES = 4.0  # [scatter] of zeros, from which their mean is carried over to the improved model; rigs
 ZERO_SCATTER = 0.004  # [stroke] that zeros scatter by, worth one recording; rigs
+ZERO_UNDONE = 0.002  # [stroke] that effects do to it, from which it is undone where zeros do not agree; judged
 
 # --- is it known from commissioning?
 HARDLY_MOVED = 4.0  # [movement] of commissioning, by which more is not known in an octave; judged
