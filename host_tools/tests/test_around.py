@@ -464,7 +464,7 @@ def test_what_does_nothing_in_whole_recordings_is_dropped(monkeypatch: pytest.Mo
              for one in both.hypothesis.acting}
     kept = tuple(choice.Kept(one, {}, alone[other], ()) for one, other in
                  zip(both.hypothesis.acting, ("delay", "creep")))
-    found = choice.refitted(Choice(plain, both, kept), whole, [], False)
+    found = choice.refitted(Choice(plain, both, kept), whole)
     assert [one.acting.effect.name for one in found.kept] == ["creep"]
     assert found.found.hypothesis.acting == tuple(one.acting for one in found.kept)
     assert found.kept[0].without.hypothesis.acting == ()

@@ -211,8 +211,8 @@ class Offset(Document):
     high: float = json_key("highest of a recording", "um")
     added: float = json_key("what the improved model's offset_um has more; 0: the recordings do not agree that the "
                             "zero moved", "um")
-    moved: bool = json_key("true: the recordings agree, and each is so far off that the sensor's zero, or the mount, "
-                           "has changed")
+    moved: bool = json_key("true: the recordings agree, and each is so far off, with the effects and without, that "
+                           "the sensor's zero, or the mount, has changed")
 
 
 @dataclass(kw_only=True)

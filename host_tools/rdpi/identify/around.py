@@ -13,7 +13,8 @@ from ..errors import BadInput
 from ..model import Model, records
 from ..simulate.effects import CATALOGUE, SENSOR, Acting, Effect
 from .amplifier import OF_AMPLIFIER, Amplifier
-from .choice import Choice, Judged, Kept, choose, forced, judged, refitted, starts, with_rate_filter, without_rate_law
+from .choice import (Choice, Judged, Kept, choose, forced, judged, refitted, starts, with_intervals, with_rate_filter,
+                     without_rate_law)
 from .document import BeforeAfter, IdentifiedEffect
 from .holds import is_limited, limited
 from .hypothesis import Hypothesis, Setting, Unknowns
@@ -81,14 +82,16 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
                 thinned = [one.thinned(strokes.shortest_s) for one in settings.values()]
                 found = with_rate_filter(found, thinned, candidates)
             setting = settings.get(found.found.state.setting.rate_filter_s, setting)
-        found = refitted(found, setting, candidates, rate_law)
+        found = refitted(found, setting)
     else:
         candidates = [_placed(kind, amplifier) for name, kind in FITTED.items() if name in names]  # in whatever order they are given
         alone = refined(setting, Hypothesis(), unknowns)
         for effect in candidates:
             _check_excited(alone, effect, strokes)
         found = forced(setting, unknowns, candidates, rate_law)
-    return without_rate_law(found, candidates) if options.rate_independent else found
+    if options.rate_independent and found.found.hypothesis.rated:
+        found, rate_law = without_rate_law(found, candidates), False
+    return with_intervals(found, candidates, rate_law)
 
 
 def _placed(kind: type[Effect], amplifier: Amplifier | None) -> Effect:

@@ -100,7 +100,7 @@ class Kept:
     """An effect that stays."""
 
     acting: Acting
-    ci95: dict[str, tuple[float, float]]
+    ci95: dict[str, tuple[float, float]]  # of its parameters; empty before `with_intervals`
     without: Judged  # the others fitted without it
     confusable_with: tuple[str, ...]  # effects that would do as well in its place
     stage_shown: bool = False  # by monitor_V
@@ -152,7 +152,7 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
         if now is grown or (grown := _grown(now, candidates, rate_law)) is now:
             break
         now, compared = _exchanged(_pruned(grown, rate_law), candidates)
-    return Choice(plain, now, tuple(_kept(now, compared, candidates, rate_law)))
+    return Choice(plain, now, tuple(_kept(now, compared)))
 
 
 def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], rate_law: bool) -> Choice:
@@ -161,10 +161,10 @@ def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     now = _full(plain, candidates, whatever=True)
     rated = now.trying(replace(now.hypothesis, rated=True)) if rate_law else now
     now = rated if rated.beats(now) else now
-    return Choice(plain, now, tuple(_kept(now, _compared(now, ()), candidates, rate_law)))
+    return Choice(plain, now, tuple(_kept(now, _compared(now, ()))))
 
 
-def refitted(choice: Choice, setting: Setting, candidates: Sequence[Effect], rate_law: bool) -> Choice:
+def refitted(choice: Choice, setting: Setting) -> Choice:
     """The choice made with thinned recordings, and what it was compared with, fitted to the whole ones, `setting`.
     Without effects that do nothing there.
     """
@@ -183,16 +183,13 @@ def refitted(choice: Choice, setting: Setting, candidates: Sequence[Effect], rat
     plain = found if choice.found is choice.plain else again(choice.plain)
     kept = (one for one in choice.kept if one.acting.effect.name not in idle)
     return Choice(plain, found, tuple(
-        replace(one, acting=acting, ci95=ci95, without=again(one.without))
-        for one, acting, ci95 in zip(kept, found.hypothesis.acting, _intervals(found, candidates, rate_law))))
+        replace(one, acting=acting, without=again(one.without)) for one, acting in zip(kept, found.hypothesis.acting)))
 
 
 def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:
     """The same effects where the model shall have no rate law, which only took part so that none passes for it."""
-    if not choice.found.hypothesis.rated:
-        return choice
     now = choice.found.trying(replace(choice.found.hypothesis, rated=False))
-    return Choice(choice.plain, now, tuple(_kept(now, _compared(now, candidates), candidates, False)))
+    return Choice(choice.plain, now, tuple(_kept(now, _compared(now, candidates))))
 
 
 def with_rate_filter(choice: Choice, settings: Sequence[Setting], candidates: Sequence[Effect]) -> Choice:
@@ -210,7 +207,13 @@ def with_rate_filter(choice: Choice, settings: Sequence[Setting], candidates: Se
         best = beside if beside.beats(alone) else alone
     if not best.beats(now):
         return choice
-    return Choice(choice.plain, best, tuple(_kept(best, _compared(best, candidates), candidates, True)))
+    return Choice(choice.plain, best, tuple(_kept(best, _compared(best, candidates))))
+
+
+def with_intervals(choice: Choice, candidates: Sequence[Effect], rate_law: bool) -> Choice:
+    """The same with intervals of the parameters; `rate_law`: the recordings can tell of one."""
+    return replace(choice, kept=tuple(
+        replace(one, ci95=ci95) for one, ci95 in zip(choice.kept, _intervals(choice.found, candidates, rate_law))))
 
 
 def starts(state: Linearised, effect: Effect) -> list[Acting]:
@@ -452,9 +455,8 @@ def _exchanged(now: Judged, candidates: Sequence[Effect]) -> tuple[Judged, list[
     return _exchanged(min(better, key=lambda one: one.left), candidates) if better else (now, compared)
 
 
-def _kept(now: Judged, compared: Sequence[Compared], candidates: Sequence[Effect], rate_law: bool) -> Iterator[Kept]:
-    acting = now.hypothesis.acting
-    for one, ci95, other in zip(acting, _intervals(now, candidates, rate_law), compared):
+def _kept(now: Judged, compared: Sequence[Compared]) -> Iterator[Kept]:
+    for one, other in zip(now.hypothesis.acting, compared):
         rivals = [effect.effect.name for rival in other.rivals if not now.beats(rival)
                   for effect in rival.hypothesis.beside(now.hypothesis)]
-        yield Kept(one, ci95, other.without, tuple(rivals))
+        yield Kept(one, {}, other.without, tuple(rivals))
