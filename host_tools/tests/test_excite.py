@@ -93,12 +93,15 @@ def test_minor_loops_cover_amplitudes() -> None:
 
 def test_steps_hold() -> None:
     limits = Limits(0, 10, 0, sample_rate_hz=1000)
-    voltage = command("steps", limits, levels=4, hold_s=0.5)
+    voltage = command("steps", limits, levels=4, hold_s=0.5, rates_V_per_s=[1e6])
     runs = np.split(voltage, np.flatnonzero(np.diff(voltage)) + 1)
     assert [run[0] for run in runs] == [0, 2.5, 5, 7.5, 10, 7.5, 5, 2.5, 0]
     assert all(len(run) == 501 for run in runs[1:])
     slow = command("steps", Limits(0, 10, 0, sample_rate_hz=1000, slew_V_per_s=100), levels=1, hold_s=0.5)
     assert (np.diff(slow) != 0).sum() == 2 * 101  # 10 V at just under 100 V/s
+    fine = replace(limits, sample_rate_hz=20_000)
+    staircase, commission = (np.abs(np.diff(command(kind, fine))).max() for kind in ("steps", "commission"))
+    assert staircase <= 1.02 * commission
 
 
 def test_multisine_lines_and_crest() -> None:
@@ -224,7 +227,7 @@ REFUSED = {
     "frequency not a number": ("sine", ["--frequencies", "nan"], ["--frequencies nan", "positive"]),
     "one chirp frequency": ("chirp", ["--frequencies", "5"], ["two different frequencies"]),
     "two start-up frequencies": ("startup", ["--frequencies", "5,6"], ["exactly one"]),
-    "option of another kind": ("steps", ["--seed", "1"], ["--seed: is not valid for steps", "--levels, --hold"]),
+    "option of another kind": ("steps", ["--seed", "1"], ["--seed: is not valid for steps", "--levels, --hold, --rates"]),
     "no cycles": ("sine", ["--cycles", "0"], ["--cycles 0", "whole number"]),
     "no levels": ("minor-loops", ["--levels", "0"], ["--levels 0", "whole number"]),
     "frequency absurd": ("sawtooth", ["--frequencies", "1e-320"], ["--frequencies 9.99", "1e-09 or more"]),

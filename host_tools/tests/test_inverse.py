@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from models import random_model
+from scipy import signal
 
 from rdpi import firmware
 from rdpi.data import Recording
@@ -512,6 +513,23 @@ def test_what_no_preview_costs() -> None:
     hz, left, _ = with_it[0]
     late = np.exp(-2j * np.pi * hz * 1.23e-3) / (1 + 2j * np.pi * hz * 5e-4)
     assert left == pytest.approx(abs(1 - late))
+
+
+@pytest.mark.parametrize(("delay_s", "late"), [(1e-4, False), (6e-4, True)])
+def test_corners_ring_more_with_a_resonance_that_is_made_up_for_too_late(delay_s: float, late: bool) -> None:
+    delay = {"name": "delay", "parameters": {"delay_s": delay_s}}
+    model = model_with(delay, "resonance")
+    both, other = (inverse_of(model, preview=False, leave_out=names) for names in ((), ("resonance",)))
+    low_um, high_um = chain.reachable_um(both.model)
+    wanted_um = low_um + (high_um - low_um) * (0.5 + 0.3 * signal.sawtooth(40 * np.pi * STEP_S * np.arange(5000), 0.5))
+    missed = []
+    for found in (both, other):
+        run = Recording("r.csv", {"memory": "reset"}, {"time_s": np.arange(5000) * STEP_S, "reference_um": wanted_um})
+        drive_V = chain.follow(model, run, engine="f64", by=found)[0].drive_V.astype(float)
+        driven = replace(run, columns={"time_s": run.time_s, "command_V": drive_V})
+        missed.append(float(np.std((chain.simulate(model, [driven])[0].predicted_um - wanted_um)[1000:])))
+    assert (missed[0] > missed[1]) == late == (both.rings_late() is not None)
+    assert other.rings_late() is None and inverse_of(model).rings_late() is None
 
 
 @pytest.mark.parametrize(("numbers", "words"), [

@@ -94,6 +94,8 @@ def _inverse(model: Model, effects: str, leave_out: tuple[str, ...], preview: bo
         click.echo("      Hz   without lead   with lead")
         for frequency, without, extrapolated in costs:
             click.echo(f"{frequency:8g}{round(100 * without, 9):13.3g} %{round(100 * extrapolated, 9):10.3g} %")
+    if late := found.rings_late():
+        click.echo(f"note: {late}")
     return found
 
 

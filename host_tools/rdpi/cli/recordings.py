@@ -297,7 +297,8 @@ def record_(port: str, outputs: tuple[str, ...], baud: int, duration_s: float | 
                    "are lower if --slew or --sample-rate requires it.")
 @click.option("--rates", "rates_V_per_s", type=Numbers(), metavar="V/S,V/S,...",
               help="sawtooth, commission: rates instead of frequencies, V/s. minor-loops: rates at which the "
-                   "pattern is repeated, V/s; default: the rate that crosses the whole range in 0.5 s.")
+                   "pattern is repeated, V/s; default: the rate that crosses the whole range in 0.5 s. steps: one rate, "
+                   "that of the edges; default: that of commission's edges, 100 ranges per second or less.")
 @click.option("--cycles", type=int, help="Periods per wave. Default: sawtooth 3, sine 5, startup 20.")
 @click.option("--levels", type=int, help="minor-loops: number of amplitudes, default 6. steps: number of steps up and "
                                          "down, default 4.")

@@ -75,10 +75,10 @@ def commission(pen: Pen, frequencies_hz: Sequence[float] | None = None, rates_V_
     pen.move(pen.limits.min_V)
     hold_s = SHARES["steps"] * left_s / len(STAIRS)
     for share in STAIRS:
-        _edge(pen, pen.limits.max_V if share == 1 else pen.limits.min_V + share * span, frequencies_hz[-1])
+        edge(pen, pen.limits.max_V if share == 1 else pen.limits.min_V + share * span, edge_V_per_s(pen, frequencies_hz[-1]))
         pen.hold(hold_s)
     pen.part("hold")
-    _edge(pen, pen.rest_V, frequencies_hz[-1])
+    edge(pen, pen.rest_V, edge_V_per_s(pen, frequencies_hz[-1]))
     rest_s = (end + 1 - pen.count) / pen.limits.sample_rate_hz
     if rest_s < LEAST_HOLD_SHARE * left_s:
         raise BadInput(f"`duration_s` {duration_s:g}: too short for these rates: {rest_s:.3g} s remain for the hold that "
@@ -88,8 +88,13 @@ def commission(pen: Pen, frequencies_hz: Sequence[float] | None = None, rates_V_
             "multisine_hz": lines_hz, "duration_s": duration_s, "hold_s": rest_s}
 
 
-def _edge(pen: Pen, to_V: float, top_hz: float) -> None:
-    pen.ramp(to_V, abs(to_V - pen.at_V) / (EDGE_RATE * 2 * pen.limits.span_V * top_hz))
+def edge_V_per_s(pen: Pen, top_hz: float | None = None) -> float:
+    """Of steps beside triangles of this frequency; without one, beside the fastest that slew and samples allow."""
+    return min(EDGE_RATE * 2 * pen.limits.span_V * (top_hz or min(TOP_HZ, highest_hz(pen, 2))), pen.slew)
+
+
+def edge(pen: Pen, to_V: float, rate_V_per_s: float) -> None:
+    pen.ramp(to_V, abs(to_V - pen.at_V) / rate_V_per_s)
 
 
 def _ladder(pen: Pen, time_s: float) -> list[float]:

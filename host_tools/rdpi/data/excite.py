@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..errors import BadInput
-from .commission import commission
+from .commission import commission, edge, edge_V_per_s
 from .pen import (DEFAULT_LINES, SAMPLES_PER_PERIOD, Limits, Pen, check_frequency, check_limits, check_rate, highest_hz,
                   low_crest, positive, whole)
 from .recording import sample_times
@@ -121,15 +121,23 @@ def minor_loops(pen: Pen, levels: int = 6, rates_V_per_s: Sequence[float] | None
     return {"rates_V_per_s": rates}
 
 
-def steps(pen: Pen, levels: int = 4, hold_s: float = 5.0) -> dict[str, object]:
-    """Up and down a staircase, holding each step (one sample high, or as fast as --slew lets it): creep."""
+def steps(pen: Pen, levels: int = 4, hold_s: float = 5.0, rates_V_per_s: Sequence[float] | None = None
+          ) -> dict[str, object]:
+    """Up and down a staircase, holding each step: creep. Edges are as fast as those of commission, or of --rates.
+
+    A range in one sample is more than most amplifiers follow, and pulls at the ceramic.
+    """
     levels = whole("levels", levels)
     hold_s = positive("hold_s", hold_s, "s")
+    rates = rates_V_per_s or (edge_V_per_s(pen),)
+    if len(rates) != 1:
+        raise BadInput("`rates_V_per_s`: all edges of the staircase have the same rate; give one")
+    rate = min(positive("rates_V_per_s", rates[0], "V/s"), pen.slew)
     pen.move(pen.limits.min_V)
     for level in [*range(1, levels + 1), *range(levels - 1, -1, -1)]:
-        pen.ramp(pen.limits.max_V if level == levels else pen.limits.min_V + pen.limits.span_V * level / levels)
+        edge(pen, pen.limits.max_V if level == levels else pen.limits.min_V + pen.limits.span_V * level / levels, rate)
         pen.hold(hold_s)
-    return {}
+    return {"rates_V_per_s": (rate,)}
 
 
 def multisine(pen: Pen, frequencies_hz: Sequence[float] | None = None, duration_s: float | None = None,
