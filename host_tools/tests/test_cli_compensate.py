@@ -66,6 +66,27 @@ def test_compensate_after_the_start_up_sweep(engine: str, metadata: dict, folder
     assert np.abs(without.columns["dac_code"] - expected.dac_code).max() > 10
 
 
+def test_where_a_reference_begins_without_a_step(folder: Path, rdpi: Callable) -> None:
+    model = replace(model_of(stack(law=0)), drive=Drive(-20.0, 120.0, sweep_end_V=50.0))
+    x_um = float(model.x_of(50.0))
+    write_model("static.json", replace(model, memory=Memory(x_um, model.swept(x_um))))
+
+    def first(start_um: float, *options: str, **metadata: str) -> tuple[str, float]:
+        write_reference("reference.csv", start_um + 0 * reference(), **metadata)
+        printed = rdpi("compensate", "static.json", "reference.csv", "-o", "drive.csv", *options).stdout
+        return printed, float(read_recording("drive.csv", required=("command_V",)).command_V[0])
+
+    aside = r"the drive begins ([-+][\d.]+) V from .* a reference that begins at ([\d.]+) um begins without a step"
+    for options in ((), ("--sweep",)):
+        printed, begun_V = first(5.0, *options)
+        step_V, there_um = map(float, re.search(aside, printed).groups())
+        assert begun_V == pytest.approx(50 + step_V, abs=0.01) and abs(step_V) > 1.4
+        printed, begun_V = first(there_um, *options)
+        assert not re.search(aside, printed) and begun_V == pytest.approx(50, abs=1.4)
+    printed, begun_V = first(5.0, memory="reset")  # then the sweep ends where the reference begins
+    assert not re.search(aside, printed) and f"--end-V {begun_V:g}" in printed
+
+
 def test_a_drive_that_begins_where_the_sweep_ended(folder: Path, rdpi: Callable) -> None:
     """What simulate makes of it is the reference, but for the little that a fine sweep amid the range leaves."""
     fine = Drive(-20.0, 120.0, sweep_cycles=500, sweep_V_per_s=500.0, sweep_end_V=50.0)

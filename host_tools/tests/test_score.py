@@ -52,6 +52,7 @@ def test_figures_are_those_of_the_error() -> None:
     assert found.max_um == pytest.approx(np.max(np.abs(error)))
     assert found.rms_percent == pytest.approx(100 * found.rms_um / size)
     assert found.max_percent == pytest.approx(100 * found.max_um / size)
+    assert found.max_at_s == pytest.approx(run.time_s[np.argmax(np.abs(error))] - run.time_s[0])
     assert found.offset_um == pytest.approx(np.mean(error))
     assert tracking.track(run, remove_offset=True).rms_um == pytest.approx(np.std(error))
 

@@ -189,7 +189,7 @@ def score(runs: tuple[str, ...], remove_offset: bool, max_rms_percent: float | N
     if report is not None:
         reports.write_score(report, recordings, scores, result, remove_offset)
     click.echo("\n".join(scoring.table(
-        [(run.path, one, f"{1e3 * abs(one.delay_s):.3g} ms {'late' if one.delay_s >= 0 else 'early'}, "
+        [(run.path, one, f"largest at {one.max_at_s:.4g} s; {1e3 * abs(one.delay_s):.3g} ms {'late' if one.delay_s >= 0 else 'early'}, "
           f"offset {one.offset_um:.3g} um{' (removed)' if remove_offset else ''}; without both "
           f"{one.rms_percent_without_delay:.3f} % rms") for run, one in zip(recordings, scores)],
         "the reference's peak-to-peak")))

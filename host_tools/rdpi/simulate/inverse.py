@@ -25,8 +25,8 @@ APART = 1.005  # least ratio of two poles' time constants: nearer ones would mak
 MOST_LEAD = 0.25
 FREQUENCIES_HZ = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0
 LARGEST_ERROR = 1.0  # of the amplitude, up to which the table goes
-# Radians of a resonance in the delay, from which corners ring more without preview if it is made up for: at 90 degrees the
-# two add up to sqrt(2) of what rings without, and the extrapolation overshoots at corners besides.
+# Radians of a resonance in the delay, from which corners may ring more without preview if it is made up for: at 90 degrees
+# the two add up to sqrt(2) of what rings without. A lag and limits of the drive round corners off, and then they do not.
 LATE_RAD = 1.2
 JUMP_S, JUMPS_S = 0.002, (1e-6, 10.0)  # that a jump over backlash is spread over, unless told otherwise; what is taken
 
@@ -132,15 +132,15 @@ class Inverse:
         return rows
 
     def rings_late(self) -> str | None:
-        """Why corners ring more with this inverse than if it left its resonances out: what makes up for a resonance comes
-        later by the delay where there is no preview. None: they do not, or it has none.
+        """Why corners may ring more with this inverse than if it left its resonances out: what makes up for a resonance
+        comes later by the delay where there is no preview. None: not so late.
         """
         ringing = [one.acting.effect.name for one in self.told if one.how == "compensated" and one.acting.effect.rings]
         slowest_s = max((math.sqrt(beta) for _, beta in self.lags), default=0.0)
         if self.chain.preview or not ringing or self.chain.delay_s < LATE_RAD * slowest_s:
             return None
         return (f"what makes up for {ringing[0]} comes {self.chain.delay_s / (2 * math.pi * slowest_s):.2g} of its periods late "
-                f"without preview; references with corners, such as triangles, ring less with --leave-out {ringing[0]}")
+                f"without preview, so that references with corners, such as triangles, may ring more; try --leave-out {ringing[0]} for them")
 
 
 def inverse_of(model: Model, *, leave_out: Collection[str] = (), preview: bool = True,

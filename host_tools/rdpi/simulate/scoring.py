@@ -12,6 +12,7 @@ from ..model import Model
 from . import effects
 from .chain import Prediction, Score, reachable_um
 from .inverse import Inverse
+from .memory import swept_um
 from .tracking import Tracked
 
 WORTH_A_NOTE = 0.01  # of the drive's range, or of the samples
@@ -31,6 +32,19 @@ def estimated_start(model: Model) -> dict[str, Any] | None:
     fitted = model.fit.get("runs")
     first = fitted[0] if isinstance(fitted, list) and fitted else None
     return first if isinstance(first, dict) and first.get("memory") == "estimated" else None
+
+
+def begins_aside(inverse: Inverse, drive_V: np.ndarray) -> str | None:
+    """That the drive begins aside of where the start-up sweep ends, and where a reference begins that does not. None: it
+    begins there.
+    """
+    model = inverse.model
+    end_V = model.sweep_end()
+    aside_V = float(drive_V[0]) - end_V
+    if abs(aside_V) < WORTH_A_NOTE * (model.drive.max_V - model.drive.min_V):
+        return None
+    return (f"the drive begins {aside_V:+.4g} V from where the start-up sweep ends, in one sample; a reference that begins at "
+            f"{swept_um(model, float(model.x_of(end_V))):.4g} um begins without a step")
 
 
 def doubts(model: Model, inverse: Inverse, run: Recording, column: str, swept: bool, single: bool) -> list[str]:

@@ -23,6 +23,7 @@ class Tracked(NamedTuple):
     max_um: float
     rms_percent: float
     max_percent: float
+    max_at_s: float  # when, after the first sample
     offset_um: float  # mean of displacement - reference; in the figures above unless it was removed
     delay_s: float  # by which the displacement follows the reference; below 0: leads it
     rms_percent_without_delay: float  # of the reference delayed so; offset removed
@@ -44,8 +45,9 @@ def track(run: Recording, remove_offset: bool = False) -> Tracked:
     error = error - offset if remove_offset else error
     samples, square = _delay(reference_um, displacement_um)
     scale = 100 / size_um
-    rms, most = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error)))
-    return Tracked(rms, most, rms * scale, most * scale, offset, samples * run.sample_time_s, square**0.5 * scale)
+    worst = int(np.argmax(np.abs(error)))
+    rms, most = float(np.sqrt(np.mean(error**2))), float(abs(error[worst]))
+    return Tracked(rms, most, rms * scale, most * scale, worst * run.sample_time_s, offset, samples * run.sample_time_s, square**0.5 * scale)
 
 
 def _delay(reference: np.ndarray, displacement: np.ndarray) -> tuple[float, float]:
