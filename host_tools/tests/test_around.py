@@ -224,6 +224,19 @@ def test_columns_are_what_a_resonance_makes_of_a_change(column: str) -> None:
     assert moved
 
 
+def test_all_together_hold_what_only_a_resonance_uncovers() -> None:
+    """Beside a delay that is as late as both, a lag leaves no less before the resonance is there."""
+    behind = {"delay": {"delay_s": 0.001}, "lag": {"time_constant_s": 0.002}, "resonance": {"f0_hz": 60.0, "damping": 0.03}}
+    found = fit(recorded(plain_model(), drives(COMMISSIONING), *(entry(name, **behind[name]) for name in behind))).choice
+    candidates = [CATALOGUE[name]() for name in behind]
+    late = Hypothesis((Acting(candidates[0], {"delay_s": 0.003}),))
+    from_delay = choice.judged(found.plain.state.setting, late, found.plain.state.found)
+    together = {one.effect.name: dict(one.values) for one in choice._full(from_delay, candidates).hypothesis.acting}
+    assert set(together) == set(behind)
+    for name in behind:
+        assert together[name] == pytest.approx(behind[name], rel=0.1)
+
+
 def test_what_comes_in_ahead_of_a_resonance() -> None:
     """It makes what comes out; of what is too fast to pass it no more than that comes in."""
     resonance, values, model = CATALOGUE["resonance"](), {"f0_hz": 60.0, "damping": 0.02}, plain_model()

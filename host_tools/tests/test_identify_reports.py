@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from fitted import NOISE_UM, SPAN_V, STATIC, moving_runs, static_fit, static_run, visited
 from plants import changed, marked, quasi_static, stack, thresholds_um, waves
+from scipy.signal import lfilter
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
 from rdpi.identify import checks, passport
+from rdpi.identify import thresholds as tuned
 from rdpi.identify.identify import FOLDS, Fit, Options, fit
 from rdpi.simulate import chain
 
@@ -191,6 +193,22 @@ def test_runs_that_do_not_belong_together(change: dict[str, Callable], message: 
     with pytest.raises(BadInput, match=message):
         fit([static_run(), bad], STATIC)
     assert fit([bad], STATIC).model
+
+
+def test_a_small_sweep_through_a_resonance_is_of_the_same_actuator() -> None:
+    """It moves ten times as far as its command says, from 30 Hz on against it, and later than it."""
+    time_s = np.arange(4000) / 500
+    command_V = 45 + 5 * np.sin(2 * np.pi * (2 * time_s + 3 * time_s**2))  # 2 to 50 Hz
+    turn = 2 * np.pi * 30 / 500
+    poles = 2 * np.exp(-0.03 * turn) * np.cos(turn), -np.exp(-0.06 * turn)
+    ringing = lfilter([1 - sum(poles)], [1, -poles[0], -poles[1]], command_V - 45)
+    chirp = Recording("chirp.csv", {}, {"time_s": time_s, "command_V": command_V, "displacement_um": 6 + 0.13 * ringing})
+    gains = [np.ptp(run.displacement_um) / np.ptp(run.command_V) for run in (static_run(), chirp)]
+    assert gains[1] > 1.5 * tuned.GAIN_SPREAD * gains[0]
+    checks.check_together([static_run(), chirp], [])
+    with pytest.raises(BadInput, match="chirp.csv moves .* their units or actuators differ"):
+        checks.check_together([static_run(), replace(chirp, columns={
+            **chirp.columns, "displacement_um": 20 * chirp.displacement_um})], [])
 
 
 @pytest.mark.parametrize("run, note", [

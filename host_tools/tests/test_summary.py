@@ -52,6 +52,13 @@ def test_lines() -> None:
     assert not any("residual" in line for line in summary.lines(replace(result, residual=(0.01, 0.01))))
 
 
+def test_a_constant_that_is_most_of_what_is_missed_is_told() -> None:
+    result = fitted(1.0, 2.0)
+    result.scores[1] = result.scores[1]._replace(score=chain.Score(0.5, 1.0, 2.0, 4.0, -0.4))
+    lines = summary.lines(result)
+    assert lines[2].endswith("fitted") and lines[3].endswith("fitted; 1.2 % beside an offset of -0.4 um")
+
+
 def test_a_low_pass_on_the_rate_is_told_where_slopes_follow_it() -> None:
     result = fitted(1.0)
     result.model.rate.filter_s = 0.1

@@ -89,22 +89,34 @@ def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> 
     """Each run once, all of one actuator: same sign, same zero, about as many um per volt (small loops have fewer)."""
     _check_once([run.digest or id(run) for run in (*runs, *hold_out)], [*runs, *hold_out],
                 " and cannot be both fitted and held out")
-    gains = [float(np.ptp(run.displacement_um) / np.ptp(run.command_V)) for run in runs]
-    low, high = int(np.argmin(gains)), int(np.argmax(gains))
-    if gains[high] > tuned.GAIN_SPREAD * gains[low]:
-        raise BadInput(f"{runs[high].path} moves {gains[high]:.3g} um/V, but {runs[low].path} moves "
-                       f"{gains[low]:.3g} um/V: their units or actuators differ; "
+    gains = np.array([_gains_um_per_V(run) for run in runs])
+    low, high = int(np.argmin(gains.max(axis=1))), int(np.argmax(gains.min(axis=1)))
+    if gains[high].min() > tuned.GAIN_SPREAD * gains[low].max():
+        raise BadInput(f"{runs[high].path} moves {gains[high, 0]:.3g} um/V, but {runs[low].path} moves "
+                       f"{gains[low, 0]:.3g} um/V: their units or actuators differ; "
                        "check units and gain (`rdpi import --command-gain`)")
     largest = max(runs, key=lambda run: np.ptp(run.command_V))
     slope, zero = np.polyfit(largest.command_V, largest.displacement_um, 1)
     for run in runs:
-        if correlation(run) * slope < 0:
+        if _opposite(run, slope):
             raise BadInput(f"{run.path}: moves opposite to {largest.path}; the sign of one of them is inverted")
         moved = float(np.mean(run.displacement_um) - slope * np.mean(run.command_V) - zero)
         if abs(moved) > np.ptp(largest.displacement_um) / 2:
             raise BadInput(f"{run.path}: lies {moved:.4g} um from {largest.path} at the same command; "
                            "the sensor's zero or the command's offset has changed; subtract the change, or fit the "
                            "runs separately")
+
+
+def _gains_um_per_V(run: Recording) -> tuple[float, float]:
+    """Of all that it moves, and of what it moves along with the command: what rings moves further, but not along."""
+    return (float(np.ptp(run.displacement_um) / np.ptp(run.command_V)),
+            abs(float(np.polyfit(run.command_V, run.displacement_um, 1)[0])))
+
+
+def _opposite(run: Recording, gain: float) -> bool:
+    """Whether it moves against a gain of this sign, and not because it rings or is late by half a period."""
+    late = late_correlations(run, run.displacement_um) * np.sign(gain)
+    return bool(np.min(late) < -tuned.MIN_CORRELATION and np.max(late) < tuned.MIN_CORRELATION)
 
 
 def _check_once(marks: Sequence[object], runs: Sequence[Recording], why: str = "") -> None:
@@ -144,16 +156,14 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
     usual = abs(model.gain_um_per_V) * float(model.slopes[-1])
     for run in runs:
         together = correlation(run)
-        late = late_correlations(run, run.displacement_um) * np.sign(model.gain_um_per_V)
-        if np.min(late) < -tuned.MIN_CORRELATION and np.max(late) < tuned.MIN_CORRELATION:
+        if _opposite(run, model.gain_um_per_V):
             raise BadInput(f"{run.path}: moves opposite to the model; check the sign of command and displacement")
         if together * np.sign(model.gain_um_per_V) < -tuned.MIN_CORRELATION:
             notes.append(f"{run.path} moves opposite to the model, as one that is late by half a period does; if its "
                          "sign was changed, the diagnosis means nothing")
-        gain = float(np.ptp(run.displacement_um) / np.ptp(run.command_V))
+        gain, along = _gains_um_per_V(run)
         times = max(gain / usual, usual / gain)
-        along = abs(float(np.polyfit(run.command_V, run.displacement_um, 1)[0]))
-        if along > 0:  # what rings moves further, but not along with the command
+        if along > 0:
             times = min(times, max(along / usual, usual / along))
         if times > tuned.OTHER_UNITS:
             raise BadInput(f"{run.path}: moves {gain:.3g} um/V, but the model moves {usual:.3g} um/V: the units "

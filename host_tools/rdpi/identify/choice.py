@@ -325,8 +325,10 @@ def _full(now: Judged, candidates: Sequence[Effect], whatever: bool = False) -> 
     """With every effect that the recordings excite and that leaves less, or `whatever` it leaves: one after the other
     and then all together.
     """
-    state = now.state
-    for effect in _absent(now.state, candidates):
+    state, absent = now.state, _absent(now.state, candidates)
+    for effect in [*absent, *absent]:  # what hides one that comes before it may be there by the second time
+        if any(one.effect is effect for one in state.hypothesis.acting):
+            continue
         found = starts(state, effect)
         if not found:
             continue

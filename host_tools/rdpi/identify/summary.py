@@ -45,7 +45,7 @@ def lines(result: Fit) -> list[str]:
     top = rate.identified_um_per_s
     told = [f"{len(model.slopes) - 1} plays, {len(model.deadzones_um) - 1} dead zones, "
             f"stroke {model.stroke_um:.5g} um, noise {result.noise_um:.2g} um rms",
-            *scoring.table([(run.recording.path, run.score, "held out" if run.held_out else "fitted")
+            *scoring.table([(run.recording.path, run.score, ("held out" if run.held_out else "fitted") + _aside(run.score))
                             for run in result.scores]),
             *(around.lines(result.choice, model) if result.choice else ()),
             *_slopes(result)]
@@ -62,6 +62,14 @@ def lines(result: Fit) -> list[str]:
         *([f"the slopes follow the rate behind a low-pass of {rate.filter_s:.4g} s"]
           if rate.filter_s and np.any(model.slope_rate_s_per_um) else []),
         *(f"note: {warning}" for warning in result.warnings)]
+
+
+def _aside(score: chain.Score) -> str:
+    """What is missed besides a constant, where that is more than half of it."""
+    if abs(score.offset_um) < score.rms_um / 2:
+        return ""
+    beside_um = max(score.rms_um**2 - score.offset_um**2, 0.0) ** 0.5
+    return f"; {score.rms_percent * beside_um / score.rms_um:.3g} % beside an offset of {score.offset_um:.3g} um"
 
 
 def _slopes(result: Fit) -> list[str]:
