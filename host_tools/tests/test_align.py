@@ -119,6 +119,18 @@ def test_the_first_of_several_plays(twice: bool) -> None:
     assert ("played 2 times" in " ".join(lines)) == twice
 
 
+@pytest.mark.parametrize("moves", [False, True])
+def test_what_comes_behind_the_drive_is_told_if_it_moves(moves: bool) -> None:
+    """Another drive that begins alike, and not an amplifier that is switched off."""
+    drive = drive_of()
+    one = scope(drive, 5000.0, 0.25)
+    behind = one.command_V[::-1] if moves else np.full(5000, np.min(one.command_V))
+    columns = {name: np.concatenate([values, behind]) for name, values in one.columns.items()}
+    columns["time_s"] = sample_times(len(columns["time_s"]), 5000.0)
+    _, lines = beside_drive(Recording("scope.csv", {}, columns), drive)
+    assert ("moves on after the end of the drive" in " ".join(lines)) == moves
+
+
 def test_hum_at_a_line_of_the_drive() -> None:
     """A multisine holds a line at 50 Hz; hum there looks like a shift of it."""
     drive = drive_of("multisine", 10000.0, duration_s=4.0)

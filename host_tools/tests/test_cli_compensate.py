@@ -79,6 +79,7 @@ def test_where_a_reference_begins_without_a_step(folder: Path, rdpi: Callable) -
     aside = r"the drive begins ([-+][\d.]+) V from .* a reference that begins at ([\d.]+) um begins without a step"
     for options in ((), ("--sweep",)):
         printed, begun_V = first(5.0, *options)
+        assert "rdpi excite startup" in printed and "--end-V 50\n" in printed
         step_V, there_um = map(float, re.search(aside, printed).groups())
         assert begun_V == pytest.approx(50 + step_V, abs=0.01) and abs(step_V) > 1.4
         printed, begun_V = first(there_um, *options)

@@ -104,6 +104,14 @@ def test_steps_hold() -> None:
     assert staircase <= 1.02 * commission
 
 
+def test_a_chirp_reaches_what_rings_at_a_quarter_of_the_rate(tmp_path: Path, rdpi: Callable) -> None:
+    small = "--min-V", "45", "--max-V", "55", "--sample-rate", "1000"
+    printed = rdpi("excite", "chirp", "-o", tmp_path / "chirp.csv", *small).stdout
+    assert "chirp from 1 to 250 Hz," in printed
+    refused = rdpi("excite", "chirp", "-o", tmp_path / "chirp.csv", *small, "--frequencies", "1,260")
+    assert refused.exit_code == 2 and "fewer than 4 samples per period" in refused.output
+
+
 def test_multisine_lines_and_crest() -> None:
     frequencies = (1, 2, 3, 5, 7, 11, 13)
     limits, options = Limits(0, 10, rest_V=5), {"frequencies_hz": frequencies, "duration_s": 4.0}
@@ -195,7 +203,7 @@ def test_defaults_yield_but_wishes_are_refused() -> None:
     assert float(metadata["frequencies_hz"]) == pytest.approx(50 / (2 * 10), rel=0.01)
     assert len(columns["time_s"]) == pytest.approx(20.5 / 2.5 * 10_000, rel=0.02)
     _, metadata = make_drive("chirp", Limits(sample_rate_hz=1000))
-    assert metadata["frequencies_hz"] == "1 100"
+    assert metadata["frequencies_hz"] == "1 250"
 
 
 REFUSED = {

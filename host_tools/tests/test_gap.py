@@ -728,6 +728,21 @@ def test_the_sensors_zero_is_compared_with_the_earlier_one() -> None:
                for note in further.document.notes)
 
 
+def test_what_differs_from_recording_to_recording_anyway_is_new_only_beyond_that() -> None:
+    """A drift of the room, and a start that another past has left, small beside what a drive repeated differs by."""
+    def drifted(um_per_s: float) -> list[Recording]:
+        return [changed(run, displacement_um=run.displacement_um + um_per_s * (k + 1) * run.time_s)
+                for k, run in enumerate(now)]
+
+    before, now = twice()
+    for um_per_s, drifts in ((0.002, False), (0.1, True)):
+        document = diagnose(with_creep(), drifted(um_per_s), earlier=before).document
+        (row,) = (one for one in document.candidates if one.name == "thermal_drift")
+        assert row.shrink > 0.2 and (document.passport.ratio > 1) == drifts
+        assert [one.name for one in document.effects] == ["thermal_drift"] * drifts
+        assert (row.rejected_because == "recordings of an unchanged rig may differ by as much") != drifts
+
+
 def test_a_grid_of_readings_that_was_there_before_is_not_new() -> None:
     before, now = ([changed(run, displacement_um=0.3 * np.round(run.displacement_um / 0.3)) for run in runs]
                    for runs in twice())

@@ -195,6 +195,14 @@ def test_runs_that_do_not_belong_together(change: dict[str, Callable], message: 
     assert fit([bad], STATIC).model
 
 
+@pytest.mark.parametrize("limits", [{"min_V": 0.0, "max_V": 0.09}, {"min_V": 100.0}, {"max_V": -1.0},
+                                    {"min_V": 1e3, "max_V": 1e5}])
+def test_limits_in_other_units_than_the_drive(limits: dict[str, float]) -> None:
+    options = replace(STATIC, **limits)
+    with pytest.raises(BadInput, match=r"run\.csv: the recorded drive goes from 0 to 90 V, .* (--min-V|--max-V) .*in V"):
+        fit([static_run()], options)
+
+
 def test_a_small_sweep_through_a_resonance_is_of_the_same_actuator() -> None:
     """It moves ten times as far as its command says, from 30 Hz on against it, and later than it."""
     time_s = np.arange(4000) / 500
@@ -270,6 +278,11 @@ def test_a_displacement_that_comes_first_is_remarked_on() -> None:
         return [text for text in fit(runs, Options(effects="none")).warnings if "come before the command" in text]
 
     assert not early(0.0) and early(0.002)
+
+
+@pytest.mark.parametrize(("memory", "end_V"), [("reset", None), ("unknown", 45.0)])
+def test_the_start_up_sweep_of_a_model_whose_memory_is_estimated_ends_in_the_middle(memory: str, end_V: float | None) -> None:
+    assert fit([marked(static_run(), memory=memory)], STATIC).model.drive.sweep_end_V == end_V
 
 
 def test_a_start_unlike_the_others_is_remarked_on() -> None:

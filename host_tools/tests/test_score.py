@@ -52,9 +52,21 @@ def test_figures_are_those_of_the_error() -> None:
     assert found.max_um == pytest.approx(np.max(np.abs(error)))
     assert found.rms_percent == pytest.approx(100 * found.rms_um / size)
     assert found.max_percent == pytest.approx(100 * found.max_um / size)
-    assert found.max_at_s == pytest.approx(run.time_s[np.argmax(np.abs(error))] - run.time_s[0])
+    assert found.max_at_s == run.time_s[np.argmax(np.abs(error))]
     assert found.offset_um == pytest.approx(np.mean(error))
     assert tracking.track(run, remove_offset=True).rms_um == pytest.approx(np.std(error))
+
+
+def test_a_start_may_be_left_out() -> None:
+    run = followed(profile, 0.001)
+    run.displacement_um[:10] += 50
+    rest = tracking.without_start(run, 10 / RATE_HZ)
+    assert len(rest) == len(run) - 10 and rest.time_s[0] == run.time_s[10]
+    assert tracking.track(run).max_at_s < rest.time_s[0] < tracking.track(rest).max_at_s
+    assert tracking.track(rest).max_um < 5 < tracking.track(run).max_um
+    for skip_s in (-1.0, 1e9, float("nan")):
+        with pytest.raises(BadInput, match="--skip .*: must be a time in s, from 0 to"):
+            tracking.without_start(run, skip_s)
 
 
 def test_of_a_periodic_reference_the_shortest_delay_is_told() -> None:

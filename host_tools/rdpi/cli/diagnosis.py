@@ -162,11 +162,13 @@ def _missed_gates(document: GapDocument, fail_on: tuple[str, ...], max_gap_perce
 @command("score")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(dir_okay=False))
 @click.option("--remove-offset", is_flag=True, help="Remove the mean error before scoring.")
+@click.option("--skip", "skip_s", type=float, default=0.0, metavar="S",
+              help="Leave out the first S seconds of each run: a start that is none of the tracking. Default: 0.")
 @click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
               help="Exit with status 1 if the rms error of any run exceeds this, % of the reference's peak-to-peak.")
 @click.option("--report", metavar="DIR", type=Report("score.json", "score.html"),
               help="Write score.html (one page with pictures) and score.json to this directory.")
-def score(runs: tuple[str, ...], remove_offset: bool, max_rms_percent: float | None,
+def score(runs: tuple[str, ...], remove_offset: bool, skip_s: float, max_rms_percent: float | None,
           report: str | None) -> dict[str, Any]:
     """Say how well references were tracked.
 
@@ -179,7 +181,7 @@ def score(runs: tuple[str, ...], remove_offset: bool, max_rms_percent: float | N
     from ..identify import report as reports
     from ..simulate import scoring, tracking
 
-    recordings = [read_recording(path, required=tracking.COLUMNS) for path in runs]
+    recordings = [tracking.without_start(read_recording(path, required=tracking.COLUMNS), skip_s) for path in runs]
     scores = [tracking.track(run, remove_offset) for run in recordings]
     worst = max(one.rms_percent for one in scores)
     failed = max_rms_percent is not None and worst > max_rms_percent

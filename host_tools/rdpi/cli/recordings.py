@@ -344,7 +344,8 @@ def excite(kind: str, output: str, min_V: float, max_V: float, rest_V: float | N
         write_recording(output, columns, metadata)
     voltage = columns["command_V"]
     duration_s = (len(voltage) - 1) / sample_rate_hz
-    click.echo(f"{output}: {kind}, {len(voltage)} samples at {sample_rate_hz:g} per second, {duration_s:.6g} s, "
+    ends_hz = f" from {' to '.join(metadata['frequencies_hz'].split())} Hz" if kind == "chirp" else ""
+    click.echo(f"{output}: {kind}{ends_hz}, {len(voltage)} samples at {sample_rate_hz:g} per second, {duration_s:.6g} s, "
                f"{voltage.min():g} to {voltage.max():g} V, starts at {voltage[0]:g} V and ends at {voltage[-1]:g} V")
     for title, is_shown in ((f"It shows, if {ASSUMED}:", True), ("It does not show:", False)):
         lines = [f"  {what}: {one.text}" for what, one in shows.items() if (one.low is not None) == is_shown]

@@ -27,6 +27,7 @@ LEAST_ALIKE = 0.95  # correlation of a recorded voltage with its drive; noise of
 PART_ALIKE = 0.8  # the same of each of PARTS parts of the drive that move
 PARTS = 8
 AS_ALIKE = 0.99  # of the best correlation: from here on it is another play of the same drive
+MOVES_ON = 0.6  # of the drive's range: who switches off behind it goes from the middle to an end
 MOVES = 0.5  # of the drive's rms: a part that moves less says little about noise
 MOST_DOUBT = 0.55  # samples of the drive, at either end of what is needed of it: half a hold, and what noise adds
 SLOW = 1.5  # recorded samples for each of the drive: with fewer, a faster scope helps
@@ -71,7 +72,7 @@ def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]
     read = at_times(run.time_s, columns, times)
     if drive.reference_um is not None:
         read.setdefault("reference_um", drive.reference_um[first:])
-    rate_hz = drive.sample_rate_hz
+    rate_hz, finest_s = drive.sample_rate_hz, max(1 / drive.sample_rate_hz, run.sample_time_s)
     metadata = {**run.metadata, "memory": run.metadata.get("memory", "reset" if swept else "unknown"),
                 "sample_rate_hz": f"{rate_hz:.12g}", "played": drive.path, "played_digest": drive.digest,
                 "played_from_s": f"{found.start_s:.9g}", "played_clock": f"{found.clock:.9g}",
@@ -88,6 +89,10 @@ def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]
              + f"; memory: {metadata['memory']}"]
     if found.plays > 1:
         lines.append(f"  the drive was played {found.plays} times; this is the first; choose another with --rows")
+    rest = run.command_V[run.time_s > times[-1] + finest_s]
+    if found.plays == 1 and len(rest) and np.ptp(rest) > MOVES_ON * np.ptp(drive.command_V) * abs(found.gain):
+        lines.append(f"  the voltage moves on after the end of the drive, for {len(rest) / run.sample_rate_hz:.4g} s, which are "
+                     "left out; check that this is the drive that was played")
     if run.sample_rate_hz < rate_hz * NEAR:
         lines.append(f"  recorded at {run.sample_rate_hz:.6g} per second: columns are interpolated between samples")
     return Recording(run.path, metadata, {"time_s": sample_times(len(times), rate_hz),

@@ -21,6 +21,7 @@ from .pen import (DEFAULT_LINES, SAMPLES_PER_PERIOD, Limits, Pen, check_frequenc
 from .recording import sample_times
 
 SWEEP_CYCLES, SWEEP_HZ = 20, 20.0
+RINGING_SAMPLES = 4  # per period of a chirp, which looks for what rings: it need not be drawn well
 FREQUENCIES_HZ = (1.0, 2.0, 5.0, 10.0, 20.0)
 
 
@@ -192,11 +193,11 @@ def sine(pen: Pen, frequencies_hz: Sequence[float] | None = None, cycles: int = 
 def chirp(pen: Pen, frequencies_hz: Sequence[float] | None = None, duration_s: float = 10.0) -> dict[str, object]:
     """A sine whose frequency runs from the first to the second, equally long per octave: resonance (keep it small)."""
     if frequencies_hz is None:
-        highest = min(500.0, highest_hz(pen, np.pi))
+        highest = min(500.0, highest_hz(pen, np.pi, RINGING_SAMPLES))
         frequencies_hz = (min(1.0, highest / 10), highest)
     if len(frequencies_hz) != 2 or frequencies_hz[0] == frequencies_hz[1]:
         raise BadInput("`frequencies_hz`: a chirp needs two different frequencies, e.g. `frequencies_hz` 1,500")
-    first, last = (check_frequency(pen, f) for f in frequencies_hz)
+    first, last = (check_frequency(pen, f, RINGING_SAMPLES) for f in frequencies_hz)
     count = pen.samples(positive("duration_s", duration_s, "s"))
     ratio = np.log(last / first)
     phase = 2 * np.pi * first * duration_s / ratio * np.expm1(ratio * np.arange(count + 1) / count)

@@ -139,17 +139,18 @@ def check_rate(pen: Pen, rate: float) -> None:
                        f"`max_V`; use at most {fastest:g} V/s, or raise `sample_rate_hz`")
 
 
-def check_frequency(pen: Pen, frequency_hz: float) -> float:
-    highest = pen.limits.sample_rate_hz / SAMPLES_PER_PERIOD
+def check_frequency(pen: Pen, frequency_hz: float, samples: int = SAMPLES_PER_PERIOD) -> float:
+    """A frequency in Hz that so many samples per period draw."""
+    highest = pen.limits.sample_rate_hz / samples
     if positive("frequencies_hz", frequency_hz, "Hz") > highest * (1 + 1e-9):
-        raise BadInput(f"`frequencies_hz` {frequency_hz:g}: gives fewer than {SAMPLES_PER_PERIOD} samples per period; "
+        raise BadInput(f"`frequencies_hz` {frequency_hz:g}: gives fewer than {samples} samples per period; "
                        f"use at most {highest:g} Hz, or raise `sample_rate_hz`")
     return frequency_hz
 
 
-def highest_hz(pen: Pen, steepness: float) -> float:
+def highest_hz(pen: Pen, steepness: float, samples: int = SAMPLES_PER_PERIOD) -> float:
     """Highest frequency for waves over the whole range whose steepest slope is steepness · range · frequency."""
-    return min(pen.limits.sample_rate_hz / SAMPLES_PER_PERIOD, 0.999 * pen.slew / (steepness * pen.limits.span_V))
+    return min(pen.limits.sample_rate_hz / samples, 0.999 * pen.slew / (steepness * pen.limits.span_V))
 
 
 def positive(name: str, value: float, unit: str) -> float:

@@ -140,7 +140,7 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
         where = "moves as little as these recordings, and commissioning did not"
         otherwise = "; if it may have changed, play the drive of commissioning again and give its recording to `rdpi gap`"
     else:
-        top_hz = min(unknown.high, limits.sample_rate_hz / excite.SAMPLES_PER_PERIOD)
+        top_hz = min(unknown.high, limits.sample_rate_hz / excite.RINGING_SAMPLES)
         kind, options = "chirp", {"frequencies_hz": (unknown.low / 4, top_hz), "duration_s": CHIRP_S}
         half_V = unknown.moved_um / abs(state.model.gain_um_per_V * float(state.model.slopes[-1]))
         fastest = signals.fastest_V_per_s(state.recordings)

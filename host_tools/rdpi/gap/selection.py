@@ -264,7 +264,7 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
     equations = NormalEquations(state.dataset, state.residual, found, state.chosen)
     baseline = _baseline(equations)
     scores = tuple(_score(state, equations, baseline, k, gap.floor + state.excused()) for k in range(len(found)))
-    gains = [one.gain for one in scores if not one.was_there]
+    gains = [one.gain for one in scores if not one.was_there and not _as_usual(one, gap)]
     # What a model misses of small movements has a shape, and loops that drift look like creep: that is nothing new.
     evidence = gap.evidence + (1 - gap.untold) * thresholds.SHRINK_WEIGHT * max([*gains, 0.0])
     misplaced: list[Score] = []
@@ -370,11 +370,13 @@ def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
     born_in += min(1.0, gap.untold / thresholds.TOO_SMALL) ** 2 * (1 - born_in)
     clear = bool(gap.ratio and evidence > detection_threshold(gap))
     rejected = ["the recordings do not lie where it would take them" if one in misplaced else
+                "recordings of an unchanged rig may differ by as much" if _as_usual(one, gap) else
                 _why_rejected(one, bool(state.chosen), clear, born_in) for one in scores]
     open_ = [one for one, why in zip(scores, rejected) if why is None]
     frozen = _simplest(open_, False, state.dataset.monitored) if open_ else None
     # Born in: what the fit took up hides an effect, or half of it, until the model is refitted beside it.
     hidden = [one for one in scores if not state.chosen and not one.follows_drive and not one.was_there and not one.at_end
+              and not _as_usual(one, gap)
               and one.refitted_shrink - one.effect.chance_gain[1] > born_in
               and one.refitted_left < baseline.least * (1 - born_in)]
     beside = _simplest(hidden, True, state.dataset.monitored) if hidden else None
@@ -382,6 +384,11 @@ def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
     if beside and (frozen is None or excused and beside.refitted_left < thresholds.BESIDE * frozen.left):
         return beside, True, tuple(None if one is beside else why for one, why in zip(scores, rejected))
     return frozen, False, tuple(rejected)
+
+
+def _as_usual(one: Score, gap: Excess) -> bool:
+    """Whether it differs from recording to recording anyway, by what was before, and these do not by more than usual."""
+    return one.effect.differs_anyway and gap.ratio is not None and gap.ratio < 1
 
 
 def _misplaces(state: AugmentedModel, one: Score) -> bool:

@@ -105,6 +105,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         if "monitor_V" in run.columns:
             check_monitor(run, float(np.ptp(run.command_V)))
     check_together(runs, hold_out)
+    _check_drive(runs, options)
     warnings = same_samples([*runs, *hold_out])
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
     frame = Frame.of(runs, options, warnings)
@@ -146,7 +147,8 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
                         f"rate law look alike: {late} may be another of them, and holds at that rate only; record several "
                         "rates, as `rdpi excite commission` does")
     _check_reset(found.model, found.runs, warnings)
-    _check_order(found.model, warnings)
+    if Strokes.of(runs).rates_differ:
+        _check_order(found.model, warnings)
     progress(0.7)
     predictions = chain.simulate(model, [*runs, *hold_out])
     scores = _scores(runs, hold_out, predictions, warnings)
@@ -242,7 +244,7 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
         rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s or 0.0,
                   min_slope_ratio=options.min_slope_ratio, smoothing_s=min(frame.smoothing_s),
                   identified_um_per_s=top),
-        drive=Drive(*ends_V, options.slew_V_per_s, options.dac_bits),
+        drive=Drive(*ends_V, options.slew_V_per_s, options.dac_bits, sweep_end_V=_sweep_end(first.recording, ends_V)),
         memory=Memory(float(first.x_um[0]), first.states_um, sweep.share),
         actuator=options.actuator if options.actuator is not None else runs[0].metadata.get("actuator", ""),
     )
@@ -257,6 +259,13 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
         model.memory = replace(model.memory, x_um=float(states[0]), plays_um=states)
     model.memory = chain.within_drive(model)
     return Operator(model, plant, without, prepared, reduced, columns, sweep)
+
+
+def _sweep_end(first: Recording, ends_V: tuple[float, float]) -> float | None:
+    """Where the start-up sweep shall end: in the middle, where the model's memory is that of no sweep. A sweep that ends
+    near an edge leaves the larger plays behind. None: where the memory is.
+    """
+    return sum(ends_V) / 2 if first.memory == "unknown" else None
 
 
 def _behind_amplifier(plain: Operator, runs: Sequence[Recording], frame: Frame, options: Options, warnings: list[str]
@@ -281,6 +290,16 @@ def _behind_amplifier(plain: Operator, runs: Sequence[Recording], frame: Frame, 
         return found, plain, runs
     driven = found.drives(runs, plain.model)
     return found, _operator(driven, frame.of_others(driven, options), options, not options.rate_independent), driven
+
+
+def _check_drive(runs: Sequence[Recording], options: Options) -> None:
+    """Raise BadInput where the drive was recorded nowhere within the limits that were given, or in other units."""
+    low_V, high_V = (end(float(end(run.command_V)) for run in runs) for end in (min, max))
+    given = [f"--{name}-V {end_V:g}" for name, end_V in (("min", options.min_V), ("max", options.max_V)) if end_V is not None]
+    least_V, most_V = (-np.inf if options.min_V is None else options.min_V), (np.inf if options.max_V is None else options.max_V)
+    if most_V < low_V or least_V > high_V or tuned.OTHER_UNITS * (most_V - least_V) < high_V - low_V:
+        raise BadInput(f"{runs[0].path}: the recorded drive goes from {low_V:g} to {high_V:g} V, which is not within "
+                       f"{' '.join(given)}; give command_V and limits both in V at the actuator (`rdpi import --command-gain`)")
 
 
 def _beyond(model: Model, range_V: tuple[float, float]) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ class Tracked(NamedTuple):
     max_um: float
     rms_percent: float
     max_percent: float
-    max_at_s: float  # when, after the first sample
+    max_at_s: float  # where in time_s
     offset_um: float  # mean of displacement - reference; in the figures above unless it was removed
     delay_s: float  # by which the displacement follows the reference; below 0: leads it
     rms_percent_without_delay: float  # of the reference delayed so; offset removed
@@ -47,7 +48,15 @@ def track(run: Recording, remove_offset: bool = False) -> Tracked:
     scale = 100 / size_um
     worst = int(np.argmax(np.abs(error)))
     rms, most = float(np.sqrt(np.mean(error**2))), float(abs(error[worst]))
-    return Tracked(rms, most, rms * scale, most * scale, worst * run.sample_time_s, offset, samples * run.sample_time_s, square**0.5 * scale)
+    return Tracked(rms, most, rms * scale, most * scale, float(run.time_s[worst]), offset, samples * run.sample_time_s, square**0.5 * scale)
+
+
+def without_start(run: Recording, skip_s: float) -> Recording:
+    """The recording without its first seconds; times stay. Raises BadInput if they are all of it, or none at all."""
+    if not 0 <= skip_s < run.time_s[-1] - run.time_s[0]:
+        raise BadInput(f"--skip {skip_s:g}: must be a time in s, from 0 to the {run.time_s[-1] - run.time_s[0]:g} s of {run.path}")
+    first = int(np.ceil(skip_s / run.sample_time_s - 1e-6))
+    return replace(run, columns={name: values[first:] for name, values in run.columns.items()})
 
 
 def _delay(reference: np.ndarray, displacement: np.ndarray) -> tuple[float, float]:

@@ -93,6 +93,7 @@ class Effect:
     late_by: ClassVar[str | None] = None  # the parameter that is the time by which slow movements come late
     rings: ClassVar[bool] = False  # at a frequency of its own
     disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
+    differs_anyway: ClassVar[bool] = False  # recordings of an unchanged rig differ by it: by what was before them
     starts_memory: ClassVar[bool] = False  # acts by where the plays start, and by nothing else
     moves_zero: ClassVar[bool] = False  # the zero is estimated along with it
     tells_zero: ClassVar[bool] = False  # recordings do not lie where it says they would: it is not there

@@ -24,7 +24,7 @@ class InitialMemory(Effect):
     article = "an"
     stages = ("actuator",)
     parameters = (Parameter("position_um", "um", -np.inf, np.inf),)
-    disturbance = True
+    disturbance = differs_anyway = True
     starts_memory = True
     chance_gain = 0.03, 0.03
 

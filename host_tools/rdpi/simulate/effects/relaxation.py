@@ -35,7 +35,8 @@ class Relaxation(Effect):
     comes_late = True
     needs_rates = True
     parameters = (Parameter("share", "1", -0.2, 0.5), Parameter("time_constant_s", "s", SHORTEST_S, LONGEST_S, 0.01))
-    in_gap = {"share": (0.0, 0.5), "time_constant_s": (SHORTEST_S, SLOWEST_S)}  # a share below 0 would be early
+    # Glue lines yield by more than the ceramic; a larger share is a lag.
+    in_gap = {"share": (0.0, 0.3), "time_constant_s": (SHORTEST_S, SLOWEST_S)}  # a share below 0 would be early
     # As much as stacks relax; a larger share is a lag.
     on_rig = {"share": (0.0, 0.12), "time_constant_s": (SHORTEST_S, SLOWEST_S)}
     contains = GainChange  # slower than the recordings, its share is missing from every move

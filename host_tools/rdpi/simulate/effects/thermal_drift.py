@@ -44,6 +44,10 @@ class ThermalDrift(Effect):
         return None if column in COLUMNS else f"must be one of {', '.join(COLUMNS)}"
 
     @property
+    def differs_anyway(self) -> bool:
+        return self.column == self.of_column
+
+    @property
     def fitted(self) -> tuple[str, ...]:
         return (self.parameters[COLUMNS.index(self.column)].name,)
 
