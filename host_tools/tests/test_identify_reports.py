@@ -206,11 +206,13 @@ def test_limits_in_other_units_than_the_drive(limits: dict[str, float]) -> None:
 def test_a_small_sweep_through_a_resonance_is_of_the_same_actuator() -> None:
     """It moves ten times as far as its command says, from 30 Hz on against it, and later than it."""
     time_s = np.arange(4000) / 500
-    command_V = 45 + 5 * np.sin(2 * np.pi * (2 * time_s + 3 * time_s**2))  # 2 to 50 Hz
+    command_V = 45 + 5 * np.sin(2 * np.pi * (2 * time_s + 4 * time_s**2))  # 2 to 66 Hz
     turn = 2 * np.pi * 30 / 500
     poles = 2 * np.exp(-0.03 * turn) * np.cos(turn), -np.exp(-0.06 * turn)
     ringing = lfilter([1 - sum(poles)], [1, -poles[0], -poles[1]], command_V - 45)
     chirp = Recording("chirp.csv", {}, {"time_s": time_s, "command_V": command_V, "displacement_um": 6 + 0.13 * ringing})
+    assert np.max(np.abs(checks.late_correlations(chirp, chirp.displacement_um))) < tuned.MIN_CORRELATION
+    checks.check_run(chirp)
     gains = [np.ptp(run.displacement_um) / np.ptp(run.command_V) for run in (static_run(), chirp)]
     assert gains[1] > 1.5 * tuned.GAIN_SPREAD * gains[0]
     checks.check_together([static_run(), chirp], [])
@@ -283,6 +285,18 @@ def test_a_displacement_that_comes_first_is_remarked_on() -> None:
 @pytest.mark.parametrize(("memory", "end_V"), [("reset", None), ("unknown", 45.0)])
 def test_the_start_up_sweep_of_a_model_whose_memory_is_estimated_ends_in_the_middle(memory: str, end_V: float | None) -> None:
     assert fit([marked(static_run(), memory=memory)], STATIC).model.drive.sweep_end_V == end_V
+
+
+def test_small_movements_of_unknown_past_are_missed_by_little() -> None:
+    """Their past leaves a constant, and a large share of what they move; none of it says that they are another actuator's."""
+    small = static_run(visited((90.0, 30.0)), low=40, high=46, name="small.csv", memory="unknown")
+    small = changed(small, displacement_um=small.displacement_um + 0.4)
+    found = fit([static_run(), small], STATIC)
+    score = found.scores[1].score
+    assert score.rms_percent > tuned.POOR_PERCENT > 100 * score.beside_offset_um / found.model.stroke_um
+    assert not any("misses this run" in text for text in found.warnings)
+    broken = changed(small, displacement_um=small.displacement_um + 0.3 * np.random.default_rng(1).standard_normal(len(small)))
+    assert any(text.startswith("small.csv: the model misses this run") for text in fit([static_run(), broken], STATIC).warnings)
 
 
 def test_a_start_unlike_the_others_is_remarked_on() -> None:

@@ -15,6 +15,7 @@ from . import passport_file
 from . import thresholds as tuned
 
 LARGEST_INPUT = 1e6  # V or um
+COHERENT_PARTS = 16  # of a recording: half as many of what is not coherent seems so, each overlapping the next
 LEAST_RANGE = 1e-12  # V or um; below, it is rounding that moves
 
 
@@ -38,7 +39,7 @@ def check_run(run: Recording, related: bool = True) -> None:
         raise BadInput(f"{run.path}: displacement_um is constant at {displacement[0]:g} um; "
                        "check the sensor and its column")
     together = late_correlations(run, displacement)
-    if related and np.max(np.abs(together)) < tuned.MIN_CORRELATION:
+    if related and np.max(np.abs(together)) < tuned.MIN_CORRELATION and _coherence(run) < tuned.MIN_COHERENCE:
         raise BadInput(f"{run.path}: command_V and displacement_um are unrelated (correlation {together[0]:.2f}); "
                        "check their order and units, and that both columns are of the same run")
     if reversals(command, 0.05) == 0:
@@ -304,6 +305,18 @@ def late_correlations(run: Recording, signal: np.ndarray) -> np.ndarray:
     size = 1 << (2 * samples - 1).bit_length()
     product = np.fft.irfft(np.conj(np.fft.rfft(u, size)) * np.fft.rfft(z, size), size)[:lags]
     return product / max(float(np.sqrt((u @ u) * (z @ z))), np.finfo(float).tiny)
+
+
+def _coherence(run: Recording) -> float:
+    """Of command and displacement, 0 to 1: mean over frequency as the displacement's power lies. What rings goes along with
+    the command at every frequency, each time otherwise; what has nothing to do with it does not.
+    """
+    from scipy import signal
+
+    part = max(len(run) // COHERENT_PARTS, 8)
+    shared = signal.coherence(run.command_V, run.displacement_um, nperseg=part)[1]
+    power = signal.welch(run.displacement_um, nperseg=part)[1]
+    return float(np.sum(np.nan_to_num(shared) * power) / max(float(np.sum(power)), np.finfo(float).tiny))
 
 
 def stays_at_an_end(run: Recording) -> int:

@@ -152,7 +152,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     progress(0.7)
     predictions = chain.simulate(model, [*runs, *hold_out])
     scores = _scores(runs, hold_out, predictions, warnings)
-    _remark(found.plant, scores, warnings)
+    _remark(found.plant, scores, model.stroke_um, warnings)
     if len(found.plant.picks) < options.deadzones:
         warnings.append(f"only {len(found.plant.picks)} of {options.deadzones} dead zones are fitted, because more "
                         "would lie at or below zero; check for ringing and delay, and that the range is covered")
@@ -297,7 +297,8 @@ def _check_drive(runs: Sequence[Recording], options: Options) -> None:
     low_V, high_V = (end(float(end(run.command_V)) for run in runs) for end in (min, max))
     given = [f"--{name}-V {end_V:g}" for name, end_V in (("min", options.min_V), ("max", options.max_V)) if end_V is not None]
     least_V, most_V = (-np.inf if options.min_V is None else options.min_V), (np.inf if options.max_V is None else options.max_V)
-    if most_V < low_V or least_V > high_V or tuned.OTHER_UNITS * (most_V - least_V) < high_V - low_V:
+    outside = most_V < low_V or least_V > high_V or tuned.OTHER_UNITS * (most_V - least_V) < high_V - low_V
+    if outside and most_V > least_V:
         raise BadInput(f"{runs[0].path}: the recorded drive goes from {low_V:g} to {high_V:g} V, which is not within "
                        f"{' '.join(given)}; give command_V and limits both in V at the actuator (`rdpi import --command-gain`)")
 
@@ -520,7 +521,7 @@ def _check_order(model: Model, warnings: list[str]) -> None:
                         "were sampled at the same time (`rdpi import --drive` aligns them)")
 
 
-def _remark(plant: Plant, scores: Sequence[RunScore], warnings: list[str]) -> None:
+def _remark(plant: Plant, scores: Sequence[RunScore], stroke_um: float, warnings: list[str]) -> None:
     slopes = np.r_[plant.rest, plant.fast]
     if np.any(slopes <= tuned.SLOPE_FLOOR * 1.0001):
         warnings.append(f"a slope is at its lower bound of {tuned.SLOPE_FLOOR:g}: the recordings do not determine it; "
@@ -542,9 +543,12 @@ def _remark(plant: Plant, scores: Sequence[RunScore], warnings: list[str]) -> No
         if stays:
             warnings.append(f"{path}: {stays} samples stay at the highest or lowest reading "
                             "while the command moves; check whether the sensor is clipped")
-        if run.score.rms_percent > tuned.POOR_PERCENT:
+        # An unknown past leaves a constant, and of a small movement everything is a large share.
+        missed_um = run.score.beside_offset_um if run.memory == "estimated" else run.score.rms_um
+        moved_um = float(np.ptp(run.recording.displacement_um))
+        if 100 * missed_um > tuned.POOR_PERCENT * max(moved_um, tuned.POOR_SMALL * stroke_um):
             aside = f"; it lies {run.score.offset_um:.3g} um aside of the model: check the sensor's zero" \
-                if abs(run.score.offset_um) > run.score.rms_um / 2 else ""
-            warnings.append(f"{path}: the model misses this run by {run.score.rms_percent:.2g} % rms of its stroke and "
-                            "may not be fit for use; check that the run is of the same actuator, in the same units, "
+                if run.memory != "estimated" and abs(run.score.offset_um) > run.score.rms_um / 2 else ""
+            warnings.append(f"{path}: the model misses this run by {100 * missed_um / moved_um:.2g} % rms of its stroke and may not be "
+                            "fit for use; check that the run is of the same actuator, in the same units, "
                             f"and without drift, delay or ringing{aside}")

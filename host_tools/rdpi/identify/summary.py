@@ -68,8 +68,7 @@ def _aside(score: chain.Score) -> str:
     """What is missed besides a constant, where that is more than half of it."""
     if abs(score.offset_um) < score.rms_um / 2:
         return ""
-    beside_um = max(score.rms_um**2 - score.offset_um**2, 0.0) ** 0.5
-    return f"; {score.rms_percent * beside_um / score.rms_um:.3g} % beside an offset of {score.offset_um:.3g} um"
+    return f"; {score.rms_percent * score.beside_offset_um / score.rms_um:.3g} % beside an offset of {score.offset_um:.3g} um"
 
 
 def _slopes(result: Fit) -> list[str]:

@@ -58,6 +58,7 @@ NARROWER = 0.05  # [of the lowest slope] that it grows with the rate; actuators'
 FAR_OFF = 20.0  # [rms] that the largest miss of a recording is, from which its place is told; judged
 SLOW_HZ = 1.0  # [samples per second] slower ones are told: times may be in ms or us; judged
 POOR_PERCENT = 3.0  # [% of the stroke] rms of a run; judged
+POOR_SMALL = 0.3  # [stroke] that a run which moves less is taken to move there; judged
 RESET_DOUBT = 0.7  # [1] error of a run's beginning, best start over rest, below which reset is doubted; judged
 OTHER_SOURCE = 0.6  # [1] residual with the other rate source over this one's; below, that one is proposed; judged
 
@@ -93,6 +94,7 @@ FEW_SAMPLES = 500  # [samples] of all recordings, below which it is one; judged
 AT_ONCE = 0.8  # [correlation] of a monitor with the command from which it is not slow; judged
 LATEST_S = 0.05  # [s] by which a displacement may follow and still be of this drive; judged
 MIN_CORRELATION = 0.5  # [correlation] of command and displacement; judged
+MIN_COHERENCE = 0.6  # [coherence] of both, where they do not correlate: through a resonance; judged
 BEYOND = 0.05  # [range] by which drives may exceed what was recorded without a remark; judged
 SPIKE = 0.3  # [of the movement] by which a single reading lies aside; judged
 USUAL_SPIKE = 10.0  # [of the usual, between neighbours] ... and more than noise does; judged

@@ -54,6 +54,11 @@ class Score(NamedTuple):
     max_percent: float
     offset_um: float  # mean error, not removed from the other figures unless asked
 
+    @property
+    def beside_offset_um(self) -> float:
+        """rms of what is missed besides a constant."""
+        return max(self.rms_um**2 - self.offset_um**2, 0.0) ** 0.5
+
 
 def score(predicted_um: np.ndarray, measured_um: np.ndarray, remove_offset: bool = False, where: str = "run") -> Score:
     """Error of a prediction, both (samples,). Raises BadInput, naming `where`, if it cannot be given in percent."""
