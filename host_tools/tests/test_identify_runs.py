@@ -205,6 +205,19 @@ def test_a_transient_is_named_with_its_place() -> None:
     assert not any("most is missed at" in text for text in static_fit().warnings)
 
 
+@pytest.mark.parametrize("at", ["start", "edge"])
+def test_what_a_model_misses_anyway_is_no_transient(at: str) -> None:
+    """Behind an unknown past, and where the drive steps."""
+    run = static_run(memory="unknown" if at == "start" else "reset")
+    command_V, odd = run.command_V.copy(), run.displacement_um.copy()
+    sample = 20 if at == "start" else 700
+    odd[sample:sample + 2] += 12.0
+    if at == "edge":
+        command_V[sample:sample + 2] += 20.0
+    assert not any("most is missed at" in text for text in fit([changed(run, command_V=command_V, displacement_um=odd)],
+                                                               STATIC).warnings)
+
+
 def test_a_monitor_that_cannot_be_one_is_refused() -> None:
     run = static_run()
     for monitor_V, words in ((-run.command_V, "moves -1 V per volt"), (np.zeros(len(run)), "constant at 0 V")):

@@ -279,7 +279,8 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
         click.echo(f"note: {note}")
     drive_V, from_sweep = found.steps.drive_V, recorded == () and scoring.estimated_start(parameters) is None
     if sweep or from_sweep:
-        drive, end_V = inverse.model.drive, float(drive_V[0]) if run.memory == "reset" and not sweep else inverse.model.sweep_end()
+        drive = inverse.model.drive
+        end_V = float(drive_V[0]) if run.memory == "reset" and not sweep else inverse.model.sweep_end()
         limits = Limits(drive.min_V, drive.max_V, None, run.sample_rate_hz, drive.slew_V_per_s)
         click.echo("the drive follows on the start-up sweep; where no firmware plays it, first play what this makes: "
                    + excite.command_line("startup", limits, "startup.csv", end_V=end_V))

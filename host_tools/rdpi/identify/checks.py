@@ -313,7 +313,7 @@ def _coherence(run: Recording) -> float:
     """
     from scipy import signal
 
-    part = max(len(run) // COHERENT_PARTS, 8)
+    part = min(max(len(run) // COHERENT_PARTS, 8), len(run))
     shared = signal.coherence(run.command_V, run.displacement_um, nperseg=part)[1]
     power = signal.welch(run.displacement_um, nperseg=part)[1]
     return float(np.sum(np.nan_to_num(shared) * power) / max(float(np.sum(power)), np.finfo(float).tiny))

@@ -66,7 +66,7 @@ def lines(result: Fit) -> list[str]:
 
 def _aside(score: chain.Score) -> str:
     """What is missed besides a constant, where that is more than half of it."""
-    if abs(score.offset_um) < score.rms_um / 2:
+    if abs(score.offset_um) <= score.rms_um / 2:
         return ""
     return f"; {score.rms_percent * score.beside_offset_um / score.rms_um:.3g} % beside an offset of {score.offset_um:.3g} um"
 

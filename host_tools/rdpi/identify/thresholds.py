@@ -56,6 +56,7 @@ SEVERAL_RATES = 3.0  # [1] ratio of the strokes' mean rates, from which they are
 # --- what a fit remarks on (identify.py)
 NARROWER = 0.05  # [of the lowest slope] that it grows with the rate; actuators' loops get wider; judged
 FAR_OFF = 20.0  # [rms] that the largest miss of a recording is, from which its place is told; judged
+EDGE = 5.0  # [rms] of the drive's rate, that an edge exceeds; judged
 SLOW_HZ = 1.0  # [samples per second] slower ones are told: times may be in ms or us; judged
 POOR_PERCENT = 3.0  # [% of the stroke] rms of a run; judged
 POOR_SMALL = 0.3  # [stroke] that a run which moves less is taken to move there; judged
