@@ -572,6 +572,15 @@ def test_small_movements_beside_large_ones_take_nothing_from_the_model() -> None
     assert large["rms_um"] < 1.3 * both.scores[0].score.rms_um and little["rms_um"] < large["rms_um"]
 
 
+def test_a_recording_of_one_rate_takes_nothing_from_the_model() -> None:
+    """What is fitted to it alone says nothing about other rates, so that the others are left out in parts."""
+    alone, both = fit(uneven(WIDE)), fit(uneven(WIDE, ("sawtooth", {"frequencies_hz": (3.0,), "cycles": 60}, 1.0)))
+    assert [one["name"] for one in both.model.effects] == [one["name"] for one in alone.model.effects] == ["lag", "creep"]
+    state = both.choice.plain.state
+    assert not state.setting.others_cover and len(state.foldings) == 1
+    assert all(covered(state.setting.runs))
+
+
 def test_a_recording_is_covered_by_others_that_move_where_it_does() -> None:
     wide, little = drives((WIDE, LITTLE))
     assert covered([wide]) == [False] and covered([wide, wide]) == [True, True]

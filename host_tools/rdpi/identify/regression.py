@@ -224,7 +224,7 @@ def prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds:
         first = 0 if known else chain.warm_up(x, thresholds[-1])
         if first and reversals(x, 0.1, first) == 0:
             raise BadInput(f"{run.path}: its memory is unknown, and the drive has no reversal after it has erased "
-                           "the memory; state the memory (reset, carried) or record longer")
+                           "the memory; state the memory (reset, carried), record longer, or leave the recording out")
         prepared.append(Run(run, x, rate, states, first))
         end = firmware.plays(x, thresholds, states)[1]
     return prepared
