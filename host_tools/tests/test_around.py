@@ -572,13 +572,15 @@ def test_small_movements_beside_large_ones_take_nothing_from_the_model() -> None
     assert large["rms_um"] < 1.3 * both.scores[0].score.rms_um and little["rms_um"] < large["rms_um"]
 
 
-def test_a_recording_of_one_rate_takes_nothing_from_the_model() -> None:
+def test_a_recording_of_one_rate_judges_no_others() -> None:
     """What is fitted to it alone says nothing about other rates, so that the others are left out in parts."""
-    alone, both = fit(uneven(WIDE)), fit(uneven(WIDE, ("sawtooth", {"frequencies_hz": (3.0,), "cycles": 60}, 1.0)))
-    assert [one["name"] for one in both.model.effects] == [one["name"] for one in alone.model.effects] == ["lag", "creep"]
-    state = both.choice.plain.state
-    assert not state.setting.others_cover and len(state.foldings) == 1
-    assert all(covered(state.setting.runs))
+    (wide,) = drives((WIDE,))
+    phase = np.arange(8000) / RATE_HZ * 3.0 % 1
+    triangle = replace(wide, columns={"time_s": np.arange(8000) / RATE_HZ, "command_V": 100 * (1 - np.abs(2 * phase - 1))})
+    assert all(covered([wide, triangle]))
+    for runs, whole in (([wide, wide], True), ([wide, triangle], False), ([wide, wide, triangle], True),
+                        ([triangle, triangle], True)):
+        assert Setting.others_cover.func(SimpleNamespace(runs=runs)) == whole
 
 
 def test_a_recording_is_covered_by_others_that_move_where_it_does() -> None:
