@@ -277,15 +277,15 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     single = not fixed_point and engine not in ("q31", "f64", "numpy")
     for note in scoring.doubts(parameters, inverse, run, reference_column, sweep, single):
         click.echo(f"note: {note}")
-    drive_V, from_sweep = found.steps.drive_V, recorded == () and scoring.estimated_start(parameters) is None
-    if sweep or from_sweep:
-        drive = inverse.model.drive
-        end_V = float(drive_V[0]) if run.memory == "reset" and not sweep else inverse.model.sweep_end()
+    drive_V = found.steps.drive_V
+    if sweep or recorded == () and scoring.estimated_start(parameters) is None:
+        drive, begins_there = inverse.model.drive, run.memory == "reset" and not sweep
+        end_V = float(drive_V[0]) if begins_there else inverse.model.sweep_end()
         limits = Limits(drive.min_V, drive.max_V, None, run.sample_rate_hz, drive.slew_V_per_s)
         click.echo("the drive follows on the start-up sweep; where no firmware plays it, first play what this makes: "
                    + excite.command_line("startup", limits, "startup.csv", end_V=end_V))
-    if (sweep or from_sweep and run.memory != "reset") and (aside := scoring.begins_aside(inverse, drive_V)):
-        click.echo(f"note: {aside}")
+        if not begins_there and (aside := scoring.begins_aside(inverse, drive_V)):
+            click.echo(f"note: {aside}")
     if preview := inverse.chain.preview_samples(run.sample_time_s):
         click.echo(f"preview: the firmware needs the reference {preview} samples ahead at {run.sample_rate_hz:g} per second: "
                    "the delay's, and one for each of lead and lag that takes a difference")

@@ -72,7 +72,7 @@ def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]
     read = at_times(run.time_s, columns, times)
     if drive.reference_um is not None:
         read.setdefault("reference_um", drive.reference_um[first:])
-    rate_hz, finest_s = drive.sample_rate_hz, max(1 / drive.sample_rate_hz, run.sample_time_s)
+    rate_hz = drive.sample_rate_hz
     metadata = {**run.metadata, "memory": run.metadata.get("memory", "reset" if swept else "unknown"),
                 "sample_rate_hz": f"{rate_hz:.12g}", "played": drive.path, "played_digest": drive.digest,
                 "played_from_s": f"{found.start_s:.9g}", "played_clock": f"{found.clock:.9g}",
@@ -89,7 +89,7 @@ def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]
              + f"; memory: {metadata['memory']}"]
     if found.plays > 1:
         lines.append(f"  the drive was played {found.plays} times; this is the first; choose another with --rows")
-    rest = run.command_V[run.time_s > times[-1] + finest_s]
+    rest = run.command_V[run.time_s > times[-1] + max(1 / rate_hz, run.sample_time_s)]
     if found.plays == 1 and len(rest) and np.ptp(rest) > MOVES_ON * np.ptp(drive.command_V) * abs(found.gain):
         lines.append(f"  the voltage moves on after the end of the drive, for {len(rest) / run.sample_rate_hz:.4g} s, which are "
                      "left out; check that this is the drive that was played")

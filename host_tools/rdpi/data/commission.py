@@ -73,12 +73,12 @@ def commission(pen: Pen, frequencies_hz: Sequence[float] | None = None, rates_V_
     _sawtooth(pen, frequencies_hz, cycles_s, duration_s)
     pen.part("steps")
     pen.move(pen.limits.min_V)
-    hold_s = SHARES["steps"] * left_s / len(STAIRS)
+    hold_s, edge = SHARES["steps"] * left_s / len(STAIRS), edge_V_per_s(pen, frequencies_hz[-1])
     for share in STAIRS:
-        edge(pen, pen.limits.max_V if share == 1 else pen.limits.min_V + share * span, edge_V_per_s(pen, frequencies_hz[-1]))
+        pen.ramp_at(edge, pen.limits.max_V if share == 1 else pen.limits.min_V + share * span)
         pen.hold(hold_s)
     pen.part("hold")
-    edge(pen, pen.rest_V, edge_V_per_s(pen, frequencies_hz[-1]))
+    pen.ramp_at(edge, pen.rest_V)
     rest_s = (end + 1 - pen.count) / pen.limits.sample_rate_hz
     if rest_s < LEAST_HOLD_SHARE * left_s:
         raise BadInput(f"`duration_s` {duration_s:g}: too short for these rates: {rest_s:.3g} s remain for the hold that "
@@ -90,16 +90,17 @@ def commission(pen: Pen, frequencies_hz: Sequence[float] | None = None, rates_V_
 
 def edge_V_per_s(pen: Pen, top_hz: float | None = None) -> float:
     """Of steps beside triangles of this frequency; without one, beside the fastest that slew and samples allow."""
-    return min(EDGE_RATE * 2 * pen.limits.span_V * (top_hz or min(TOP_HZ, highest_hz(pen, 2))), pen.slew)
+    return min(EDGE_RATE * 2 * pen.limits.span_V * (top_hz or _fastest_hz(pen)), pen.slew)
 
 
-def edge(pen: Pen, to_V: float, rate_V_per_s: float) -> None:
-    pen.ramp(to_V, abs(to_V - pen.at_V) / rate_V_per_s)
+def _fastest_hz(pen: Pen) -> float:
+    """Of triangles."""
+    return min(TOP_HZ, highest_hz(pen, 2))
 
 
 def _ladder(pen: Pen, time_s: float) -> list[float]:
     """Frequencies of triangles: the fastest that slew and samples allow, and slower ones as far as time allows."""
-    top, slowest = min(TOP_HZ, highest_hz(pen, 2)), LEAST_CYCLES / (SLOWEST_SHARE * time_s)
+    top, slowest = _fastest_hz(pen), LEAST_CYCLES / (SLOWEST_SHARE * time_s)
     fast, least = len(LADDER) - 1, 0.0
     while fast and (least := fast * LEAST_CYCLES / ((1 - SLOWEST_SHARE) * time_s)) > top:
         fast -= 1

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..errors import BadInput
-from .commission import commission, edge, edge_V_per_s
+from .commission import commission, edge_V_per_s
 from .pen import (DEFAULT_LINES, SAMPLES_PER_PERIOD, Limits, Pen, check_frequency, check_limits, check_rate, highest_hz,
                   low_crest, positive, whole)
 from .recording import sample_times
@@ -104,7 +104,7 @@ def minor_loops(pen: Pen, levels: int = 6, rates_V_per_s: Sequence[float] | None
         def to(fraction: float) -> None:
             target = pen.limits.max_V if fraction == 1 else low + span * fraction
             if target != pen.at_V:
-                pen.ramp(target, abs(target - pen.at_V) / rate)
+                pen.ramp_at(rate, target)
 
         pen.move(low)
         for level in range(levels):
@@ -136,7 +136,7 @@ def steps(pen: Pen, levels: int = 4, hold_s: float = 5.0, rates_V_per_s: Sequenc
     rate = min(positive("rates_V_per_s", rates[0], "V/s"), pen.slew)
     pen.move(pen.limits.min_V)
     for level in [*range(1, levels + 1), *range(levels - 1, -1, -1)]:
-        edge(pen, pen.limits.max_V if level == levels else pen.limits.min_V + pen.limits.span_V * level / levels, rate)
+        pen.ramp_at(rate, pen.limits.max_V if level == levels else pen.limits.min_V + pen.limits.span_V * level / levels)
         pen.hold(hold_s)
     return {"rates_V_per_s": (rate,)}
 

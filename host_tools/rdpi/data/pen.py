@@ -75,6 +75,10 @@ class Pen:
         self._add(self.at_V + (to_V - self.at_V) * np.arange(1, count + 1) / count)
         self.at_V = to_V
 
+    def ramp_at(self, rate_V_per_s: float, to_V: float) -> None:
+        """Straight line to a voltage at this rate, or as fast as the slew limit lets it."""
+        self.ramp(to_V, abs(to_V - self.at_V) / rate_V_per_s)
+
     def move(self, to_V: float) -> None:
         """Straight line to where the next waveform starts."""
         if to_V != self.at_V:

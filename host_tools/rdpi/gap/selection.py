@@ -49,6 +49,7 @@ class Score:
     monitor_left: float
     lost: float  # squares that recordings which were left out lose, of those that others gain
     was_there: bool  # a disturbance that the earlier recordings show as well
+    as_usual: bool  # recordings differ by it anyway, by what was before them, and these by no more than usual
 
     @property
     def effect(self) -> Effect:
@@ -62,6 +63,10 @@ class Score:
     def follows_drive(self) -> bool:
         """Whether it is a line at a frequency of the drive itself."""
         return self.candidate.synchronous > 0.5
+
+    @property
+    def is_new(self) -> bool:
+        return not (self.was_there or self.as_usual)
 
     @property
     def at_end(self) -> bool:
@@ -263,8 +268,8 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
     found, refused = _fit_all(state, state.foreign.union(without), progress)
     equations = NormalEquations(state.dataset, state.residual, found, state.chosen)
     baseline = _baseline(equations)
-    scores = tuple(_score(state, equations, baseline, k, gap.floor + state.excused()) for k in range(len(found)))
-    gains = [one.gain for one in scores if not one.was_there and not _as_usual(one, gap)]
+    scores = tuple(_score(state, equations, baseline, k, gap) for k in range(len(found)))
+    gains = [one.gain for one in scores if one.is_new]
     # What a model misses of small movements has a shape, and loops that drift look like creep: that is nothing new.
     evidence = gap.evidence + (1 - gap.untold) * thresholds.SHRINK_WEIGHT * max([*gains, 0.0])
     misplaced: list[Score] = []
@@ -315,8 +320,9 @@ def _baseline(equations: NormalEquations) -> Baseline:
     return Baseline(frozen, refitted, total, least)
 
 
-def _score(state: AugmentedModel, equations: NormalEquations, baseline: Baseline, k: int, floor: float) -> Score:
-    """Of the k-th candidate; `floor` is the sum of squares to be expected."""
+def _score(state: AugmentedModel, equations: NormalEquations, baseline: Baseline, k: int, gap: Excess) -> Score:
+    """Of the k-th candidate."""
+    floor = gap.floor + state.excused()  # sum of squares to be expected
     one, recordings, total = equations.candidates[k], len(state.recordings), baseline.total
     left, within = equations.held_out(k), equations.held_out(k, within=True)
     refitted, refitted_within = equations.held_out(k, refit=True), equations.held_out(k, refit=True, within=True)
@@ -336,7 +342,8 @@ def _score(state: AugmentedModel, equations: NormalEquations, baseline: Baseline
         refitted_left=float(np.sum(refitted) + np.sum(refitted_within)) / 2,
         refitted_ci=shrink_interval(refitted, min(baseline.frozen, baseline.refitted, key=np.sum), recordings),
         monitor_left=float(np.sum(within[state.dataset.of_monitor])),
-        lost=_lost(left, baseline.frozen, state.dataset.run_of_block), was_there=state.was_there(one))
+        lost=_lost(left, baseline.frozen, state.dataset.run_of_block), was_there=state.was_there(one),
+        as_usual=one.effect.differs_anyway and gap.ratio is not None and gap.ratio < 1)
 
 
 def _lost(after: np.ndarray, before: np.ndarray, run_of_block: np.ndarray) -> float:
@@ -370,13 +377,11 @@ def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
     born_in += min(1.0, gap.untold / thresholds.TOO_SMALL) ** 2 * (1 - born_in)
     clear = bool(gap.ratio and evidence > detection_threshold(gap))
     rejected = ["the recordings do not lie where it would take them" if one in misplaced else
-                "recordings of an unchanged rig may differ by as much" if _as_usual(one, gap) else
                 _why_rejected(one, bool(state.chosen), clear, born_in) for one in scores]
     open_ = [one for one, why in zip(scores, rejected) if why is None]
     frozen = _simplest(open_, False, state.dataset.monitored) if open_ else None
     # Born in: what the fit took up hides an effect, or half of it, until the model is refitted beside it.
-    hidden = [one for one in scores if not state.chosen and not one.follows_drive and not one.was_there and not one.at_end
-              and not _as_usual(one, gap)
+    hidden = [one for one in scores if not state.chosen and not one.follows_drive and one.is_new and not one.at_end
               and one.refitted_shrink - one.effect.chance_gain[1] > born_in
               and one.refitted_left < baseline.least * (1 - born_in)]
     beside = _simplest(hidden, True, state.dataset.monitored) if hidden else None
@@ -384,11 +389,6 @@ def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, 
     if beside and (frozen is None or excused and beside.refitted_left < thresholds.BESIDE * frozen.left):
         return beside, True, tuple(None if one is beside else why for one, why in zip(scores, rejected))
     return frozen, False, tuple(rejected)
-
-
-def _as_usual(one: Score, gap: Excess) -> bool:
-    """Whether it differs from recording to recording anyway, by what was before, and these do not by more than usual."""
-    return one.effect.differs_anyway and gap.ratio is not None and gap.ratio < 1
 
 
 def _misplaces(state: AugmentedModel, one: Score) -> bool:
@@ -416,6 +416,8 @@ def zeros_agree(model: Model, zeros: np.ndarray, compared: bool = False) -> bool
 
 def _why_rejected(one: Score, further: bool, clear: bool, born_in: float) -> str | None:
     """Why it is not accepted with the model frozen; None: nothing speaks against it. `clear`: there is a gap."""
+    if one.as_usual:
+        return "recordings of an unchanged rig may differ by as much"
     share, shrink = (thresholds.FURTHER_SHARE, thresholds.FURTHER_SHRINK) if further else \
         (thresholds.LEAST_SHARE, thresholds.LEAST_SHRINK)
     if one.share <= share or one.gain <= shrink:

@@ -108,6 +108,17 @@ def check_together(runs: Sequence[Recording], hold_out: Sequence[Recording]) -> 
                            "runs separately")
 
 
+def check_drive(runs: Sequence[Recording], min_V: float | None, max_V: float | None) -> None:
+    """Raise BadInput where the drive was recorded nowhere within limits, as far as they are given, or in other units."""
+    low_V, high_V = (end(float(end(run.command_V)) for run in runs) for end in (min, max))
+    least_V, most_V = -np.inf if min_V is None else min_V, np.inf if max_V is None else max_V
+    outside = most_V < low_V or least_V > high_V or tuned.OTHER_UNITS * (most_V - least_V) < high_V - low_V
+    if outside and most_V > least_V:
+        given = [f"{name} {end_V:g}" for name, end_V in (("--min-V", min_V), ("--max-V", max_V)) if end_V is not None]
+        raise BadInput(f"{runs[0].path}: the recorded drive goes from {low_V:g} to {high_V:g} V, which is not within "
+                       f"{' '.join(given)}; give command_V and limits both in V at the actuator (`rdpi import --command-gain`)")
+
+
 def _gains_um_per_V(run: Recording) -> tuple[float, float]:
     """Of all that it moves, and of what it moves along with the command: what rings moves further, but not along."""
     return (float(np.ptp(run.displacement_um) / np.ptp(run.command_V)),

@@ -20,8 +20,8 @@ from ..simulate import chain, effects, signals
 from . import around, localise, passport
 from . import thresholds as tuned
 from .amplifier import Amplifier, seen_by_monitor
-from .checks import (LARGEST_INPUT, check_monitor, check_readings, check_run, check_together, correlation, late_correlations,
-                     same_samples, stays_at_an_end)
+from .checks import (LARGEST_INPUT, check_drive, check_monitor, check_readings, check_run, check_together, correlation,
+                     late_correlations, same_samples, stays_at_an_end)
 from .bands import RateSlopes, slopes_of_bands
 from .choice import Choice
 from .document import FitDocument
@@ -105,7 +105,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
         if "monitor_V" in run.columns:
             check_monitor(run, float(np.ptp(run.command_V)))
     check_together(runs, hold_out)
-    _check_drive(runs, options)
+    check_drive(runs, options.min_V, options.max_V)
     warnings = same_samples([*runs, *hold_out])
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
     frame = Frame.of(runs, options, warnings)
@@ -142,12 +142,13 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
                         "recorded range; give --min-V and --max-V, the drives of the first and of the last code")
     if (beyond := _beyond(model, frame.range_V)) is not None:
         warnings.append(beyond)
-    if chosen is not None and (late := _of_one_rate(runs, chosen, model)):
+    several_rates = Strokes.of(runs).rates_differ
+    if chosen is not None and not several_rates and (late := _late(chosen, model)):
         warnings.append(f"all strokes of these recordings have about the same rate, at which delay, lag, relaxation and "
                         f"rate law look alike: {late} may be another of them, and holds at that rate only; record several "
                         "rates, as `rdpi excite commission` does")
     _check_reset(found.model, found.runs, warnings)
-    if Strokes.of(runs).rates_differ:
+    if several_rates:
         _check_order(found.model, warnings)
     progress(0.7)
     predictions = chain.simulate(model, [*runs, *hold_out])
@@ -292,18 +293,6 @@ def _behind_amplifier(plain: Operator, runs: Sequence[Recording], frame: Frame, 
     return found, _operator(driven, frame.of_others(driven, options), options, not options.rate_independent), driven
 
 
-def _check_drive(runs: Sequence[Recording], options: Options) -> None:
-    """Raise BadInput where the drive was recorded nowhere within the limits that were given, or in other units."""
-    low_V, high_V = (end(float(end(run.command_V)) for run in runs) for end in (min, max))
-    given = [f"--{name}-V {end_V:g}" for name, end_V in (("min", options.min_V), ("max", options.max_V)) if end_V is not None]
-    least_V = -np.inf if options.min_V is None else options.min_V
-    most_V = np.inf if options.max_V is None else options.max_V
-    outside = most_V < low_V or least_V > high_V or tuned.OTHER_UNITS * (most_V - least_V) < high_V - low_V
-    if outside and most_V > least_V:
-        raise BadInput(f"{runs[0].path}: the recorded drive goes from {low_V:g} to {high_V:g} V, which is not within "
-                       f"{' '.join(given)}; give command_V and limits both in V at the actuator (`rdpi import --command-gain`)")
-
-
 def _beyond(model: Model, range_V: tuple[float, float]) -> str | None:
     """A remark where the firmware may drive far beyond what was recorded."""
     (low_V, high_V), drive = range_V, model.drive
@@ -313,10 +302,8 @@ def _beyond(model: Model, range_V: tuple[float, float]) -> str | None:
             "what the actuator does beyond is extrapolated")
 
 
-def _of_one_rate(runs: Sequence[Recording], chosen: Choice, model: Model) -> str:
-    """What comes late in a model of recordings that show one rate only, in words; "": nothing, or they show several."""
-    if Strokes.of(runs).rates_differ:
-        return ""
+def _late(chosen: Choice, model: Model) -> str:
+    """What comes late in a model, in words; "": nothing."""
     late = dict.fromkeys(one.acting.effect.name for one in chosen.kept
                          if one.acting.effect.comes_late and not one.of_amplifier)
     return " and ".join([f"its {name}" for name in late] + ["its rate law"] * bool(np.any(model.slope_rate_s_per_um)))
@@ -557,7 +544,7 @@ def _remark(plant: Plant, scores: Sequence[RunScore], stroke_um: float, warnings
         moved_um = float(np.ptp(run.recording.displacement_um))
         if 100 * missed_um > tuned.POOR_PERCENT * max(moved_um, tuned.POOR_SMALL * stroke_um):
             aside = f"; it lies {run.score.offset_um:.3g} um aside of the model: check the sensor's zero" \
-                if run.memory != "estimated" and abs(run.score.offset_um) > run.score.rms_um / 2 else ""
+                if run.memory != "estimated" and run.score.mostly_offset else ""
             warnings.append(f"{path}: the model misses this run by {100 * missed_um / moved_um:.2g} % rms of its stroke "
                             "and may not be fit for use; check that the run is of the same actuator, in the same units, "
                             f"and without drift, delay or ringing{aside}")

@@ -65,8 +65,8 @@ def lines(result: Fit) -> list[str]:
 
 
 def _aside(score: chain.Score) -> str:
-    """What is missed besides a constant, where that is more than half of it."""
-    if abs(score.offset_um) <= score.rms_um / 2:
+    """What is missed besides a constant, where that is most of it."""
+    if not score.mostly_offset:
         return ""
     return f"; {score.rms_percent * score.beside_offset_um / score.rms_um:.3g} % beside an offset of {score.offset_um:.3g} um"
 

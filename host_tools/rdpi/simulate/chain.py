@@ -55,8 +55,13 @@ class Score(NamedTuple):
     offset_um: float  # mean error, not removed from the other figures unless asked
 
     @property
+    def mostly_offset(self) -> bool:
+        """Whether a constant, where it was not removed, is more than half of what is missed."""
+        return abs(self.offset_um) > self.rms_um / 2
+
+    @property
     def beside_offset_um(self) -> float:
-        """rms of what is missed besides a constant."""
+        """rms of what is missed besides a constant that was not removed."""
         return max(self.rms_um**2 - self.offset_um**2, 0.0) ** 0.5
 
 

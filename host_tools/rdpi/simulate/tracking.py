@@ -48,7 +48,8 @@ def track(run: Recording, remove_offset: bool = False) -> Tracked:
     scale = 100 / size_um
     worst = int(np.argmax(np.abs(error)))
     rms, most = float(np.sqrt(np.mean(error**2))), float(abs(error[worst]))
-    return Tracked(rms, most, rms * scale, most * scale, float(run.time_s[worst]), offset, samples * run.sample_time_s, square**0.5 * scale)
+    return Tracked(rms, most, rms * scale, most * scale, float(run.time_s[worst]), offset, samples * run.sample_time_s,
+                   square**0.5 * scale)
 
 
 def without_start(run: Recording, skip_s: float) -> Recording:
