@@ -171,11 +171,35 @@ def test_a_start_lies_on_a_sharp_peak_wherever_that_is(f0_hz: float) -> None:
     assert min(abs(one["f0_hz"] / f0_hz - 1) for one in starts if one["damping"] < 0.01) < 0.002
 
 
+@pytest.mark.parametrize(("put_s", "f0_hz", "damping"), [(0.005, 50.0, 0.04), (0.002, 37.0, 0.012), (0.0, 60.0, 0.05)])
+def test_what_rings_late_starts_as_late_as_it_is(put_s: float, f0_hz: float, damping: float) -> None:
+    """Not a period later, although slightly damped ringing looks the same then."""
+    resonance, delay, model, run = CATALOGUE["resonance"](), CATALOGUE["delay"]("sensor"), plain_model(), put()[0]
+    asked = run.displacement_um
+    late = delay.act(asked, run, {"delay_s": put_s}, model)
+    missed = resonance.displacement(late, run, {"f0_hz": f0_hz, "damping": damping}, model) - asked
+    starts = resonance.late_starts(Residuals(model, [run], [asked], [missed], [missed]))
+    assert starts and all(abs(late_s - put_s) < 0.1 / f0_hz and one["f0_hz"] == pytest.approx(f0_hz, rel=0.03)
+                          for one, late_s in starts)
+
+
+@pytest.mark.parametrize("put_s", [0.0004, 0.005])
+def test_what_is_late_alone_rings_nowhere(put_s: float) -> None:
+    model, run = plain_model(), put()[0]
+    asked = run.displacement_um
+    missed = CATALOGUE["delay"]("sensor").act(asked, run, {"delay_s": put_s}, model) - asked
+    assert CATALOGUE["resonance"]().late_starts(Residuals(model, [run], [asked], [missed], [missed])) == []
+
+
 def test_a_resonance_that_rings_out_of_step_is_found_again_behind_what_is_late() -> None:
     """From a frequency a little off, no step leads to both; from the delay one does."""
     behind = {"delay": {"delay_s": 0.0045}, "resonance": {"f0_hz": 40.0, "damping": 0.012}}
-    found = fit(recorded(plain_model(), drives(COMMISSIONING), *(entry(name, **behind[name]) for name in behind))).choice
+    runs = recorded(plain_model(), drives(COMMISSIONING), *(entry(name, **behind[name]) for name in behind))
+    found = fit(runs).choice
     delay, resonance = (one.acting.effect for one in found.kept)
+    rung_um, alone_um = (max(np.ptp(run.displacement_um) for run in made) for made in (runs, put()))
+    assert rung_um > 1.5 * alone_um  # thresholds spread over what the operator does alone
+    assert found.found.state.setting.model.stroke_um == pytest.approx(alone_um, rel=0.1)
     wrong = Hypothesis((Acting(resonance, {"f0_hz": 39.0, "damping": 0.007}),))
     state = Linearised(found.plain.state.setting, wrong, found.plain.state.found)
     again = choice._late_first(found.plain, choice.Judged(state, state.held_out()), [delay, resonance], False)

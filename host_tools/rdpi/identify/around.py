@@ -13,8 +13,8 @@ from ..errors import BadInput
 from ..model import Model, records
 from ..simulate.effects import CATALOGUE, SENSOR, Acting, Effect
 from .amplifier import OF_AMPLIFIER, Amplifier
-from .choice import (Choice, Judged, Kept, choose, forced, judged, refitted, starts, with_intervals, with_rate_filter,
-                     without_rate_law)
+from .choice import (Choice, Judged, Kept, choose, forced, judged, refitted, ringing_late, starts, with_intervals,
+                     with_rate_filter, without_rate_law)
 from .document import BeforeAfter, IdentifiedEffect
 from .holds import is_limited, limited
 from .hypothesis import Hypothesis, Setting, Unknowns
@@ -57,14 +57,7 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
     """What stands around the operator; `plain` is the operator fitted as if nothing did. Behind an amplifier: what else
     does, and the runs have what drives the actuator as their command.
     """
-    # Corners everywhere: each hypothesis has dead zones of its own, and none is to make up for those of another.
-    corners_um = plain.columns.grid_um[np.linspace(1, len(plain.columns.grid_um) - 2, CORNERS).round().astype(int)]
-    setting = Setting(
-        runs, [run.states_um if run.recording.memory == "carried" or plain.sweep.share else None for run in plain.runs],
-        [_first(run) for run in plain.runs], plain.model, corners_um if options.deadzones else corners_um[:0],
-        [run.rate_um_per_s for run in plain.runs], plain.model.rate.identified_um_per_s, plain.model.rate.filter_s)
-    slopes = plain.without.rest
-    unknowns = Unknowns(slopes, np.zeros(len(slopes)), np.ones(len(setting.corners_um)))
+    setting, unknowns = _setting(plain, runs, options)
     strokes = Strokes.of(runs)
     # Also where the model shall have no rate law, it takes part: what it explains is not to pass for a delay.
     rate_law = strokes.rates_differ
@@ -92,6 +85,26 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
     if options.rate_independent and found.found.hypothesis.rated:
         found, rate_law = without_rate_law(found, candidates), False
     return with_intervals(found, candidates, rate_law)
+
+
+def without_ringing(plain: Operator, runs: Sequence[Recording], options: Options) -> list[Recording]:
+    """The recordings as an operator alone would have made them, as far as a resonance that is sought is seen at once."""
+    setting, unknowns = _setting(plain, runs, options)
+    names = wanted(options.effects)
+    sought = [kind() for name, kind in FITTED.items() if names is None or name in names]
+    return ringing_late(refined(setting, Hypothesis(), unknowns), sought).seen()
+
+
+def _setting(plain: Operator, runs: Sequence[Recording], options: Options) -> tuple[Setting, Unknowns]:
+    """What is the same for every hypothesis, and unknowns to begin with."""
+    # Corners everywhere: each hypothesis has dead zones of its own, and none is to make up for those of another.
+    corners_um = plain.columns.grid_um[np.linspace(1, len(plain.columns.grid_um) - 2, CORNERS).round().astype(int)]
+    setting = Setting(
+        runs, [run.states_um if run.recording.memory == "carried" or plain.sweep.share else None for run in plain.runs],
+        [_first(run) for run in plain.runs], plain.model, corners_um if options.deadzones else corners_um[:0],
+        [run.rate_um_per_s for run in plain.runs], plain.model.rate.identified_um_per_s, plain.model.rate.filter_s)
+    slopes = plain.without.rest
+    return setting, Unknowns(slopes, np.zeros(len(slopes)), np.ones(len(setting.corners_um)))
 
 
 def _placed(kind: type[Effect], amplifier: Amplifier | None) -> Effect:

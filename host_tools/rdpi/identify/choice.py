@@ -6,8 +6,8 @@ one-standard-error rule, Breiman et al. 1984; two errors where the actuator woul
 matter. Of hypotheses that nothing tells apart the one with the fewest parameters is taken.
 
 The search goes forward from the plain operator, then backward. It goes backward once more from all effects together,
-because two of them may hide a third: a resonance is found where it is only if delay and lag are there. Where there is a
-resonance, it also goes forward from each of these two.
+because two of them may hide a third: a resonance is found where it is only if delay and lag are there. Where a resonance
+behind a delay explains much at once, it also goes forward from both.
 """
 
 from __future__ import annotations
@@ -272,22 +272,29 @@ def _late_instead(plain: Judged, now: Judged, candidates: Sequence[Effect]) -> J
     return other if enough and other.beats(now) else now
 
 
+def _ringing_late(plain: Linearised, candidates: Sequence[Effect]) -> list[Hypothesis]:
+    """A resonance behind what is late by a time, where both together may start; none: nothing rings, or nothing is late."""
+    late = next((one for one in candidates if one.late_by), None)
+    return [Hypothesis().having(Acting(late, {**late.absent(), late.late_by: late_s})).having(Acting(effect, values))
+            for effect in candidates if late for values, late_s in effect.late_starts(plain.residuals)]
+
+
+def ringing_late(plain: Linearised, candidates: Sequence[Effect]) -> Linearised:
+    """A resonance behind what is late by a time, if it leaves less."""
+    both = (refined(plain.setting, one, plain.found) for one in _ringing_late(plain, candidates))
+    return min([plain, *both], key=lambda one: one.squares)
+
+
 def _late_first(plain: Judged, now: Judged, candidates: Sequence[Effect], rate_law: bool) -> Judged:
-    """What grows from an effect that is late by a time, where a resonance was found: if that leaves less.
+    """What grows from a resonance behind what is late by a time: if that leaves less.
 
     A resonance that is found first rings out of step by what comes late. It then has a frequency a little off, from which
-    no step leads to both.
+    no step leads to both; or none of the two is found.
     """
-    rings = [one.effect for one in now.hypothesis.acting if one.effect.rings]
-    if not rings:
-        return now
-    both = []
-    for _, late in _to_first_order(plain.state, [one for one in candidates if one.comes_late]).values():
-        one = plain.trying(late)
-        both += [one.trying(ringing) for _, ringing in _to_first_order(one.state, rings).values()]
-    for other in [one for one in both if one.left < tuned.OUT_OF_STEP * now.left]:
-        other = _pruned(_grown(other, candidates, rate_law), rate_law)
-        now = other if other.is_better(now) else now
+    for other in map(plain.trying, _ringing_late(plain.state, candidates)):
+        if other.left < tuned.OUT_OF_STEP * now.left:
+            other = _pruned(_grown(other, candidates, rate_law), rate_law)
+            now = other if other.is_better(now) else now
     return now
 
 
@@ -326,6 +333,8 @@ def _full(now: Judged, candidates: Sequence[Effect], whatever: bool = False) -> 
     and then all together.
     """
     state, absent = now.state, _absent(now.state, candidates)
+    if whatever:
+        state = ringing_late(state, candidates)
     for effect in [*absent, *absent]:  # what hides one that comes before it may be there by the second time
         if any(one.effect is effect for one in state.hypothesis.acting):
             continue

@@ -114,6 +114,9 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     found, chosen, chain_of_rig = plain, None, []
     if options.effects != around.NONE:
         amplifier, behind, driven = _behind_amplifier(plain, runs, frame, options, warnings)
+        inner = frame.of_others(around.without_ringing(behind, driven, options), options)
+        if inner.stroke_um < tuned.RINGS_FAR * frame.stroke_um:
+            behind = _operator(driven, inner, options, not options.rate_independent)
         chosen = around.identify(behind, driven, options, lambda share: progress(0.3 + 0.3 * share), amplifier)
         if amplifier is not None:
             chosen = around.behind(chosen, amplifier, runs)

@@ -41,6 +41,7 @@ INSTEAD_GAIN = 0.1, 2.0  # [of the squares, errors] one that comes late, in the 
 FURTHER_GAIN = 0.05, 1.0  # [of the squares, errors] beside one that comes late, and effects of other kinds; rigs
 REACH = 0.5  # [of what an effect does] by which it moves at most where blocks are left out; judged
 OUT_OF_STEP = 2.0  # [squares] of the best, that a resonance behind what is late leaves, from which more may grow; rigs
+RINGS_FAR = 0.9  # [stroke] that the operator alone makes, below which its thresholds did not fit it; judged
 CHAIN_EXCHANGE = 0.95  # [squares] held out, that an effect in the place of another leaves at most; judged
 CHAIN_LEAST = 3e-4  # [stroke] rms that it must take away; judged
 CHAIN_WIDEN = 2.4  # [width] by which intervals of its parameters are widened; rigs

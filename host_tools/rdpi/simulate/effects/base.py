@@ -143,6 +143,10 @@ class Effect:
         """Whether both are the same effect at the same place."""
         return (self.name, self.stage, self.column) == (other.name, other.stage, other.column)
 
+    def late_starts(self, residuals: Residuals) -> list[tuple[dict[str, float], float]]:
+        """What rings: where a fit may start if what it gets comes late, and by how much, s; none: it would not help."""
+        return []
+
     def rings_within(self, stroke_s: float, values: Values) -> bool:
         """Whether strokes of this time show it by a ringing of its own, although they all have the same rate."""
         return False

@@ -19,6 +19,8 @@ PEAKS, BANDS = 3, 400
 AROUND, COARSE = 4, 0.008  # steps tried on either side of a peak, of its damping or of the spectrum's grid
 LEAST_PERIOD = 3.0  # samples of a period that can be simulated
 OCTAVES = 8
+LATE_PER_OCTAVE, LATE_DAMPINGS = 24, (0.01, 0.03, 0.1)  # of the grid for one that what it gets reaches late
+LATEST_S, LATEST_TURN, TIMES_PER_OCTAVE = 0.05, 0.5, 2  # by which that may be late; [periods] which all look alike
 PROMISING = 3  # starts that are kept by what they explain as they are, and as many by what a multiple of them explains
 LEAST_GAIN, BROAD = 0.3, 0.1  # less is what a delay or lag leaves; the sharper it is, the less is like it; damping
 SHOWN_DAMPING, RING_PERIODS = 0.05, 5  # what is asked of a drive: so many periods in its longest hold, or in a stroke
@@ -81,6 +83,33 @@ class Resonance(Effect):
         grid += [(peak * (1 + step * max(damping, COARSE)), damping) for peak in _peaks(residuals, lowest, highest)
                  for damping in SHARP for step in range(-AROUND, AROUND + 1)]
         return [{"f0_hz": float(f0), "damping": damping} for f0, damping in _promising(residuals, grid)]
+
+    def late_starts(self, residuals: Residuals) -> list[tuple[dict[str, float], float]]:
+        """None as well if that hardly explains more than what is late and does not ring.
+
+        A quarter of a period late, it rings so far out of step that neither it nor a delay alone explains anything.
+        """
+        spectra = residuals.spectra
+        rate = min(run.sample_rate_hz for run in residuals.runs)
+        longest = max(len(run) * run.sample_time_s for run in residuals.runs)
+        highest, lowest = rate / LEAST_PERIOD, 4 / longest
+        octaves = np.arange(0, min(OCTAVES, np.log2(highest / lowest)), 1 / LATE_PER_OCTAVE)
+        f0_hz, damping = (axis.reshape(-1, 1) for axis in np.meshgrid(highest / 2**octaves, LATE_DAMPINGS))
+        late_s = np.r_[0, LATEST_S / 2 ** np.arange(0, np.log2(4 * rate * LATEST_S), 1 / TIMES_PER_OCTAVE)]
+        turn = spectra.hertz / f0_hz
+        still = np.ones((1, len(spectra.hertz)))
+        product, energy = spectra.explained_late(np.vstack([still, 1 / (1 - turn**2 + 2j * damping * turn)]), late_s)
+        rounded = 1e-12 * np.sum(spectra.power_um2)  # a change by nothing has no energy
+        as_they_are, multiples = 2 * product - energy, product**2 / np.maximum(energy, rounded)
+        missed = sum(float(left @ left) for left in residuals.residual_um)
+        found = {}
+        for squares in (multiples, as_they_are):
+            among = np.where(f0_hz * late_s <= LATEST_TURN, squares[1:], -np.inf)
+            ringing, time = np.unravel_index(np.argmax(among), among.shape)
+            values = {"f0_hz": float(f0_hz[ringing, 0]), "damping": float(damping[ringing, 0])}
+            if missed - among[ringing, time] < (1 - self.least_gain(values)) * (missed - max(np.max(squares[0]), 0.0)):
+                found[ringing, time] = values, float(late_s[time])
+        return list(found.values())
 
     def rings_within(self, stroke_s: float, values: Values) -> bool:
         return values["f0_hz"] * stroke_s > RING_PERIODS

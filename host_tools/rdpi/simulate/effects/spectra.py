@@ -45,6 +45,15 @@ class Spectra(NamedTuple):
         product = np.sum((np.conj(response) * self.common_um2).real, axis=1)
         return product, np.sum(np.abs(response) ** 2 * self.power_um2, axis=1)
 
+    def explained_late(self, response: np.ndarray, late_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of the prediction passed through each of these responses, (responses, bins), and late by each of these
+        times: (responses, times).
+        """
+        turned = np.exp(-2j * np.pi * self.hertz[:, None] * late_s)
+        product = (np.conj(response) @ (self.common_um2[:, None] * np.conj(turned))).real - np.sum(self.common_um2.real)
+        across = (response @ (self.power_um2[:, None] * turned)).real
+        return product, (np.abs(response) ** 2 @ self.power_um2)[:, None] + np.sum(self.power_um2) - 2 * across
+
 
 def _level(signal: np.ndarray) -> np.ndarray:
     """Less the straight line from its first sample to its last: to a spectrum, the first one follows the last."""
