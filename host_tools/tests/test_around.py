@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from fitted import moving_runs, static_run
 from injected import COMMISSIONING, FURTHER, LIMITS, NOISE_UM, RATE_HZ, drives, entry, left_um, plain_model, recorded
-from plants import changed, stack
+from plants import changed, recording, stack
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
@@ -605,6 +605,23 @@ def test_a_recording_of_one_rate_judges_no_others() -> None:
     for runs, whole in (([wide, wide], True), ([wide, triangle], False), ([wide, wide, triangle], True),
                         ([triangle, triangle], True)):
         assert Setting.others_cover.func(SimpleNamespace(runs=runs)) == whole
+
+
+def test_what_creeps_on_from_before_a_recording_takes_nothing_from_its_creep() -> None:
+    """Before recordings of unknown past the actuator rested at the other end of its range."""
+    runs = []
+    for slow_hz in (0.5, 1.0):
+        drive, = drives((("sawtooth", {"frequencies_hz": (slow_hz, 10 * slow_hz), "cycles": 4}, 1.0),))
+        before_V = np.r_[np.full(20_000, 100.0), np.linspace(100.0, drive.command_V[0], 20)]
+        whole = recording(np.r_[before_V, drive.command_V], None, RATE_HZ)
+        run, = recorded(plain_model(), [whole], entry("creep", **PUT["creep"]))
+        runs.append(replace(run, path=f"{slow_hz}.csv", digest=f"{slow_hz}", metadata={"memory": "unknown"},
+                            columns={name: column[len(before_V):] for name, column in run.columns.items()}))
+    creep = next(one for one in fit(runs).choice.kept if one.acting.effect.name == "creep")
+    put_in = PUT["creep"]["percent_per_decade"]
+    assert creep.acting.values["percent_per_decade"] == pytest.approx(put_in, rel=0.05)
+    low, high = creep.ci95["percent_per_decade"]
+    assert low < put_in < high < low + 0.5 * put_in
 
 
 def test_a_recording_is_covered_by_others_that_move_where_it_does() -> None:

@@ -81,6 +81,19 @@ class Setting:
         return rows
 
     @cached_property
+    def asides(self) -> list[np.ndarray]:
+        """What each run shows that is no matter of the model, (counted samples, columns), orthonormal: its offset, and
+        what goes on creeping in it from before, where no sweep was before it.
+        """
+        found = []
+        for run, rows in zip(self.runs, self.rows):
+            columns = [np.ones(len(rows))]
+            if run.memory != "reset":
+                columns.append(np.exp(-(rows - rows[0]) / (tuned.PAST_DECAY * len(run))))
+            found.append(np.linalg.qr(np.column_stack(columns))[0])
+        return found
+
+    @cached_property
     def samples(self) -> int:
         return sum(map(len, self.rows))
 

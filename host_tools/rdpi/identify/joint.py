@@ -104,10 +104,10 @@ class Linearised:
         return any(one.effect.rings for one in self.hypothesis.acting)
 
     def _grams(self, rows: Sequence[np.ndarray]) -> np.ndarray:
-        """Of each block, every run without its mean; in units of the stroke."""
+        """Of each block, every run without what is no matter of the model; in units of the stroke."""
         grams = []
-        for columns in rows:
-            columns = (columns - np.mean(columns, axis=0)) / self.setting.model.stroke_um
+        for columns, aside in zip(rows, self.setting.asides):
+            columns = (columns - aside @ (aside.T @ columns)) / self.setting.model.stroke_um
             grams += [part.T @ part for part in np.array_split(columns, BLOCKS)]
         return np.array(grams)
 
