@@ -42,6 +42,16 @@ def reached(*names: str) -> Selection:
     return replace(found, reached=states[-1], accepted=states[-1], states=tuple(states), rounds=rounds)
 
 
+def test_no_start_lies_beyond_what_gap_looks_for() -> None:
+    """What comes early is no relaxation."""
+    runs = recorded(plain_model(), drives(), entry("relaxation", share=-0.05, time_constant_s=0.01))
+    state = AugmentedModel.given(commissioned(), runs, [])
+    relaxation = CATALOGUE["relaxation"]()
+    found = candidates.search(state.dataset, relaxation, [], state.dataset.measured - state.residual)
+    for name, (low, high) in relaxation.in_gap.items():
+        assert low <= found.values[name] <= high
+
+
 def names(selection: Selection) -> list[str]:
     return [one.effect.name for one in selection.reached.chosen]
 

@@ -7,21 +7,25 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from benches import swept_and_played, vb
-from injected import LIMITS, Drives, drives, entry, plain_model, recorded
-from plants import changed, marked
+from injected import LIMITS, RATE_HZ, Drives, drives, entry, plain_model, recorded
+from plants import changed, marked, recording
 
 from rdpi.data import Recording, excite, read_recording
-from rdpi.gap import Diagnosis, diagnose, experiment
+from rdpi.gap import Diagnosis, diagnose, diagnosis, experiment
 from rdpi.gap.augmented import AugmentedModel
 from rdpi.gap.report import words
 from rdpi.gap.sections import NotKnown
-from rdpi.gap.selection import Selection
+from rdpi.gap.selection import Excess, Selection
+from rdpi.gap.spectrum import Spectrum
 from rdpi.identify import Options, checks, fit
 from rdpi.model import Model
+from rdpi.simulate import chain
+from rdpi.simulate.effects import CATALOGUE
 
 SLOW: Drives = (("sawtooth", {"frequencies_hz": (0.5, 2.0), "cycles": 2}, 1.0), ("minor-loops", {"levels": 4}, 1.0),
                 ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.4, 0.6, 1.0, 1.4, 2.2), "seed": 1}, 1.0))
@@ -120,6 +124,43 @@ def test_the_proposed_drive_shows_positions(rdpi: Callable, tmp_path: Path, monk
     assert np.min(drive.command_V) == 0 and np.max(drive.command_V) == 100
 
 
+def chirp_at(model: Model, band: NotKnown, *further: Recording) -> tuple[excite.Limits, dict[str, float]] | None:
+    """What is proposed for a band, as `excite` takes it; None: nothing."""
+    given = AugmentedModel.given(model, [*asked_at_speed().runs, *further], [])
+    next_one = experiment.propose(Selection(given, given, given, (), frozenset(), (given,)), "none", [band])
+    if next_one is None:
+        return None
+    _, _, kind, *words = shlex.split(next_one.command)
+    told = dict(zip(words[::2], words[1::2]))
+    low_V, high_V = (float(told[f"--{name}"]) for name in ("min-V", "max-V"))
+    options = {"frequencies_hz": tuple(map(float, told["--frequencies"].split(","))),
+               "duration_s": float(told["--duration"])}
+    assert kind == "chirp" and len(told["--min-V"]) < 8  # volts that a person can read
+    return excite.Limits(low_V, high_V, sample_rate_hz=RATE_HZ, sweep_V=(0.0, 100.0)), options
+
+
+def test_no_proposed_drive_makes_a_resonance_move_further() -> None:
+    """One that the model holds makes forty times as much of a chirp."""
+    model = replace(slowly_commissioned(), effects=[entry("resonance", f0_hz=60.0, damping=0.0125)])
+    band = replace(band_at_speed(), low=32.0, high=128.0)
+    limits, options = chirp_at(model, band)
+    columns, metadata = excite.make_drive("chirp", limits, **options)
+    drive = recording(columns["command_V"][columns["time_s"] >= float(metadata["sweep_s"])], None, RATE_HZ)
+    moved = chain.simulate(model, [drive])[0].predicted_um
+    assert 0.5 * band.moved_um < np.ptp(moved) < 2.2 * band.moved_um
+    plain, _ = chirp_at(slowly_commissioned(), band)
+    assert plain.span_V > 20 * limits.span_V
+
+
+def test_a_slow_band_gets_a_long_drive_and_none_twice() -> None:
+    band = replace(band_at_speed(), low=0.0625, high=0.5)
+    limits, options = chirp_at(slowly_commissioned(), band)
+    assert options["duration_s"] * band.low >= 3 and options["frequencies_hz"][0] < 0.5 * band.low
+    columns, _ = excite.make_drive("chirp", limits, **options)
+    there = recorded(plain_model(), [recording(columns["command_V"], None, RATE_HZ)])
+    assert chirp_at(slowly_commissioned(), band, *there) is None
+
+
 def test_a_sine_that_is_upside_down_is_remarked_on() -> None:
     """As one that is late by half a period is, which it may be."""
     (sine,) = recorded(plain_model(), unswept((("sine", {"frequencies_hz": (20.0,), "cycles": 20}, 0.8),)), RIG)
@@ -189,3 +230,25 @@ def test_a_zero_within_the_reach_of_loops_that_drift_has_not_moved(drift_um: flo
     aside = changed(found.runs[0], displacement_um=found.runs[0].displacement_um + shift_um)
     offset = diagnose(replace(model, passport={**model.passport, "level": level}), [aside]).document.offset_um
     assert offset.mean == pytest.approx(0.8, abs=0.1) and offset.moved == moved
+
+
+@pytest.mark.parametrize(("known", "name", "earlier", "sure", "verdict"), [
+    (0.3, "creep", False, False, "none"), (0.3, "creep", True, False, "effect"), (0.8, "creep", False, False, "effect"),
+    (0.3, "creep", False, True, "effect"), (0.3, "rate_dependence", False, False, "effect")])
+def test_what_need_not_be_new_gets_no_name(known: float, name: str, earlier: bool, sure: bool, verdict: str,
+                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    """Unless it is compared with earlier recordings, shows at such rates only, or the rest of the gap is one as well."""
+    monkeypatch.setattr(diagnosis, "_sure", lambda *arguments: sure)
+    best = SimpleNamespace(effect=CATALOGUE[name]())
+    found = SimpleNamespace(given=SimpleNamespace(earlier=earlier), rivals=lambda one: [],
+                            rounds=[SimpleNamespace(best=best, refitted=True)])
+    assert diagnosis._verdict(found, SimpleNamespace(ratio=3.0), Spectrum(known=known), Spectrum()) == verdict
+
+
+@pytest.mark.parametrize("sure", [False, True])
+def test_what_leaves_too_much_is_unknown_only_if_there_is_a_gap(sure: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnosis, "_sure", lambda *arguments: sure)
+    found = SimpleNamespace(given=SimpleNamespace(earlier=False), reached=SimpleNamespace(squares=9.0),
+                            rounds=[SimpleNamespace(best=SimpleNamespace(effect=CATALOGUE["lag"]()), refitted=False)])
+    gap = Excess(total=10.0, floor=1.0, ratio=3.0, spread=0.2, ratios=None)
+    assert diagnosis._verdict(found, gap, Spectrum(), Spectrum()) == ("unknown" if sure else "none")

@@ -97,7 +97,9 @@ def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: n
     def change(values: dict[str, float]) -> np.ndarray:
         return dataset.predict(effects.beside(acting, Acting(effect, values))) - plain
 
-    tried = [(change(values), values) for values in starts]
+    within = [bounded(effect, {**values, **{name: float(np.clip(values[name], *ends))
+                                            for name, ends in effect.in_gap.items()}}, {}) for values in starts]
+    tried = [(change(values), values) for values in within]
     found = _refined(dataset, effect, change, left, *min(tried, key=lambda one: _square(left - one[0])))
     if known is not None:
         moved = _refined(dataset, effect, change, left, np.zeros(len(left)), dict(known.values))

@@ -300,6 +300,8 @@ def _offset(selection: Selection) -> Offset:
     sure = sure if any(sure) else ~sure
     told = zeros[sure]
     agree, added = zeros_agree(model, told, compared=bool(base.earlier)), 0.0
+    if len(told) == 1 and not base.earlier:  # it agrees with itself, and what was before it goes on creeping
+        agree &= abs(float(told[0])) > thresholds.ZERO_ALONE * model.stroke_um
     if (known := passport.read(model)) and not base.earlier:
         astray_um = [passport.astray_um(known, {"position_um": run.displacement_um}) for run in state.recordings]
         agree &= abs(float(np.mean(told))) > max(astray_um)
@@ -312,7 +314,8 @@ def _offset(selection: Selection) -> Offset:
     least = max(thresholds.ZERO * rms(selection.before_um), thresholds.MUCH_ZERO * model.stroke_um)
     return Offset(mean=float(np.mean(zeros)), low=float(min(zeros)), high=float(max(zeros)),
                   added=added,
-                  moved=bool(agree and min(*abs(zeros), *abs(before)) > least))
+                  moved=bool(agree and abs(np.sum(np.sign(zeros))) == len(zeros)  # none to the other side
+                             and min(*abs(zeros), *abs(before)) > least))
 
 
 def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Offset, noise_um: float,
@@ -351,14 +354,18 @@ def _elsewhere(axes: Sequence[localise.Axis], words: Terms) -> str | None:
 
 def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -> Verdict:
     """`new` is the spectrum of the gap, `left` that of what the best of every round leave."""
-    first = selection.rounds[0]
+    first, whatever = selection.rounds[0], "unknown" if _sure(selection, gap, new) else "none"
     if first.best is None:
-        return "unknown" if _sure(selection, gap, new) else "none"
+        return whatever
+    # What slow movements show as well shows where commissioning moved, or need not be new.
+    unseen = new.known < 1 - thresholds.MOSTLY and not (selection.given.earlier or first.best.effect.grows_with_rate)
+    if unseen and whatever == "none":
+        return whatever
     if gap.ratio and not first.refitted:
         squares = _left(selection)
         explained = (gap.total - squares) / max(gap.total - gap.floor, 1e-300)
         if (1 - explained) * gap.left(squares) > thresholds.UNEXPLAINED:
-            return "unknown"
+            return whatever
         # What a wrong effect cannot follow is new at all frequencies, also where there is little energy.
         if left.everywhere > thresholds.LEFT_EVERYWHERE and 1 - explained > thresholds.LEFT_SHARE:
             return "unknown"
@@ -379,7 +386,8 @@ def _sure(selection: Selection, gap: Excess, new: Spectrum) -> bool:
     clear = thresholds.UNKNOWN * detection_threshold(gap)
     spread = max(gap.spread, thresholds.USUAL_SPREAD)
     return bool(detection > clear or np.log(known.ratio) > thresholds.SPREADS * spread
-                or new.evidence * new.breadth * gap.trust > thresholds.SPECTRUM)
+                or new.evidence * new.breadth * gap.trust > (
+                    thresholds.SPECTRUM_FEW if gap.few else thresholds.SPECTRUM))
 
 
 def _remarks(selection: Selection, gap: Excess, verdict: str) -> list[str]:

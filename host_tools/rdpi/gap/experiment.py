@@ -31,7 +31,7 @@ SHOWING: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("chirp", {"duration_s": 10.0}, "small movements of all frequencies show whether it depends on the amplitude"),
     ("minor-loops", {"levels": 4}, "loops of all sizes show whether it is the hysteresis"))
 SMALL, LEAST_WIDTH = 0.1, 1e-3  # of the drive's range
-CHIRP_S, LITTLE_S = 10.0, 20.0  # where nothing is known yet; and of small movements
+CHIRP_S, CHIRP_PERIODS, LITTLE_S = (10.0, 120.0), 3.0, 20.0  # where nothing is known yet; and of small movements
 LONGEST = 120_000  # samples of a drive that is simulated
 SAME, SAME_LENGTH = 0.9, 0.05  # correlation, and share of the length, of two recordings of the same drive
 
@@ -52,8 +52,8 @@ def propose(selection: Selection, verdict: Verdict, unseen: Sequence[NotKnown] =
     """
     state = selection.accepted
     if verdict in ("unknown", "none") and (most := max(unseen, key=lambda one: one.share, default=None)) \
-            and most.share > thresholds.MOSTLY:
-        return _commissioning(state, most)
+            and most.share > thresholds.MOSTLY and (there := _commissioning(state, most)) is not None:
+        return there
     if verdict == "unknown":
         for kind, options, why in SHOWING:
             if _missing(state, kind, options) is not None:
@@ -109,10 +109,11 @@ def _drives(state: AugmentedModel, truth: Candidate, rivals: Sequence[Score]) ->
     return found
 
 
-def _missing(state: AugmentedModel, kind: str, options: dict[str, Any]) -> dict[str, np.ndarray] | None:
+def _missing(state: AugmentedModel, kind: str, options: dict[str, Any], limits: excite.Limits | None = None
+             ) -> dict[str, np.ndarray] | None:
     """Columns of a drive; None: it is not to be had, or a recording is of it, with its sweep or without."""
     try:
-        drive, metadata = excite.make_drive(kind, _limits(state, kind), **options)
+        drive, metadata = excite.make_drive(kind, limits or _limits(state, kind), **options)
     except BadInput:
         return None
     for begin_s in (0.0, float(metadata.get("sweep_s", 0.0))):
@@ -141,14 +142,14 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
         otherwise = "; if it may have changed, play the drive of commissioning again and give its recording to `rdpi gap`"
     else:
         top_hz = min(unknown.high, limits.sample_rate_hz / excite.RINGING_SAMPLES)
-        kind, options = "chirp", {"frequencies_hz": (unknown.low / 4, top_hz), "duration_s": CHIRP_S}
+        duration_s = float(np.clip(CHIRP_PERIODS / unknown.low, *CHIRP_S))
+        kind = "chirp"
+        options = {"frequencies_hz": (max(unknown.low / 4, 1 / duration_s), top_hz), "duration_s": duration_s}
         half_V = unknown.moved_um / abs(state.model.gain_um_per_V * float(state.model.slopes[-1]))
         fastest = signals.fastest_V_per_s(state.recordings)
         slew_V = min(limits.slew_V_per_s or np.inf, fastest) / (2 * np.pi * top_hz)
-        limits = _amid(limits, min(half_V, slew_V, (limits.max_V - limits.min_V) / 2))
-    try:
-        columns, _ = excite.make_drive(kind, limits, **options)
-    except BadInput:  # the sample rate is too low, or the range too small
+        limits = _amid(limits, min(half_V / _amplified(state, top_hz), slew_V, (limits.max_V - limits.min_V) / 2))
+    if (columns := _missing(state, kind, options, limits)) is None:  # or the rate is too low, or the range too small
         return None
     why = f"this drive {where}; if the actuator is as it was, give its recording to `rdpi fit` with those of commissioning, " \
           f"and ask again{otherwise}"
@@ -156,16 +157,26 @@ def _commissioning(state: AugmentedModel, unknown: NotKnown) -> NextExperiment |
 
 
 def _limits(state: AugmentedModel, kind: str = "") -> excite.Limits:
-    """The model's drive; for a chirp, which reaches resonances, a tenth of its range about the middle."""
+    """The model's drive; for a chirp, which reaches resonances, a tenth of its range about the middle, and no more than
+    rings over all of it.
+    """
     drive = state.model.drive
     limits = excite.Limits(drive.min_V, drive.max_V, sample_rate_hz=max(run.sample_rate_hz for run in state.recordings),
                            slew_V_per_s=drive.slew_V_per_s)
-    return _amid(limits, SMALL * (drive.max_V - drive.min_V) / 2) if kind == "chirp" else limits
+    if kind != "chirp":
+        return limits
+    share = min(SMALL, 1 / _amplified(state, limits.sample_rate_hz / excite.RINGING_SAMPLES))
+    return _amid(limits, share * (drive.max_V - drive.min_V) / 2)
+
+
+def _amplified(state: AugmentedModel, highest_hz: float) -> float:
+    """What the model's resonances make of a movement at most, at frequencies up to this one."""
+    return float(np.prod([one.effect.amplification(one.values, highest_hz) for one in state.known]))
 
 
 def _amid(limits: excite.Limits, half_V: float) -> excite.Limits:
-    """So far to both sides of the middle, after a sweep over all of the range."""
-    middle_V = (limits.min_V + limits.max_V) / 2
+    """So far to both sides of the middle, in three digits, after a sweep over all of the range."""
+    middle_V, half_V = (limits.min_V + limits.max_V) / 2, float(f"{half_V:.3g}")
     return replace(limits, min_V=middle_V - half_V, max_V=middle_V + half_V, sweep_V=(limits.min_V, limits.max_V))
 
 

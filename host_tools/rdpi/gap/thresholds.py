@@ -23,6 +23,7 @@ SHRINK_WEIGHT = 1.0  # [1] of the best shrink in the evidence, beside the logari
 UNKNOWN = 1.25  # [detection] times the evidence for a gap, from which one without a name is reported; tune
 SPREADS = 2.5  # [spread] of the passport by which ln(ratio) must exceed 0 for the same; tune
 SPECTRUM = 0.4  # [ln] mean of ln(rms / passport) as the energy lies, times breadth and trust, for the same; picma
+SPECTRUM_FEW = 0.8  # [ln] the same with few recordings, or a passport of few; judged
 MOST_BREADTH = 2.0  # [passport] in an octave, mean of all, as far as it counts as breadth; judged
 FEW_LINES = 4.0  # [lines] of a spectrum, by which an octave counts half; judged
 
@@ -79,6 +80,7 @@ LOST = 0.2  # [of the squares gained] by which recordings may be predicted worse
 # --- has the zero moved?
 ZERO_AGREES = 4.0  # [scatter] of zeros, from which their mean is carried over to the improved model; rigs
 ZERO_SCATTER = 0.004  # [stroke] that zeros scatter by, worth one recording; rigs
+ZERO_ALONE = 0.04  # [stroke] ... and a single recording's does; judged
 ZERO_UNDONE = 0.002  # [stroke] that effects do to it, from which it is undone where zeros do not agree; judged
 
 # --- is it known from commissioning?

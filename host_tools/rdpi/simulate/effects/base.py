@@ -105,6 +105,7 @@ class Effect:
     contains: ClassVar[type[Effect] | None] = None  # a simpler effect, which it can imitate
     comes_up: ClassVar[bool] = True  # may come up after the identification; else it can only change where there is one
     changes_loops: ClassVar[bool] = False  # at a single rate, all that do look alike
+    grows_with_rate: ClassVar[bool] = False  # slow recordings do not show it
     hides_rate: ClassVar[bool] = False  # it is what a missing rate dependence looks like at another rate
 
     def __init__(self, stage: str | None = None, column: str | None = None) -> None:
@@ -146,6 +147,10 @@ class Effect:
     def late_starts(self, residuals: Residuals) -> list[tuple[dict[str, float], float]]:
         """What rings: where a fit may start if what it gets comes late, and by how much, s; none: it would not help."""
         return []
+
+    def amplification(self, values: Values, highest_hz: float) -> float:
+        """The most that it makes of a slow movement's size, at frequencies up to this one."""
+        return 1.0
 
     def rings_within(self, stroke_s: float, values: Values) -> bool:
         """Whether strokes of this time show it by a ringing of its own, although they all have the same rate."""

@@ -32,7 +32,7 @@ class Creep(Effect):
     stages = ("actuator",)
     of_rig = True
     parameters = (Parameter("percent_per_decade", "%", -2.0, 20.0),)
-    on_rig = {"percent_per_decade": (0.0, 10.0)}
+    on_rig = in_gap = {"percent_per_decade": (0.0, 10.0)}
     in_holds = "percent_per_decade"
     linear = True
     tells_zero = True

@@ -23,6 +23,7 @@ class Delay(Effect):
     stages = "timing", "sensor"
     of_rig = True
     comes_late = True
+    grows_with_rate = True
     late_by = "delay_s"
     parameters = (Parameter("delay_s", "s", 0.0, 1.0),)
 

@@ -23,6 +23,7 @@ class Lag(Effect):
     stages = "amplifier", "sensor"
     of_rig = True
     comes_late = True
+    grows_with_rate = True
     late_by = "time_constant_s"
     parameters = (Parameter("time_constant_s", "s", 0.0, 1.0),)
 

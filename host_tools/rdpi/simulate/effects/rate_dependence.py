@@ -31,6 +31,7 @@ class RateDependence(Effect):
     parameters = (Parameter("widening", "1", -1.0, 10.0), Parameter("change", "1", -0.9, 2.0),
                   Parameter("exponent", "1", 0.2, 1.5, 1.0))
     changes_loops = True
+    grows_with_rate = True
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         if values["widening"] == 0 and values["change"] == 0:

@@ -33,6 +33,7 @@ class Relaxation(Effect):
     stages = ("actuator",)
     of_rig = True
     comes_late = True
+    grows_with_rate = True
     needs_rates = True
     parameters = (Parameter("share", "1", -0.2, 0.5), Parameter("time_constant_s", "s", SHORTEST_S, LONGEST_S, 0.01))
     # Glue lines yield by more than the ceramic; a larger share is a lag.

@@ -35,6 +35,7 @@ class Resonance(Effect):
     what = "the moved mass rings on the actuator's stiffness"
     remedy = "stay below a third of f0 or shape the reference; stiffen or lighten the mechanics"
     rings = True
+    grows_with_rate = True
     needs = "steps, chirps or multisines that reach its frequency"
     article = "a"
     stages = ("mechanics",)
@@ -110,6 +111,11 @@ class Resonance(Effect):
             if missed - among[ringing, time] < (1 - self.least_gain(values)) * (missed - max(np.max(squares[0]), 0.0)):
                 found[ringing, time] = values, float(late_s[time])
         return list(found.values())
+
+    def amplification(self, values: Values, highest_hz: float) -> float:
+        damping = values["damping"]
+        turn = min(highest_hz / values["f0_hz"], float(np.sqrt(max(0.0, 1 - 2 * damping**2))))  # where |F| is largest
+        return float(1 / abs(1 - turn**2 + 2j * damping * turn))
 
     def rings_within(self, stroke_s: float, values: Values) -> bool:
         return values["f0_hz"] * stroke_s > RING_PERIODS

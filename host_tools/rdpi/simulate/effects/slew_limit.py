@@ -25,6 +25,7 @@ class SlewLimit(Effect):
     needs = "a large fast move; the effect vanishes at small amplitude"
     article = "a"
     stages = ("amplifier",)
+    grows_with_rate = True
     parameters = (Parameter("V_per_s", "V/s", 1e-9, np.inf, np.inf),)
 
     def act(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
