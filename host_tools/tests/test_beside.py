@@ -42,6 +42,10 @@ def reached(*names: str) -> Selection:
     return replace(found, reached=states[-1], accepted=states[-1], states=tuple(states), rounds=rounds)
 
 
+def names(selection: Selection) -> list[str]:
+    return [one.effect.name for one in selection.reached.chosen]
+
+
 def test_no_start_lies_beyond_what_gap_looks_for() -> None:
     """What comes early is no relaxation."""
     runs = recorded(plain_model(), drives(), entry("relaxation", share=-0.05, time_constant_s=0.01))
@@ -50,10 +54,6 @@ def test_no_start_lies_beyond_what_gap_looks_for() -> None:
     found = candidates.search(state.dataset, relaxation, [], state.dataset.measured - state.residual)
     for name, (low, high) in relaxation.in_gap.items():
         assert low <= found.values[name] <= high
-
-
-def names(selection: Selection) -> list[str]:
-    return [one.effect.name for one in selection.reached.chosen]
 
 
 def test_two_effects_of_which_each_hides_the_other_are_found_together() -> None:

@@ -97,8 +97,8 @@ def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: n
     def change(values: dict[str, float]) -> np.ndarray:
         return dataset.predict(effects.beside(acting, Acting(effect, values))) - plain
 
-    within = [bounded(effect, {**values, **{name: float(np.clip(values[name], *ends))
-                                            for name, ends in effect.in_gap.items()}}, {}) for values in starts]
+    within = [{**values, **{name: float(np.clip(values[name], *ends)) for name, ends in effect.in_gap.items()}}
+              for values in starts]
     tried = [(change(values), values) for values in within]
     found = _refined(dataset, effect, change, left, *min(tried, key=lambda one: _square(left - one[0])))
     if known is not None:

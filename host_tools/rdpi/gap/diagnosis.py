@@ -314,8 +314,7 @@ def _offset(selection: Selection) -> Offset:
     least = max(thresholds.ZERO * rms(selection.before_um), thresholds.MUCH_ZERO * model.stroke_um)
     return Offset(mean=float(np.mean(zeros)), low=float(min(zeros)), high=float(max(zeros)),
                   added=added,
-                  moved=bool(agree and abs(np.sum(np.sign(zeros))) == len(zeros)  # none to the other side
-                             and min(*abs(zeros), *abs(before)) > least))
+                  moved=bool(agree and np.ptp(np.sign(zeros)) == 0 and min(*abs(zeros), *abs(before)) > least))
 
 
 def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Offset, noise_um: float,

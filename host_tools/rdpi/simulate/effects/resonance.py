@@ -64,7 +64,7 @@ class Resonance(Effect):
 
         count = next_fast_len(2 * len(shown_um), real=True)
         turn = rfftfreq(count, run.sample_time_s) / values["f0_hz"]
-        response = 1 / (1 - turn**2 + 2j * values["damping"] * turn)
+        response = _response(turn, values["damping"])
         mean = float(np.mean(shown_um))
         spectrum = rfft(shown_um - mean, count) * np.conj(response) / np.maximum(1, np.abs(response) ** 2)
         return mean + irfft(spectrum, count)[:len(shown_um)]
@@ -75,9 +75,7 @@ class Resonance(Effect):
                          "still make it ring", lead=(2 * values["damping"] / w, 1 / w**2))
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
-        rate = min(run.sample_rate_hz for run in residuals.runs)
-        longest = max(len(run) * run.sample_time_s for run in residuals.runs)
-        highest, lowest = rate / LEAST_PERIOD, 4 / longest
+        lowest, highest = _ends_hz(residuals)
         octaves = np.arange(0, min(OCTAVES, np.log2(highest / lowest)), 1 / PER_OCTAVE)
         grid = [(highest / 2**octave, damping) for octave in octaves for damping in DAMPINGS]
         # A slightly damped one is too narrow for a grid, but rings at its own frequency.
@@ -91,15 +89,13 @@ class Resonance(Effect):
         A quarter of a period late, it rings so far out of step that neither it nor a delay alone explains anything.
         """
         spectra = residuals.spectra
-        rate = min(run.sample_rate_hz for run in residuals.runs)
-        longest = max(len(run) * run.sample_time_s for run in residuals.runs)
-        highest, lowest = rate / LEAST_PERIOD, 4 / longest
+        lowest, highest = _ends_hz(residuals)
         octaves = np.arange(0, min(OCTAVES, np.log2(highest / lowest)), 1 / LATE_PER_OCTAVE)
         f0_hz, damping = (axis.reshape(-1, 1) for axis in np.meshgrid(highest / 2**octaves, LATE_DAMPINGS))
-        late_s = np.r_[0, LATEST_S / 2 ** np.arange(0, np.log2(4 * rate * LATEST_S), 1 / TIMES_PER_OCTAVE)]
+        late_s = np.r_[0, LATEST_S / 2 ** np.arange(0, np.log2(4 * LEAST_PERIOD * highest * LATEST_S), 1 / TIMES_PER_OCTAVE)]
         turn = spectra.hertz / f0_hz
         still = np.ones((1, len(spectra.hertz)))
-        product, energy = spectra.explained_late(np.vstack([still, 1 / (1 - turn**2 + 2j * damping * turn)]), late_s)
+        product, energy = spectra.explained_late(np.vstack([still, _response(turn, damping)]), late_s)
         rounded = 1e-12 * np.sum(spectra.power_um2)  # a change by nothing has no energy
         as_they_are, multiples = 2 * product - energy, product**2 / np.maximum(energy, rounded)
         missed = sum(float(left @ left) for left in residuals.residual_um)
@@ -115,7 +111,7 @@ class Resonance(Effect):
     def amplification(self, values: Values, highest_hz: float) -> float:
         damping = values["damping"]
         turn = min(highest_hz / values["f0_hz"], float(np.sqrt(max(0.0, 1 - 2 * damping**2))))  # where |F| is largest
-        return float(1 / abs(1 - turn**2 + 2j * damping * turn))
+        return float(abs(_response(turn, damping)))
 
     def rings_within(self, stroke_s: float, values: Values) -> bool:
         return values["f0_hz"] * stroke_s > RING_PERIODS
@@ -137,6 +133,18 @@ class Resonance(Effect):
                f"edges of {time_text(drive.edge_s)} do not make a higher one ring")
         return Shown(f"from {grid[first]:.4g} to {grid[last]:.4g} Hz, with a damping of {SHOWN_DAMPING:g}; {why}",
                      float(grid[first]), float(grid[last]), "Hz")
+
+
+def _response(turn: np.ndarray | float, damping: np.ndarray | float) -> np.ndarray | complex:
+    """At frequencies f0_hz times these."""
+    return 1 / (1 - turn**2 + 2j * damping * turn)
+
+
+def _ends_hz(residuals: Residuals) -> tuple[float, float]:
+    """Between which recordings can show a frequency."""
+    rate = min(run.sample_rate_hz for run in residuals.runs)
+    longest = max(len(run) * run.sample_time_s for run in residuals.runs)
+    return 4 / longest, rate / LEAST_PERIOD
 
 
 def _peaks(residuals: Residuals, lowest_hz: float, highest_hz: float) -> list[float]:
@@ -172,7 +180,7 @@ def _promising(residuals: Residuals, grid: list[tuple[float, float]]) -> list[tu
     spectra = residuals.spectra
     f0_hz, damping = np.array(grid).T[:, :, None]
     turn = spectra.hertz / f0_hz
-    product, energy = spectra.explained(1 / (1 - turn**2 + 2j * damping * turn) - 1)
+    product, energy = spectra.explained(_response(turn, damping) - 1)
     as_they_are, multiples = 2 * product - energy, product**2 / np.maximum(energy, np.finfo(float).tiny)
     best = [k for squares in (as_they_are, multiples) for k in np.argsort(-squares)[:PROMISING]]
     return [grid[k] for k in dict.fromkeys(best)]
