@@ -10,6 +10,12 @@
 void rdpi_batch_plays(const rdpi_real_t *x_um, size_t samples, const rdpi_real_t *r_um, size_t count,
                       rdpi_real_t *y_um, rdpi_real_t *outputs_um);
 
+/* Lags of a signal that is straight between samples: how far they are ahead of it in all, sum[k]. `ahead` is how far
+ * each is at the first sample, and then at the last. y' = (u - y) / T gives y_k - u_k = pole (y_(k-1) - u_(k-1))
+ * - gain (u_k - u_(k-1)), pole = exp(-h / T), gain = (1 - pole) T / h. */
+void rdpi_batch_lags(const rdpi_real_t *signal, size_t samples, const rdpi_real_t *pole, const rdpi_real_t *gain,
+                     size_t count, rdpi_real_t *ahead, rdpi_real_t *sum);
+
 /* rdpi_f32_rate_step over an array, from a fresh estimator. */
 rdpi_status_t rdpi_batch_rate(rdpi_real_t window_s, rdpi_real_t filter_s, rdpi_real_t sample_time_s,
                               const rdpi_real_t *z_um, size_t samples, rdpi_real_t *rate_um_per_s);
@@ -103,6 +109,8 @@ void rdpi_f32_get_memory(const rdpi_f32_t *self, rdpi_real_t *y_um);
 void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks);
 void rdpi_batch_plays(const rdpi_real_t *x_um, size_t samples, const rdpi_real_t *r_um, size_t count,
                       rdpi_real_t *y_um, rdpi_real_t *outputs_um);
+void rdpi_batch_lags(const rdpi_real_t *signal, size_t samples, const rdpi_real_t *pole, const rdpi_real_t *gain,
+                     size_t count, rdpi_real_t *ahead, rdpi_real_t *sum);
 rdpi_status_t rdpi_batch_rate(rdpi_real_t window_s, rdpi_real_t filter_s, rdpi_real_t sample_time_s,
                               const rdpi_real_t *z_um, size_t samples, rdpi_real_t *rate_um_per_s);
 void rdpi_batch_step(rdpi_f32_t *self, const rdpi_real_t *reference_um, size_t samples, rdpi_real_t *drive_V,

@@ -7,6 +7,7 @@ The fixed-point half is integers alone, so that both hold the same.
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, NamedTuple
 
@@ -307,6 +308,22 @@ def plays(x_um: np.ndarray, thresholds_um: np.ndarray, states_um: np.ndarray) ->
     module.lib.rdpi_batch_plays(_pointer(module.ffi, x_um), len(x_um), _pointer(module.ffi, thresholds_um),
                                 len(thresholds_um), _pointer(module.ffi, states_um), _pointer(module.ffi, outputs_um))
     return outputs_um, states_um
+
+
+def lags(signal: np.ndarray, sample_time_s: float, times_s: Sequence[float], ahead: Sequence[float]) -> np.ndarray:
+    """First-order lags of unit gain, exact for a signal (samples,) that is straight between samples, in double: how far
+    they are ahead of it in all, (samples,). `ahead` is how far each is at the first sample.
+
+    y' = (u - y) / T: y_k - u_k = a (y_(k-1) - u_(k-1)) - g (u_k - u_(k-1)), a = exp(-h / T), g = (1 - a) T / h.
+    """
+    module, dtype = _load("f64")
+    ratio = sample_time_s / np.asarray(times_s, dtype)
+    pole, gain = np.exp(-ratio), -np.expm1(-ratio) / ratio
+    signal, state = _array(signal, dtype, "signal"), np.array(ahead, dtype)  # the library moves the state
+    result = np.empty_like(signal)
+    signal_, pole_, gain_, state_, result_ = (_pointer(module.ffi, one) for one in (signal, pole, gain, state, result))
+    module.lib.rdpi_batch_lags(signal_, len(signal), pole_, gain_, len(pole), state_, result_)
+    return result
 
 
 def rate(z_um: np.ndarray, sample_time_s: float, window_s: float, filter_s: float) -> np.ndarray:

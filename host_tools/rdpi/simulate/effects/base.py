@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
+from ... import firmware
 from ...data import Recording
 from ...model import LARGEST, Model
 from ..memory import middle_um, since_sweep_s, swept_um
@@ -27,7 +28,6 @@ STAGES = "DAC", "timing", "amplifier", "actuator", "mechanics", "environment", "
 BEFORE_MONITOR = STAGES[:3]
 SENSOR = STAGES[-1]
 Values = Mapping[str, float]
-BLOCK = 32  # samples that are filtered at once
 
 
 class Parameter(NamedTuple):
@@ -263,14 +263,8 @@ class Effect:
 def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float, away: float = 0.0) -> np.ndarray:
     """First-order lag of unit gain, exact for a signal that is straight between samples; at the first it is `away` from
     the signal.
-
-    y' = (u - y) / T: y_k = a y_(k-1) + (1 - g) u_k + (g - a) u_(k-1), a = exp(-h / T), g = (1 - a) T / h.
     """
-    from scipy.signal import lfilter
-
-    a, g = _pole(sample_time_s, time_constant_s)
-    start = signal[0]
-    return start + lfilter([1 - g, g - a], [1, -a], signal - start, zi=[away])[0]
+    return signal + firmware.lags(signal, sample_time_s, [time_constant_s], [away])
 
 
 def swept_away_um(run: Recording, model: Model) -> float:
@@ -283,47 +277,3 @@ def swept_away_um(run: Recording, model: Model) -> float:
 def left_of_sweep(sample_time_s: float, time_constant_s: float) -> float:
     """Share of that way that a lag has still to go at the first sample."""
     return float(np.exp(-since_sweep_s(sample_time_s) / time_constant_s))
-
-
-def low_passes(signal: np.ndarray, sample_time_s: float, times_s: tuple[float, ...], away: Sequence[float] | None = None
-               ) -> np.ndarray:
-    """Sum of low_pass over time constants and how far each lag is away; many filters take longer."""
-    within, at_end, powers = _blocks(sample_time_s, times_s)
-    away = np.zeros(len(times_s)) if away is None else np.asarray(away)
-    blocks = -(-len(signal) // BLOCK)
-    padded = np.zeros(blocks * BLOCK + 1)
-    padded[1:len(signal) + 1] = signal - signal[0]
-    # of each block the sample before it, and its own
-    inputs = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(padded, BLOCK + 1)[::BLOCK])
-    states = inputs @ at_end  # what each block brings; then what it and all before it have brought
-    states[0] += away * powers[:, -2]
-    poles, apart = powers[:, -1], 1
-    while apart < blocks:
-        states[apart:] += poles * states[:-apart]
-        poles, apart = poles * poles, 2 * apart
-    result = inputs @ within
-    result[0] += away @ powers[:, :-1]
-    result[1:] += states[:-1] @ powers[:, 1:]
-    return len(times_s) * signal[0] + result.ravel()[:len(signal)]
-
-
-@lru_cache(maxsize=16)
-def _blocks(sample_time_s: float, times_s: tuple[float, ...]) -> tuple[np.ndarray, ...]:
-    """What the sample before a block and its BLOCK samples add to the sum within it, (BLOCK + 1, BLOCK), and to the
-    state of each lag at its end, (BLOCK + 1, lags); powers of their poles, (lags, BLOCK + 1).
-    """
-    a, g = np.array([_pole(sample_time_s, time_s) for time_s in times_s]).T
-    powers = a ** np.arange(BLOCK + 1)[:, None]
-    pulse = np.vstack([powers[0] * (1 - g), powers[1:] * (1 - g) + powers[:-1] * (g - a)])  # (BLOCK + 1, lags)
-    first = powers[:-1] * (g - a)  # the sample before the block has only this of its pulse left to come
-    within = np.zeros((BLOCK + 1, BLOCK))
-    within[0] = np.sum(first, axis=1)
-    for k in range(BLOCK):
-        within[k + 1, k:] = np.sum(pulse, axis=1)[:BLOCK - k]
-    return within, np.vstack([first[-1:], pulse[BLOCK - 1::-1]]), powers.T
-
-
-def _pole(sample_time_s: float, time_constant_s: float) -> tuple[float, float]:
-    """a and g of low_pass."""
-    ratio = sample_time_s / time_constant_s
-    return float(np.exp(-ratio)), float(-np.expm1(-ratio) / ratio)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ... import firmware
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Residuals, Values, left_of_sweep, low_passes, swept_away_um
+from .base import Effect, Parameter, Residuals, Values, left_of_sweep, swept_away_um
 from .planned import PlannedDrive, Shown, time_text
 from .treatment import Treatment
 
@@ -42,9 +43,9 @@ class Creep(Effect):
         share = values["percent_per_decade"] / 100
         if share == 0:
             return z_um
-        times_s, step_s, away_um = tuple(TIMES_S.tolist()), run.sample_time_s, swept_away_um(run, model)
-        lags_um = low_passes(z_um, step_s, times_s, [away_um * left_of_sweep(step_s, time_s) for time_s in times_s])
-        return z_um + share / PER_DECADE * (lags_um - len(times_s) * (z_um[0] + away_um))
+        step_s, away_um = run.sample_time_s, swept_away_um(run, model)
+        ahead_um = firmware.lags(z_um, step_s, TIMES_S, [away_um * left_of_sweep(step_s, time_s) for time_s in TIMES_S])
+        return z_um + share / PER_DECADE * (ahead_um + len(TIMES_S) * (z_um - z_um[0] - away_um))
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         share = values["percent_per_decade"] / 100 / PER_DECADE
