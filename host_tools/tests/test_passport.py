@@ -352,6 +352,8 @@ def test_a_model_without_passport_has_none() -> None:
     ("octaves moved", 3, "passport.octaves.moved: must be an object"),
     ("octaves moved first", None, "passport.octaves.moved.first"),
     ("octaves moved peak_um", [1.0, -1.0], "passport.octaves.moved.peak_um"),
+    ("octaves moved missed", [1.0], "passport.octaves.moved.missed: has 1 values"),
+    ("octaves moved missed", [-1.0] * 8, "passport.octaves.moved.missed"),
     ("drifts", "yes", "passport.drifts: must be true or false"),
     ("level coefficients", [1, 2], "passport.level.coefficients: has 2 values, expected 4"),
     ("level coefficients", [1, 2, 3, -4], "passport.level.coefficients"),
@@ -406,7 +408,7 @@ def test_every_key_is_needed() -> None:
                 yield from keys(value, (*path, name))
 
     # Younger than the format: models of before lack them.
-    younger = ("octaves", "moved"), ("drifts",), ("level", "least_std_um"), ("level", "drift_um")
+    younger = ("octaves", "moved"), ("octaves", "moved", "missed"), ("drifts",), ("level", "least_std_um"), ("level", "drift_um")
     found = [path for path in keys(plain().to_json()) if path not in younger]
     assert len(found) > 25
     for path in found:

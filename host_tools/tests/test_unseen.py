@@ -12,18 +12,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from benches import swept_and_played, vb
-from injected import LIMITS, RATE_HZ, Drives, drives, entry, plain_model, recorded
+from injected import LIMITS, RATE_HZ, Drives, commissioned, drives, entry, plain_model, recorded
 from plants import changed, marked, recording
 
 from rdpi.data import Recording, excite, read_recording
-from rdpi.gap import Diagnosis, diagnose, diagnosis, experiment
+from rdpi.gap import Diagnosis, diagnose, diagnosis, experiment, unseen
 from rdpi.gap.augmented import AugmentedModel
 from rdpi.gap.report import words
 from rdpi.gap.sections import NotKnown
 from rdpi.gap.selection import Excess, Selection
 from rdpi.gap.spectrum import Spectrum
-from rdpi.identify import Options, checks, fit
-from rdpi.model import Model
+from rdpi.identify import Options, checks, fit, passport
+from rdpi.model import Model, Passport
 from rdpi.simulate import chain
 from rdpi.simulate.effects import CATALOGUE
 
@@ -230,6 +230,70 @@ def test_a_zero_within_the_reach_of_loops_that_drift_has_not_moved(drift_um: flo
     aside = changed(found.runs[0], displacement_um=found.runs[0].displacement_um + shift_um)
     offset = diagnose(replace(model, passport={**model.passport, "level": level}), [aside]).document.offset_um
     assert offset.mean == pytest.approx(0.8, abs=0.1) and offset.moved == moved
+
+
+def octave(known: Passport, power_of_two: int) -> float:
+    return known.octaves.moved.missed[power_of_two - known.octaves.moved.first]
+
+
+def test_the_passport_tells_what_the_operators_own_error_makes_of_a_resonance() -> None:
+    """A model that was fitted to other recordings misses as much of the ringing as one that was fitted to these."""
+    canned = (("sawtooth", {"frequencies_hz": (1.0, 3.0, 9.0), "cycles": 6}, 0.6),
+              ("multisine", {"duration_s": 4.0, "frequencies_hz": (0.5, 1.7, 4.0), "seed": 1}, 1.0))
+    runs = recorded(plain_model(law=0.3), unswept(canned), entry("resonance", f0_hz=80.0, damping=0.01))
+    found = fit(runs, Options(effects=("resonance",), rate_independent=True)).model
+    missed = moved = 0.0
+    for run, shown in zip(runs, chain.simulate(found, runs)):
+        left, z = (passport.octaves(signal - np.mean(signal), RATE_HZ)
+                   for signal in (run.displacement_um - shown.predicted_um, shown.predicted_um))
+        missed, moved = missed + len(run) * left.power[6 - left.first], moved + len(run) * z.power[6 - z.first]
+    assert 0.7 < octave(passport.read(found), 6) / np.sqrt(missed / moved) < 1.4
+
+
+@pytest.mark.parametrize(("missed", "level", "share", "as_much"), [
+    (0.3, 0.1, 0.2, True), (0.3, 0.1, 0.7, False), (0.3, 0.25, 0.2, False), (None, 0.1, 0.2, False)])
+def test_the_model_may_always_have_missed_as_much_of_what_rings(missed: float | None, level: float, share: float,
+                                                               as_much: bool) -> None:
+    """`share`: of what moves at 64 to 128 Hz, that is missed; `level`: what the passport expects from all that moves."""
+    known = passport.read(slowly_commissioned())
+    moved = known.octaves.moved
+    shares = None if missed is None else [missed] * len(moved.missed)
+    known = replace(known, octaves=replace(known.octaves, moved=replace(moved, missed=shares)))
+    command = np.sin(2 * np.pi * 90.0 * np.arange(4000) / RATE_HZ)
+    axis = SimpleNamespace(edges=2.0 ** np.array([5, 6, 7, 8]), rms_um=share * np.array([0, np.std(command), 0]),
+                           expected_um=level * np.std(command) * np.ones(3))
+    found = unseen.missed_as_much(known, [recording(command, None, RATE_HZ)], [{"position_um": command}], axis)
+    assert found.tolist() == [False, as_much, False]
+
+
+def after_a_rest(command_V: np.ndarray, rest_V: float, creep: float, drift_um_per_s: float) -> Recording:
+    """Of an actuator that creeps, and rested there before; cut where the drive begins."""
+    before_V = np.r_[np.full(30_000, rest_V), np.linspace(rest_V, command_V[0], 20)]
+    whole = recording(np.r_[before_V, command_V], None, RATE_HZ)
+    run, = recorded(plain_model(), [whole], entry("creep", percent_per_decade=creep), seed=5)
+    part = {name: column[len(before_V):] for name, column in run.columns.items()}
+    part["displacement_um"] = part["displacement_um"] + drift_um_per_s * np.arange(len(command_V)) / RATE_HZ
+    return replace(run, columns=part, metadata={"memory": "unknown"})
+
+
+@pytest.mark.parametrize(("creep", "rest_V", "drift_um_per_s", "names"), [
+    (2.0, 100.0, 0.0, []), (2.0, 0.0, 0.0, []), (2.0, 50.0, 0.1, ["thermal_drift"]), (0.0, 50.0, 0.1, ["thermal_drift"])])
+def test_what_goes_on_from_before_a_recording_is_nothing_new(creep: float, rest_V: float, drift_um_per_s: float,
+                                                             names: list[str]) -> None:
+    """As far as what the model holds of creep explains it."""
+    drive, = unswept((("multisine", {"duration_s": 10.0, "frequencies_hz": (0.5, 1.7, 4.0), "seed": 4}, 0.6),))
+    run = after_a_rest(drive.command_V, rest_V, creep, drift_um_per_s)
+    held = [entry("creep", percent_per_decade=creep)] if creep else []
+    found = diagnose(replace(commissioned(), effects=held), [run]).document
+    assert [one.name for one in found.effects] == names and found.verdict == ("effect" if names else "none")
+
+
+def test_what_a_monitor_shows_is_new_whatever_goes_on_behind_it() -> None:
+    drive, = unswept((("multisine", {"duration_s": 10.0, "frequencies_hz": (0.5, 1.7, 4.0), "seed": 4}, 0.6),))
+    run = after_a_rest(drive.command_V, 100.0, 2.0, 0.0)
+    early = changed(run, command_V=np.r_[run.command_V[3:], np.full(3, run.command_V[-1])], monitor_V=run.command_V)
+    model = replace(commissioned(), effects=[entry("creep", percent_per_decade=2.0)])
+    assert [one.name for one in diagnose(model, [early]).document.effects] == ["delay"]
 
 
 @pytest.mark.parametrize(("known", "name", "earlier", "sure", "verdict"), [

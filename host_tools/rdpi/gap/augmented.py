@@ -126,6 +126,26 @@ class AugmentedModel:
         return [one for one in ahead
                 if missed([other for other in ahead if other is not one]) < thresholds.UNSEEN * missed(ahead)]
 
+    def past_um(self, left_um: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Of what is left of each recording: what may go on from before it, by what the model knows to creep. A sweep
+        wipes out what was before.
+        """
+        parts = []
+        for run, left in zip(self.recordings, left_um):
+            most_um = sum(one.effect.past_um(one.values, run, self.model) for one in self.known)
+            if run.memory != "unknown" or not most_um:
+                parts.append(np.zeros(len(run)))
+                continue
+            shape = signals.goes_on(len(run))
+            most, shape = most_um / np.ptp(shape), shape - np.mean(shape)
+            parts.append(float(np.clip(shape @ left / (shape @ shape), -most, most)) * shape)
+        return parts
+
+    @cached_property
+    def past(self) -> np.ndarray:
+        """The same of what is left now, long vector; a monitor shows none of it."""
+        return self.dataset.join(self.past_um(self.dataset.split(self.residual)))
+
     # --- more effects
 
     def accept(self, one: Candidate) -> AugmentedModel:
@@ -213,8 +233,8 @@ class AugmentedModel:
 
     @property
     def squares(self) -> float:
-        """Sum of squares left, less what is excused."""
-        return _squares(self.residual) - self.excused()
+        """Sum of squares left, less what is excused and what may go on from before the recordings."""
+        return _squares(self.residual - self.past) - self.excused()
 
     @property
     def excused_um(self) -> float:

@@ -220,14 +220,15 @@ class Excess:
 
 
 def excess(given: AugmentedModel, known: Passport | None, coords: Sequence[localise.Coordinates]) -> Excess:
-    """How far the gap exceeds what the passport expects of these recordings."""
+    """How far the gap exceeds what the passport expects of these recordings, beside what may go on from before them."""
     total, lengths = float(np.sum(given.residual**2)), given.dataset.lengths
     few = len(given.recordings) < thresholds.FEW
     if known is None:
         noise = float(sum(signals.noise_um(part) ** 2 * len(part) for part in given.dataset.split(given.residual)))
         return Excess(total, noise, None, 0.0, None, few=few)
     # From the command, as the passport: what an amplifier always did, the model may hold already.
-    found = passport.ratio(known, given.residual_um, coords)
+    by_command = given.residual_um
+    found = passport.ratio(known, [left - past for left, past in zip(by_command, given.past_um(by_command))], coords)
     floor = float(np.sum(found.expected_um**2 * lengths))
     spread = found.spread
     if len(known.runs) < thresholds.FEW and not given.earlier:  # beside these, the passport counts little
@@ -343,7 +344,17 @@ def _score(state: AugmentedModel, equations: NormalEquations, baseline: Baseline
         refitted_ci=shrink_interval(refitted, min(baseline.frozen, baseline.refitted, key=np.sum), recordings),
         monitor_left=float(np.sum(within[state.dataset.of_monitor])),
         lost=_lost(left, baseline.frozen, state.dataset.run_of_block), was_there=state.was_there(one),
-        as_usual=one.effect.differs_anyway and gap.ratio is not None and gap.ratio < 1)
+        as_usual=one.effect.differs_anyway and gap.ratio is not None and gap.ratio < 1 or
+        _goes_on(state, one, floor))
+
+
+def _goes_on(state: AugmentedModel, one: Candidate, floor: float) -> bool:
+    """Whether it explains too little beside what may go on from before the recordings; `floor` is what they leave anyway."""
+    if not np.any(state.past):
+        return False
+    rest = state.residual - state.past
+    explained = float(rest @ one.change) ** 2 / max(float(one.change @ one.change), 1e-300)
+    return explained <= thresholds.LEAST_SHARE * max(float(rest @ rest) - floor, 0.0)
 
 
 def _lost(after: np.ndarray, before: np.ndarray, run_of_block: np.ndarray) -> float:

@@ -40,11 +40,11 @@ def against(known: Passport | None, runs: Sequence[Recording], left_um: Sequence
     axis = localise.along_frequency(runs, left_um, coords, known, 0.0)
     widths_hz = np.diff(axis.edges)
     lines = widths_hz * sum(len(run) * run.sample_time_s for run in runs)
-    hardly_moved = unseen.hardly_moved(known, runs, coords, axis)
-    weight = np.where(hardly_moved, 0.0, lines / (lines + thresholds.FEW_LINES))
+    unknown = unseen.hardly_moved(known, runs, coords, axis) | unseen.missed_as_much(known, runs, coords, axis)
+    weight = np.where(unknown, 0.0, lines / (lines + thresholds.FEW_LINES))
     expected = axis.expected_um**2 + excused_um**2 * widths_hz / np.sum(widths_hz)
     counts = (weight > 0) & (axis.rms_um > 0) & (expected > 0)
-    share = 1 - float(np.sum(axis.share[hardly_moved]))
+    share = 1 - float(np.sum(axis.share[unknown]))
     if not np.any(counts):
         return Spectrum(known=share)
     power, weight = axis.rms_um[counts] ** 2, weight[counts]

@@ -85,6 +85,8 @@ ZERO_UNDONE = 0.002  # [stroke] that effects do to it, from which it is undone w
 
 # --- is it known from commissioning?
 HARDLY_MOVED = 4.0  # [movement] of commissioning, by which more is not known in an octave; judged
+MISSED_MORE = 1.5  # [level] from which what was missed of an octave's movement says more than the level; rigs
+MISSED_AS_MUCH = 2.0  # [1] times that, up to which an octave's gap need not be new; rigs
 BEYOND_ENDS = 0.02  # [range] of commissioning, beyond whose ends nothing is known; judged
 TOO_SMALL = 0.5  # [1] by which recordings move less than any of commissioning, for their gap not to be known; judged
 ABOVE_NOISE = 1.4  # [noise] rms from which a gap has places; judged

@@ -53,6 +53,28 @@ def hardly_moved(known: Passport, runs: Sequence[Recording], coords: Sequence[lo
     return (_octaves(spectrum) >= moved.first) & (now > thresholds.HARDLY_MOVED * then) & (now > spectrum.rms_um)
 
 
+def missed_as_much(known: Passport, runs: Sequence[Recording], coords: Sequence[localise.Coordinates],
+                   spectrum: localise.Axis) -> np.ndarray:
+    """Octaves in which the model missed as large a share of what moves when it was identified, and these recordings move
+    more there than any whose level the passport knows; (octaves,) of bool.
+
+    The level knows how far recordings move in all. A drive with corners rings a stage far more than a smooth one does.
+    """
+    moved = known.octaves.moved
+    if moved is None or moved.missed is None:
+        return np.zeros(len(spectrum.rms_um), bool)
+    octaves, power = _octaves(spectrum), np.zeros(len(spectrum.rms_um))
+    for run, at in zip(runs, coords):
+        found = passport.octaves(at["position_um"] - np.mean(at["position_um"]), run.sample_rate_hz)
+        there = np.isin(octaves, found.first + np.arange(len(found.power)))
+        power[there] += len(run) * found.power[octaves[there] - found.first]
+    share, there = np.zeros(len(octaves)), np.isin(octaves, moved.first + np.arange(len(moved.missed)))
+    share[there] = np.array(moved.missed)[octaves[there] - moved.first]
+    usual_um = share * np.sqrt(power / sum(map(len, runs)))
+    return ((usual_um > thresholds.MISSED_MORE * spectrum.expected_um)
+            & (spectrum.rms_um < thresholds.MISSED_AS_MUCH * usual_um))
+
+
 def _octaves(spectrum: localise.Axis) -> np.ndarray:
     return np.round(np.log2(spectrum.edges[:-1])).astype(int)
 

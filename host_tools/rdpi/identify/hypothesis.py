@@ -11,7 +11,7 @@ import numpy as np
 from .. import firmware
 from ..data import Recording
 from ..model import Model
-from ..simulate import effects
+from ..simulate import effects, signals
 from ..simulate.effects import Acting
 from . import thresholds as tuned
 from .strokes import Strokes, covered
@@ -89,7 +89,7 @@ class Setting:
         for run, rows in zip(self.runs, self.rows):
             columns = [np.ones(len(rows))]
             if run.memory != "reset":
-                columns.append(np.exp(-(rows - rows[0]) / (tuned.PAST_DECAY * len(run))))
+                columns.append(signals.goes_on(len(run))[rows])
             found.append(np.linalg.qr(np.column_stack(columns))[0])
         return found
 

@@ -160,7 +160,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if len(found.plant.picks) < options.deadzones:
         warnings.append(f"only {len(found.plant.picks)} of {options.deadzones} dead zones are fitted, because more "
                         "would lie at or below zero; check for ringing and delay, and that the range is covered")
-    left_out = _leave_out(found, predictions)
+    left_out = _leave_out(found, runs, effects.acting(model), predictions)
     drift_um = _half_loop_um(model) if found.sweep.drifts else 0.0
     model.passport = _passport(runs, hold_out, predictions, left_out, noises, drift_um).to_json()
     bands = slopes_of_bands(found.model, found.runs)
@@ -425,9 +425,10 @@ def _of_plant(model: Model, plant: Plant, columns: Columns, runs: Sequence[Run],
     return guarded(found, tuned.RATE_HEADROOM * top, slack=1.0)
 
 
-def _leave_out(found: Operator, predictions: Sequence[chain.Prediction]) -> list[np.ndarray | None]:
-    """What a model fitted to the others misses of each run, (samples,); None where the others do not make a model. Of a
-    run that moves where no other does, such as the only one, parts are left out in turn.
+def _leave_out(found: Operator, recorded: Sequence[Recording], acting: Sequence[effects.Acting],
+               predictions: Sequence[chain.Prediction]) -> list[np.ndarray | None]:
+    """What a model fitted to the others misses of each run, as `recorded`, (samples,); None where the others do not make a
+    model. Of a run that moves where no other does, such as the only one, parts are left out in turn.
 
     Effects, rate and memory are those of the model's own prediction: they hardly differ, and finding them anew takes
     long.
@@ -456,9 +457,10 @@ def _leave_out(found: Operator, predictions: Sequence[chain.Prediction]) -> list
             other = _of_plant(found.model, plant, columns, [runs[k] for k in rest], others)
             for k in group if other is not None else ():
                 at, part = parts[k]
-                run, seen = found.runs[at].recording, predictions[at]
-                left[k] = (run.displacement_um - chain.operator_from(other, run, seen.start_um).forward(
-                    run.command_V, seen.rate_um_per_s))[part]
+                driven, seen = found.runs[at].recording, predictions[at]
+                z = chain.operator_from(other, driven, seen.start_um).forward(driven.command_V, seen.rate_um_per_s)
+                shown = effects.displaced(acting, z, driven, found.model)
+                left[k] = (recorded[at].displacement_um - shown)[part]
         except BadInput:  # what the others determine is no model: the run is then known as fitted only
             pass
     of_runs = [[one for one, (at, _) in zip(left, parts) if at == k] for k in range(len(found.runs))]

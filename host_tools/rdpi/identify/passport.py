@@ -99,7 +99,8 @@ def repeated(known: Passport) -> Passport:
     return replace(known, noise_um=float(np.sqrt(2 * noise)), rms_um=differs(known.rms_um),
                    expected_um=differs(known.expected_um),
                    level=replace(level, rms_um=[*map(differs, level.rms_um)], coefficients=[first + beside, *others],
-                                 least_std_um=None, drift_um=None))
+                                 least_std_um=None, drift_um=None),
+                   octaves=replace(known.octaves, moved=known.octaves.moved and replace(known.octaves.moved, missed=None)))
 
 
 def expected_um(known: Passport, coords: Coordinates) -> np.ndarray:
@@ -396,27 +397,28 @@ def _limited(energy: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 def _spectra(residuals: Sequence[Residual]) -> records.PassportOctaves:
     """Mean share of each run's residual per octave, in Hz and relative to where the prediction moves."""
-    pairs = []
-    for one in residuals:
-        left = _centred(one.fitted_um if one.held_out_um is None else one.held_out_um)
-        drive = octaves(_centred(one.coords["position_um"]), one.run.sample_rate_hz)
-        left_octaves = octaves(left, one.run.sample_rate_hz)
-        if np.any(left_octaves.power) and np.any(drive.power):
-            pairs.append((left_octaves, drive))
-    absolute = [(left.first, left.power / np.sum(left.power)) for left, _ in pairs]
+    pairs = [(octaves(_centred(one.fitted_um if one.held_out_um is None else one.held_out_um), one.run.sample_rate_hz),
+              octaves(_centred(one.coords["position_um"]), one.run.sample_rate_hz)) for one in residuals]
+    both = [(left, drive) for left, drive in pairs if np.any(left.power) and np.any(drive.power)]
+    absolute = [(left.first, left.power / np.sum(left.power)) for left, _ in both]
     relative = [(left.first - drive.first - len(drive.power) + 1,
                  np.convolve(left.power / np.sum(left.power), drive.power[::-1] / np.sum(drive.power)))
-                for left, drive in pairs]
+                for left, drive in both]
     return records.PassportOctaves(absolute=_mean_share(absolute), relative=_mean_share(relative),
-                                   moved=_moved(residuals))
+                                   moved=_moved(residuals, pairs))
 
 
-def _moved(residuals: Sequence[Residual]) -> records.OctavePeaks:
-    """How far the predictions moved in each octave, the largest of them."""
+def _moved(residuals: Sequence[Residual], pairs: Sequence[tuple[Octaves, Octaves]]) -> records.OctavePeaks:
+    """How far the predictions moved in each octave, the largest of them, and what was missed of all that moved there;
+    `pairs` are what is left of each run, and its movement.
+    """
     parts = [moved_um(one.coords["position_um"], one.run.sample_rate_hz) for one in residuals]
     first, last = min(start for start, _ in parts), max(start + len(peaks) for start, peaks in parts)
-    return records.OctavePeaks(first=first, peak_um=np.max([_window(peaks, start, first, last)
-                                                            for start, peaks in parts], axis=0))
+    missed, moved = (sum(len(one.run) * _window(pair[k].power, pair[k].first, first, last)
+                         for one, pair in zip(residuals, pairs)) for k in range(2))
+    return records.OctavePeaks(
+        first=first, peak_um=np.max([_window(peaks, start, first, last) for start, peaks in parts], axis=0),
+        missed=np.sqrt(missed / np.maximum(moved, max(tuned.AT_REST**2 * np.sum(moved), np.finfo(float).tiny))))
 
 
 def _mean_share(parts: Sequence[tuple[int, np.ndarray]]) -> records.OctaveShare:

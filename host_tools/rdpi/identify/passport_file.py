@@ -54,7 +54,9 @@ def read(model: Model) -> Passport | None:
     if known.section("octaves").get("moved") is not None:
         part = known.section("octaves").section("moved")
         part.octave("first")
-        part.numbers("peak_um")
+        peaks = part.numbers("peak_um")
+        if part.get("missed") is not None:
+            part.numbers("missed", len(peaks))
     if known.get("drifts") not in (None, True, False):
         known.refuse("drifts", "must be true or false")
     level = known.section("level")

@@ -31,7 +31,6 @@ MIN_SAMPLES_PER_UNKNOWN = 5  # [samples] fewer cannot be fitted; judged
 CHOICE_HZ = 5000.0  # [1/s] recordings sampled faster are thinned to this while effects are chosen; judged
 CHOICE_STROKE = 60.0  # [samples] that a fast stroke keeps then; judged
 CHOICE_LEAST = 64  # [samples] that a short recording keeps; judged
-PAST_DECAY = 0.3  # [recording] time constant of what goes on creeping in it from before; judged
 HOLD_ERRORS = 3.0  # [standard errors] by which creep may be larger than holds show; judged
 HOLD_SLACK = 0.05  # [1] by which it may be larger beside that: no rig's creep is quite that of the catalogue; judged
 CHAIN_LAW = 0.1  # [1] of the rate law's prior, beside effects: what holds the law back makes delays longer; benches

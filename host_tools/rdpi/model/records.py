@@ -154,6 +154,8 @@ class OctavePeaks(Document):
 
     first: int = json_key("power of two at which the first bin starts")
     peak_um: list[float] = json_key("largest distance from 0 of what lies in each bin, trend removed", "um", low=0)
+    missed: list[float] | None = json_key("rms that the model missed in each bin, over the rms that moved there", low=0,
+                                          omitted=True)
 
 
 @dataclass(kw_only=True)

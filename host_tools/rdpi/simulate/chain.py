@@ -160,9 +160,11 @@ def start_states(model: Model, run: Recording, acting: Sequence[effects.Acting] 
     rate = (_predict(model, beginning, rest, "estimated").rate_um_per_s if rate_um_per_s is None else
             rate_um_per_s[used])
     measured = run.displacement_um[used]
+    engine = operator_from(model, run, rest)  # making one takes longer than running it
 
     def miss_um(states_um: np.ndarray) -> float:
-        z = operator_from(model, run, states_um).forward(beginning.command_V, rate)
+        engine.memory_um = states_um
+        z = engine.forward(beginning.command_V, rate)
         error = measured - effects.displaced(acting, z, beginning, model)
         error -= np.mean(error[samples:])  # drift since the fit, and plays that never move, are not to pass for memory
         return float(np.sqrt(np.mean(error[:samples] ** 2)))

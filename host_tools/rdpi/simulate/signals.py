@@ -12,6 +12,7 @@ from ..data import Recording
 RATE_NOISE = 0.02  # noise allowed in a smoothed rate, as a share of the peak rate
 PROBE = 9  # samples of the cubic that separates noise from movement
 GRID_TOLERANCE = 0.05  # of a grid's step: values written with few digits
+PAST_DECAY = 0.3  # [recording] time constant of what goes on creeping in it from before; judged
 
 
 def noise_um(z_um: np.ndarray) -> float:
@@ -94,3 +95,8 @@ def limited(signal: np.ndarray, limit: float) -> np.ndarray:
             i += 1
         k = max(k + 1, int(np.searchsorted(fast, i + 1)))
     return result
+
+
+def goes_on(samples: int) -> np.ndarray:
+    """What goes on creeping in a recording from before it, where no sweep was before it; 1 at first, (samples,)."""
+    return np.exp(-np.arange(samples) / (PAST_DECAY * samples))

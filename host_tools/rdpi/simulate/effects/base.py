@@ -121,6 +121,10 @@ class Effect:
         """Share of the squares that it must take away, where it makes up for other misfit."""
         return 0.0
 
+    def past_um(self, values: Values, run: Recording, model: Model) -> float:
+        """How far a recording may go on by what was before it, where no sweep was before it."""
+        return 0.0
+
     @property
     def before_monitor(self) -> bool:
         """Whether monitor_V shows it."""

@@ -15,6 +15,7 @@ TIMES_S = 10.0 ** np.arange(-1.0, 3.01, 0.5)  # of the lags whose sum grows as t
 COARSEST_S = TIMES_S[-1] / 10  # of sampling: beside a longer sample hardly a lag lasts
 PER_DECADE = float((len(TIMES_S) - 1) / np.log10(TIMES_S[-1] / TIMES_S[0]))
 FAST_S = 0.01  # a lag of this time constant may be there too
+PAST_MOVE = 0.5  # [stroke] that the actuator may have been away from where a recording starts
 HOLD_S = 1.0  # creep is slow: shorter recordings cannot show it
 
 
@@ -46,6 +47,10 @@ class Creep(Effect):
         step_s, away_um = run.sample_time_s, swept_away_um(run, model)
         ahead_um = firmware.lags(z_um, step_s, TIMES_S, [away_um * left_of_sweep(step_s, time_s) for time_s in TIMES_S])
         return z_um + share / PER_DECADE * (ahead_um + len(TIMES_S) * (z_um - z_um[0] - away_um))
+
+    def past_um(self, values: Values, run: Recording, model: Model) -> float:
+        decades = np.log10(1 + len(run) * run.sample_time_s / TIMES_S[0])
+        return float(abs(values["percent_per_decade"]) / 100 * PAST_MOVE * model.stroke_um * decades)
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         share = values["percent_per_decade"] / 100 / PER_DECADE
