@@ -17,6 +17,7 @@ case "$*" in
     ;;
 esac
 unset PYTHONUNBUFFERED # as users have it: what a program leaves in its buffers counts
+export OPENBLAS_NUM_THREADS=1 # there is a pytest per core already
 tests/support/setup.sh tests || exit
 
 logs=build/logs

@@ -113,8 +113,9 @@ def dragged(browser: webdriver.Chrome, figure: WebElement) -> None:
      .release().perform())
 
 
-@pytest.mark.parametrize("width", [1280, 400])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "scheme"), [
+    (1280, "light"), (400, "dark"), pytest.param(1280, "dark", marks=pytest.mark.long),
+    pytest.param(400, "light", marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", PAGES)
 def test_every_picture_becomes_a_plot(name: str, scheme: str, width: int, folder: Path, browser: webdriver.Chrome
                                       ) -> None:

@@ -19,7 +19,8 @@ from rdpi.model import Model
 CORE_HZ = {board: 16_000_000 if board == "qemu-m0" else 25_000_000 for board in emulator.MACHINES}  # rdpi_port_cycles
 QUICK = (("qemu-m0", "q31", "10hz", 10_000), ("qemu-m4f", "f32", "5-20-35hz", 10_000),
          ("stm32f405", "f32", "5-20-35hz", 10_000))
-CASES = [pytest.param(*case, marks=[] if case in QUICK else pytest.mark.long if case[3] > 10_000 else pytest.mark.slow)
+CHECKED = ("f32", "5-20-35hz", 10_000), ("q31", "10hz", 10_000)  # before every change that lands
+CASES = [pytest.param(*case, marks=[] if case in QUICK else pytest.mark.slow if case[1:] in CHECKED else pytest.mark.long)
          for case in ((board, number, *profile) for board in emulator.BOARDS for number in ("f32", "q31")
                       for profile in (("10hz", 10_000), ("5-20-35hz", 10_000), ("5-20-35hz", 20_000))
                       if (board, *profile) != ("stm32f405", "5-20-35hz", 20_000))]  # too fast for QEMU's timers of it
