@@ -21,6 +21,7 @@ from rdpi.gap.dataset import ModelRun
 from rdpi.gap.diagnosis import Decision, decide
 from rdpi.gap.selection import Baseline, Excess, Round, Score, Selection
 from rdpi.model import Model
+from rdpi.simulate.effects import CATALOGUE
 
 FROZEN = AugmentedModel, Baseline, Candidate, Decision, Excess, ModelRun, Round, Score, Selection
 
@@ -184,6 +185,15 @@ def test_rejecting_all_leaves_what_was_given() -> None:
     none = found.rejecting_all()
     assert none.accepted is found.given and none.after_um is none.before_um and none.rounds is found.rounds
     assert found.accepted is found.reached
+
+
+@pytest.mark.parametrize(("name", "little", "wanders", "told"), [
+    ("creep", 0.1, 0.6, 0.4), ("creep", 0.7, 0.6, 0.3), ("lag", 0.1, 0.6, 0.9), ("resonance", 0.0, 0.6, 1.0),
+    ("relaxation", 0.1, 0.6, 0.4)])
+def test_loops_that_wander_say_nothing_about_what_comes_late_by_a_time(name: str, little: float, wanders: float,
+                                                                      told: float) -> None:
+    gap = Excess(total=1.0, floor=0.5, ratio=1.4, spread=0.2, ratios=None, little=little, wanders=wanders)
+    assert gap.told(CATALOGUE[name]()) == pytest.approx(told) and gap.untold == max(little, wanders)
 
 
 def test_thresholds_are_read_when_they_are_used(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -250,15 +250,18 @@ def test_the_passport_tells_what_the_operators_own_error_makes_of_a_resonance() 
     assert 0.7 < octave(passport.read(found), 6) / np.sqrt(missed / moved) < 1.4
 
 
-@pytest.mark.parametrize(("missed", "level", "share", "as_much"), [
-    (0.3, 0.1, 0.2, True), (0.3, 0.1, 0.7, False), (0.3, 0.25, 0.2, False), (None, 0.1, 0.2, False)])
+@pytest.mark.parametrize(("missed", "level", "share", "peak_um", "as_much"), [
+    (0.3, 0.1, 0.2, 0.5, True), (0.3, 0.1, 0.7, 0.5, False), (0.3, 0.25, 0.2, 0.5, False), (0.3, 0.1, 0.2, 2.0, False),
+    (None, 0.1, 0.2, 0.5, False)])
 def test_the_model_may_always_have_missed_as_much_of_what_rings(missed: float | None, level: float, share: float,
-                                                               as_much: bool) -> None:
-    """`share`: of what moves at 64 to 128 Hz, that is missed; `level`: what the passport expects from all that moves."""
+                                                               peak_um: float, as_much: bool) -> None:
+    """`share`: of 1 um that moves at 64 to 128 Hz, what is missed; `level`: what the passport expects from all that moves;
+    `peak_um`: how far commissioning moved there.
+    """
     known = passport.read(slowly_commissioned())
-    moved = known.octaves.moved
-    shares = None if missed is None else [missed] * len(moved.missed)
-    known = replace(known, octaves=replace(known.octaves, moved=replace(moved, missed=shares)))
+    moved, octaves = known.octaves.moved, len(known.octaves.moved.peak_um)
+    shares = None if missed is None else [missed] * octaves
+    known = replace(known, octaves=replace(known.octaves, moved=replace(moved, missed=shares, peak_um=[peak_um] * octaves)))
     command = np.sin(2 * np.pi * 90.0 * np.arange(4000) / RATE_HZ)
     axis = SimpleNamespace(edges=2.0 ** np.array([5, 6, 7, 8]), rms_um=share * np.array([0, np.std(command), 0]),
                            expected_um=level * np.std(command) * np.ones(3))

@@ -199,7 +199,8 @@ class Excess:
     ratios: list[float] | None  # per recording
     expected_um: float | None = None  # rms by the passport
     few: bool = False  # recordings that say what is usual, or what is now
-    untold: float = 0.0  # share of the gap whose shape may be the model's own, because so little moved; 0 to 1
+    little: float = 0.0  # share of the gap whose shape may be the model's own, because so little moved; 0 to 1
+    wanders: float = 0.0  # share that loops which drift may make by what they remember, 0 to 1
 
     @property
     def trust(self) -> float:
@@ -209,6 +210,17 @@ class Excess:
     @property
     def evidence(self) -> float:
         return float(np.log(self.ratio)) * self.trust if self.ratio else 0.0
+
+    @property
+    def untold(self) -> float:
+        """Share of the gap whose shape says little."""
+        return max(self.little, self.wanders)
+
+    def told(self, effect: Effect) -> float:
+        """What the shape of an effect counts, 0 to 1. Loops wander slowly: nothing that comes late by a time, or rings, looks
+        like that.
+        """
+        return 1 - (self.little if effect.late_by or effect.rings else self.untold)
 
     def is_left_little(self, squares: float) -> bool:
         """Whether what is left calls for no further effect."""
@@ -237,10 +249,10 @@ def excess(given: AugmentedModel, known: Passport | None, coords: Sequence[local
             # What has changed shows everywhere; what a model misses of some waveforms only may be as it always was.
             spread = float(np.hypot(spread, np.std(np.log(np.maximum(found.ratio, 1e-9)), ddof=1)))
     squares = np.maximum(found.actual_um**2 * lengths, np.finfo(float).tiny)
-    shares = [passport.too_small, passport.remembered] if known.level.drift_um else [passport.too_small]
-    untold = max(float(np.average([share(known, at) for at in coords], weights=squares)) for share in shares)
+    little, wanders = (float(np.average([share(known, at) for at in coords], weights=squares))
+                       for share in (passport.too_small, passport.remembered))
     return Excess(total, min(floor, total), found.overall, spread, found.ratio.tolist(),
-                  float(np.sqrt(floor / sum(lengths))), few, untold)
+                  float(np.sqrt(floor / sum(lengths))), few, little, wanders if known.level.drift_um else 0.0)
 
 
 # ---- rounds ----
@@ -270,9 +282,9 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
     equations = NormalEquations(state.dataset, state.residual, found, state.chosen)
     baseline = _baseline(equations)
     scores = tuple(_score(state, equations, baseline, k, gap) for k in range(len(found)))
-    gains = [one.gain for one in scores if one.is_new]
     # What a model misses of small movements has a shape, and loops that drift look like creep: that is nothing new.
-    evidence = gap.evidence + (1 - gap.untold) * thresholds.SHRINK_WEIGHT * max([*gains, 0.0])
+    gains = [gap.told(one.effect) * one.gain for one in scores if one.is_new]
+    evidence = gap.evidence + thresholds.SHRINK_WEIGHT * max([*gains, 0.0])
     misplaced: list[Score] = []
     best, refitted, rejected = _choose(state, scores, baseline, gap, evidence, misplaced)
     while best is not None and not refitted and _misplaces(state, best):

@@ -55,8 +55,8 @@ def hardly_moved(known: Passport, runs: Sequence[Recording], coords: Sequence[lo
 
 def missed_as_much(known: Passport, runs: Sequence[Recording], coords: Sequence[localise.Coordinates],
                    spectrum: localise.Axis) -> np.ndarray:
-    """Octaves in which the model missed as large a share of what moves when it was identified, and these recordings move
-    more there than any whose level the passport knows; (octaves,) of bool.
+    """Octaves in which these recordings move further than commissioning, and the model missed as large a share of what
+    moves there; (octaves,) of bool.
 
     The level knows how far recordings move in all. A drive with corners rings a stage far more than a smooth one does.
     """
@@ -71,7 +71,8 @@ def missed_as_much(known: Passport, runs: Sequence[Recording], coords: Sequence[
     share, there = np.zeros(len(octaves)), np.isin(octaves, moved.first + np.arange(len(moved.missed)))
     share[there] = np.array(moved.missed)[octaves[there] - moved.first]
     usual_um = share * np.sqrt(power / sum(map(len, runs)))
-    return ((usual_um > thresholds.MISSED_MORE * spectrum.expected_um)
+    peak_then, peak_now = _moved(known, runs, coords, spectrum)
+    return ((peak_now > peak_then) & (usual_um > thresholds.MISSED_MORE * spectrum.expected_um)
             & (spectrum.rms_um < thresholds.MISSED_AS_MUCH * usual_um))
 
 

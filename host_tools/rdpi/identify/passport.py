@@ -118,13 +118,13 @@ def level_um(known: Passport, coords: Coordinates) -> float:
 
     A model that was fitted to large movements misses small ones by a larger share of them, so a movement smaller than
     any recording of the passport is taken for one as large. Loops that drift may lead aside meanwhile by what they
-    remember. Going there at a constant rate has an rms about the mean of the way / sqrt(12).
+    remember.
     """
     windows = _Windows(*(np.array(getattr(known.level, name)) for name in _Windows._fields))
     features = _features(coords)
     features[0] = max(features[0], known.level.least_std_um or 0.0)
     square = _level(windows, np.array(known.level.coefficients), features)
-    return float(np.sqrt(square + astray_um(known, coords) ** 2 / 12))
+    return float(np.hypot(np.sqrt(square), tuned.ASTRAY * astray_um(known, coords)))
 
 
 def too_small(known: Passport, coords: Coordinates) -> float:
@@ -139,8 +139,9 @@ def astray_um(known: Passport, coords: Coordinates) -> float:
 
 
 def remembered(known: Passport, coords: Coordinates) -> float:
-    """What a run's movement does not wipe out, as a share of the Preisach plane: a triangle, of which it takes one."""
-    return max(0.0, 1 - float(np.std(coords["position_um"])) / max(*known.level.std_um, np.finfo(float).tiny)) ** 2
+    """What a run's movement does not wipe out, as a share of the Preisach plane: all but a triangle as high as it moves."""
+    height = float(np.std(coords["position_um"])) / max(*known.level.std_um, np.finfo(float).tiny)
+    return 1 - min(height, 1.0) ** 2
 
 
 def expected_octaves(known: Passport, coords: Coordinates, spectrum: Octaves,

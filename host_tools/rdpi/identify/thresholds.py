@@ -83,6 +83,7 @@ SPREAD_RUNS = 3.0  # [runs] that such a spread is worth beside those of the pass
 REPEATS = 0.6  # [1] an actuator's difference from itself, drive repeated, over the model's error: 0.5 to 0.6; cycles
 LOW = 1e-2  # [usual size] of a feature, below which its logarithm says nothing; judged
 NEAR = 0.5  # [movement] of the others of a passport's recordings, from which they tell what is missed of one; judged
+ASTRAY = 0.2  # [way] rms of a run whose drifting loops go astray, mean removed; 1 / sqrt(12) at a constant rate; benches
 AT_REST = 1e-3  # [1] movement of a part of a recording beside the largest, below which it rests; judged
 LEAST = 1e-6  # [stroke] the same of a window; judged
 MAX_WINDOWS = 200  # [windows] of all recordings; more are not kept; judged
