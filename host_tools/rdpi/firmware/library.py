@@ -317,7 +317,8 @@ def lags(signal: np.ndarray, sample_time_s: float, times_s: Sequence[float], ahe
     y' = (u - y) / T: y_k - u_k = a (y_(k-1) - u_(k-1)) - g (u_k - u_(k-1)), a = exp(-h / T), g = (1 - a) T / h.
     """
     module, dtype = _load("f64")
-    ratio = sample_time_s / np.asarray(times_s, dtype)
+    with np.errstate(over="ignore"):  # a lag that is infinitely shorter than a sample is none
+        ratio = sample_time_s / np.asarray(times_s, dtype)
     pole, gain = np.exp(-ratio), -np.expm1(-ratio) / ratio
     signal, state = _array(signal, dtype, "signal"), np.array(ahead, dtype)  # the library moves the state
     result = np.empty_like(signal)

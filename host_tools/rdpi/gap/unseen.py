@@ -66,14 +66,14 @@ def missed_as_much(known: Passport, runs: Sequence[Recording], coords: Sequence[
     octaves, power = _octaves(spectrum), np.zeros(len(spectrum.rms_um))
     for run, at in zip(runs, coords):
         found = passport.octaves(at["position_um"] - np.mean(at["position_um"]), run.sample_rate_hz)
-        there = np.isin(octaves, found.first + np.arange(len(found.power)))
-        power[there] += len(run) * found.power[octaves[there] - found.first]
-    share, there = np.zeros(len(octaves)), np.isin(octaves, moved.first + np.arange(len(moved.missed)))
-    share[there] = np.array(moved.missed)[octaves[there] - moved.first]
-    usual_um = share * np.sqrt(power / sum(map(len, runs)))
-    peak_then, peak_now = _moved(known, runs, coords, spectrum)
-    return ((peak_now > peak_then) & (usual_um > thresholds.MISSED_MORE * spectrum.expected_um)
-            & (spectrum.rms_um < thresholds.MISSED_AS_MUCH * usual_um))
+        power += len(run) * _at(octaves, found.first, found.power)
+    usual_um = _at(octaves, moved.first, moved.missed) * np.sqrt(power / sum(map(len, runs)))
+    as_much = ((usual_um > thresholds.MISSED_MORE * spectrum.expected_um)
+               & (spectrum.rms_um < thresholds.MISSED_AS_MUCH * usual_um))
+    if np.any(as_much):  # how far they moved takes a transform for each octave
+        then, now = _moved(known, runs, coords, spectrum)
+        as_much &= now > then
+    return as_much
 
 
 def _octaves(spectrum: localise.Axis) -> np.ndarray:
@@ -84,13 +84,16 @@ def _moved(known: Passport, runs: Sequence[Recording], coords: Sequence[localise
            spectrum: localise.Axis) -> tuple[np.ndarray, np.ndarray]:
     """How far commissioning and these recordings moved in each octave, um."""
     moved, octaves = known.octaves.moved, _octaves(spectrum)
-    then, now = np.zeros(len(octaves)), np.zeros(len(octaves))
-    for first, peaks, target in [(moved.first, np.array(moved.peak_um), then),
-                                 *((*passport.moved_um(at["position_um"], run.sample_rate_hz), now)
-                                   for run, at in zip(runs, coords))]:
-        there = np.isin(octaves, first + np.arange(len(peaks)))
-        target[there] = np.maximum(target[there], peaks[octaves[there] - first])
-    return then, now
+    now = [_at(octaves, *passport.moved_um(at["position_um"], run.sample_rate_hz)) for run, at in zip(runs, coords)]
+    return _at(octaves, moved.first, moved.peak_um), np.max(now, axis=0)
+
+
+def _at(octaves: np.ndarray, first: int, values: Sequence[float]) -> np.ndarray:
+    """Values of the octaves from `first` on, at these; 0 where there is none."""
+    there = np.isin(octaves, first + np.arange(len(values)))
+    found = np.zeros(len(octaves))
+    found[there] = np.asarray(values)[octaves[there] - first]
+    return found
 
 
 def _positions(known: Passport, squares: np.ndarray, coords: Sequence[localise.Coordinates], noise_um: float

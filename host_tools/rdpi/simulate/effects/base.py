@@ -264,11 +264,9 @@ class Effect:
         return None
 
 
-def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float, away: float = 0.0) -> np.ndarray:
-    """First-order lag of unit gain, exact for a signal that is straight between samples; at the first it is `away` from
-    the signal.
-    """
-    return signal + firmware.lags(signal, sample_time_s, [time_constant_s], [away])
+def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float) -> np.ndarray:
+    """First-order lag of unit gain, settled at first, exact for a signal that is straight between samples."""
+    return signal + firmware.lags(signal, sample_time_s, [time_constant_s], [0.0])
 
 
 def swept_away_um(run: Recording, model: Model) -> float:

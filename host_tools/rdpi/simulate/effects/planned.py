@@ -21,7 +21,7 @@ import numpy as np
 from ... import firmware
 from ...data import Recording
 from ...model import Drive, Memory, Model, Rate
-from .base import Effect, low_pass
+from .base import Effect
 
 NOISE = 0.0005  # rms of a reading, of the stroke: a usual sensor
 MISFIT = 0.005  # rms that an operator misses where it moves, of the move
@@ -95,7 +95,7 @@ class PlannedDrive:
 
     def lagged(self, time_s: float) -> np.ndarray:
         """Change of the displacement behind a low-pass of first order."""
-        return low_pass(self.z, self.step_s, time_s) - self.z
+        return firmware.lags(self.z, self.step_s, [time_s], [0.0])
 
     def slow(self) -> np.ndarray:
         """Change of a displacement that follows by one percent per decade, decade after decade."""

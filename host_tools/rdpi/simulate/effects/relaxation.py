@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ... import firmware
 from ...data import Recording
 from ...model import Model
-from .base import Effect, Parameter, Residuals, Values, left_of_sweep, low_pass, swept_away_um
+from .base import Effect, Parameter, Residuals, Values, left_of_sweep, swept_away_um
 from .gain_change import GainChange
 from .planned import PlannedDrive, Shown, time_text
 from .treatment import Treatment
@@ -48,7 +49,7 @@ class Relaxation(Effect):
             return z_um
         step_s = run.sample_time_s
         away_um = swept_away_um(run, model) * left_of_sweep(step_s, time_s)
-        return z_um + share * (low_pass(z_um, step_s, time_s, away_um) - z_um)
+        return z_um + share * firmware.lags(z_um, step_s, [time_s], [away_um])
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         share, time_s = values["share"], values["time_constant_s"]
