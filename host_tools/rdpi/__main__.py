@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 
+THREADS = "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"
+
 
 def main() -> None:
+    one_thread()
     try:
         from .cli import main as command
 
@@ -15,6 +19,14 @@ def main() -> None:
         sys.exit(stopped())
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is done, or told; the interpreter's own end takes a moment
+
+
+def one_thread() -> None:
+    """Linear algebra takes one thread, before NumPy is loaded, unless the user says how many: the matrices are small, and
+    where other programs run threads wait for each other far longer than they work.
+    """
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
 
 
 def stopped() -> int:

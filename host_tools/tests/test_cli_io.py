@@ -317,3 +317,15 @@ def test_a_pipe_is_read(tmp_path: Path, rdpi: Callable) -> None:
     done = rdpi("import", f"/dev/fd/{reader}", "-o", tmp_path / "run.csv")
     os.close(reader)
     assert done.exit_code == 0, done.output
+
+
+@pytest.mark.parametrize(("given", "taken"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
+def test_linear_algebra_takes_one_thread_before_numpy_is_loaded(given: dict[str, str], taken: str) -> None:
+    code = ("import os, sys, rdpi.__main__\n"
+            "first = 'numpy' not in sys.modules\n"
+            "sys.argv = ['rdpi', '--version']\n"
+            "try:\n    rdpi.__main__.main()\n"
+            "finally:\n    print(first, os.environ['OPENBLAS_NUM_THREADS'])")
+    outside = {name: value for name, value in ENVIRONMENT.items() if "THREADS" not in name}
+    done = subprocess.run([sys.executable, "-c", code], env=outside | given, capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == f"True {taken}", done.stderr

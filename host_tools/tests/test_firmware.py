@@ -205,6 +205,22 @@ def test_forward_ignores_what_is_no_input(drive_V: float, rate: float) -> None:
     assert after[0] == before[0] and after[1].tolist() == before[1].tolist() and library.counts["input"] == 1
 
 
+@given(MODELS, SEEDS, st.sampled_from(REALS))
+def test_forward_of_an_array_is_forward_of_each_sample(model: Model, seed: int, real: str) -> None:
+    """To the bit, beside drives out of range, rates above the guard and what is no input."""
+    random = np.random.default_rng(seed)
+    low, high = model.drive.min_V, model.drive.max_V
+    drive = np.clip(np.cumsum(random.normal(0, (high - low) / 8, 120)) + low, low, high)
+    rate = random.uniform(0, 1.1 * model.rate.max_um_per_s, 120)
+    for odd, at in ((drive, (math.nan, 3 * high - 2 * low, 1e30)), (rate, (math.inf, math.nan, -1.0))):
+        odd[random.integers(120, size=3)] = at
+    whole, single = Firmware(model, SAMPLE_TIME_S, real), Firmware(model, SAMPLE_TIME_S, real)
+    shown = whole.forward(drive, rate)
+    each = [single.forward(drive[k:k + 1], rate[k:k + 1]) for k in range(120)]
+    np.testing.assert_array_equal(shown, np.concatenate(each))
+    assert whole.memory_um.tolist() == single.memory_um.tolist() and whole.counts == single.counts
+
+
 @pytest.mark.parametrize("real", REALS)
 def test_predict_moves_nothing(real: str) -> None:
     library = Firmware(MODEL, SAMPLE_TIME_S, real)

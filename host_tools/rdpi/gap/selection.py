@@ -311,10 +311,10 @@ def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
     tried = [effect for name, kind in CATALOGUE.items() if name not in taken for effect in state.places(kind)]
     held = {one.effect for one in state.known}
     found, refused = [], {}
-    before = state.dataset.measured - state.residual
+    before, plain = state.dataset.measured - state.residual, state.dataset.predict(state.acting())
     for k, effect in enumerate(tried):
         try:
-            one = candidates.search(state.dataset, effect, state.acting(), before)
+            one = candidates.search(state.dataset, effect, state.acting(), before, plain)
         except BadInput as error:  # numbers beyond the library's: the others are tried all the same
             one, refused[effect.name] = None, str(error)
         # At a single rate, what needs several is gain and phase at will, and passes for anything.

@@ -32,13 +32,28 @@ def since_sweep_s(sample_time_s: float) -> float:
 
 def middle_um(model: Model) -> float:
     """Displacement after a sweep that ended in the middle of the drive's range: all plays are there."""
-    x_um = float(model.x_of(model.drive.min_V) + model.x_of(model.drive.max_V)) / 2
-    return _shown_um(model, x_um * model.slopes[-1])
+    return _shown_um(model, _middle_v_um(model))
 
 
 def swept_um(model: Model, x_um: float) -> float:
     """Displacement after a sweep that ended at this control input, creep apart."""
-    return _shown_um(model, -np.diff(model.swept(x_um), append=0.0) @ model.slopes)
+    return _shown_um(model, _swept_v_um(model, x_um))
+
+
+def from_middle_um(model: Model, x_um: float) -> float:
+    """How far `middle_um` lies from `swept_um`; both at once take half the time."""
+    both = np.array([_middle_v_um(model), _swept_v_um(model, x_um)])
+    middle, swept = operators.saturation(both, model.deadzones_um, model.deadzone_weights)
+    return float(middle - swept)
+
+
+def _middle_v_um(model: Model) -> float:
+    x_um = float(model.x_of(model.drive.min_V) + model.x_of(model.drive.max_V)) / 2
+    return x_um * model.slopes[-1]
+
+
+def _swept_v_um(model: Model, x_um: float) -> float:
+    return -np.diff(model.swept(x_um), append=0.0) @ model.slopes
 
 
 def _shown_um(model: Model, v_um: float) -> float:
@@ -57,7 +72,7 @@ def rest_at(model: Model, displacement_um: float, chain: Chain = Chain(), sample
     displacement_um = settled_um + (displacement_um - settled_um) / gone
     v = operators.saturation_inverse(displacement_um - model.offset_um, model.deadzones_um, model.deadzone_weights)
     ends = sorted(float(model.x_of(volt)) for volt in (model.drive.min_V, model.drive.max_V))
-    outputs = [float(-np.diff(model.swept(x), append=0.0) @ model.slopes) for x in ends]
+    outputs = [float(_swept_v_um(model, x)) for x in ends]
     x = float(np.interp(v, outputs, ends))
     return replace(model.memory, x_um=x, plays_um=model.swept(x))
 

@@ -17,6 +17,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from ...__main__ import one_thread
 from ...errors import BadInput
 from .plan import Task
 from .work import Outcome, lost
@@ -24,7 +25,6 @@ from .work import Outcome, lost
 ATTEMPTS = 5  # at a task whose worker dies
 CONNECT_S = 15  # to a scheduler; also to one that went away
 END_S = 5  # to a process, to end by itself
-THREADS = "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"  # a process per core needs no more than one
 
 Work = Callable[[Task], Outcome]
 DIED = f"the process that worked on it died, {ATTEMPTS} times; is there enough memory? Give fewer --jobs"
@@ -35,8 +35,7 @@ def on_this_machine(tasks: Sequence[Task], work: Work, count: int) -> Iterator[O
     waiting = deque((task, 1) for task in tasks)
     busy: dict[Connection, tuple[BaseProcess, Task, int]] = {}
     idle: list[tuple[Connection, BaseProcess]] = []
-    for name in THREADS:
-        os.environ.setdefault(name, "1")
+    one_thread()
     try:
         while waiting or busy:
             while waiting and len(busy) < count:

@@ -17,7 +17,7 @@ import numpy as np
 from ... import firmware
 from ...data import Recording
 from ...model import LARGEST, Model
-from ..memory import middle_um, since_sweep_s, swept_um
+from ..memory import from_middle_um, since_sweep_s
 from .spectra import Spectra
 from .treatment import Sensor, Treatment
 
@@ -273,9 +273,9 @@ def swept_away_um(run: Recording, model: Model) -> float:
     """How far from where the recording starts the displacement was before a sweep led it there; 0 if none did."""
     if run.memory != "reset":
         return 0.0
-    return middle_um(model) - swept_um(model, float(model.x_of(run.command_V[0])))
+    return from_middle_um(model, float(model.x_of(run.command_V[0])))
 
 
-def left_of_sweep(sample_time_s: float, time_constant_s: float) -> float:
-    """Share of that way that a lag has still to go at the first sample."""
-    return float(np.exp(-since_sweep_s(sample_time_s) / time_constant_s))
+def left_of_sweep(sample_time_s: float, time_constant_s: float | np.ndarray) -> float | np.ndarray:
+    """Share of that way that a lag has still to go at the first sample; shape of time_constant_s."""
+    return np.exp(-since_sweep_s(sample_time_s) / time_constant_s)

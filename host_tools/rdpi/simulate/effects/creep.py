@@ -45,7 +45,7 @@ class Creep(Effect):
         if share == 0:
             return z_um
         step_s, away_um = run.sample_time_s, swept_away_um(run, model)
-        ahead_um = firmware.lags(z_um, step_s, TIMES_S, [away_um * left_of_sweep(step_s, time_s) for time_s in TIMES_S])
+        ahead_um = firmware.lags(z_um, step_s, TIMES_S, away_um * left_of_sweep(step_s, TIMES_S))
         return z_um + share / PER_DECADE * (ahead_um + len(TIMES_S) * (z_um - z_um[0] - away_um))
 
     def past_um(self, values: Values, run: Recording, model: Model) -> float:

@@ -28,8 +28,10 @@ class Delay(Effect):
     parameters = (Parameter("delay_s", "s", 0.0, 1.0),)
 
     def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        whole = np.arange(len(signal))
-        return np.interp(whole - values["delay_s"] / run.sample_time_s, whole, signal)
+        late = min(values["delay_s"] / run.sample_time_s, len(signal))
+        whole = int(late)
+        before = np.concatenate([np.full(whole + 1, signal[0]), signal])[:len(signal) + 1]
+        return before[1:] + (late - whole) * (before[:-1] - before[1:])
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         delay_s = values["delay_s"]

@@ -17,6 +17,7 @@ SLOWEST_S = 0.05  # that `fit` and `gap` look for: slower is how creep begins, b
 PER_DECADE = 3  # time constants that are tried
 PROMISING = 3  # of them, from which a fit starts
 SHARES_SHOWN = 0.02, 0.08  # for which `rdpi excite` says the time constants that a drive shows
+FORGOTTEN = 1e-12  # of what was before a sweep: less is none
 RESOLVED = 0.5, 0.25  # time constants that recordings resolve: from half a sample to a quarter of the longest
 
 
@@ -48,8 +49,9 @@ class Relaxation(Effect):
         if share == 0:
             return z_um
         step_s = run.sample_time_s
-        away_um = swept_away_um(run, model) * left_of_sweep(step_s, time_s)
-        return z_um + share * firmware.lags(z_um, step_s, [time_s], [away_um])
+        left = left_of_sweep(step_s, time_s)
+        ahead_um = left * swept_away_um(run, model) if left > FORGOTTEN else 0.0  # which takes as long as the lag does
+        return z_um + share * firmware.lags(z_um, step_s, [time_s], [ahead_um])
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         share, time_s = values["share"], values["time_constant_s"]
