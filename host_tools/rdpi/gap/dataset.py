@@ -209,6 +209,10 @@ class Dataset:
         return self.join([one.predict(acting) for one in self.model_runs],
                          [one.predict_monitor(acting) for one in self.model_runs] if self.monitored else None)
 
+    def copied(self) -> Dataset:
+        """For another thread: recordings remember what was asked of them last."""
+        return self.starting([one.start_um for one in self.model_runs])
+
     def starting(self, start_um: Sequence[np.ndarray]) -> Dataset:
         """The same with plays that start there, per recording."""
         result = copy.copy(self)

@@ -8,7 +8,11 @@ p-values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -311,18 +315,36 @@ def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
     tried = [effect for name, kind in CATALOGUE.items() if name not in taken for effect in state.places(kind)]
     held = {one.effect for one in state.known}
     found, refused = [], {}
-    before, plain = state.dataset.measured - state.residual, state.dataset.predict(state.acting())
-    for k, effect in enumerate(tried):
-        try:
-            one = candidates.search(state.dataset, effect, state.acting(), before, plain)
-        except BadInput as error:  # numbers beyond the library's: the others are tried all the same
-            one, refused[effect.name] = None, str(error)
+    for k, (effect, one) in enumerate(zip(tried, _searched(state, tried))):
+        if isinstance(one, BadInput):  # numbers beyond the library's: the others are tried all the same
+            one, refused[effect.name] = None, str(one)
         # At a single rate, what needs several is gain and phase at will, and passes for anything.
         if one is not None and (effect in held or strokes.show(type(effect))
                                 or effect.rings_within(strokes.longest_s, one.values)):
             found.append(one)
         progress((k + 1) / len(tried))
     return found, refused
+
+
+def _searched(state: AugmentedModel, tried: Sequence[Effect]) -> Iterator[Candidate | None | BadInput]:
+    """Of each effect what `candidates.search` finds, or raises; on all cores."""
+    acting, own = state.acting(), threading.local()
+    before, plain = state.dataset.measured - state.residual, state.dataset.predict(acting)
+
+    def search(effect: Effect) -> Candidate | None | BadInput:
+        if not hasattr(own, "dataset"):
+            own.dataset = state.dataset.copied()
+        try:
+            return candidates.search(own.dataset, effect, acting, before, plain)
+        except BadInput as error:
+            return error
+
+    # A process of `rdpi batch` has a core to itself.
+    pool = ThreadPoolExecutor(1 if multiprocessing.parent_process() else os.cpu_count())
+    try:
+        yield from pool.map(search, tried)
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _baseline(equations: NormalEquations) -> Baseline:
