@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fitted import NOISE_UM, SPAN_V, STATIC, moving_runs, static_fit, static_run, visited
+from injected import COMMISSIONING, drives, entry, plain_model, recorded
 from plants import changed, marked, quasi_static, stack, thresholds_um, waves
 from scipy.signal import lfilter
 
@@ -268,6 +269,25 @@ def test_a_recording_of_days_is_remarked_on() -> None:
         fit([slow], Options(effects="creep"))
 
 
+def test_a_recording_of_hours_is_remarked_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its times may be in milliseconds, although it has several samples per second."""
+    run = moving_runs("displacement", law=0.0)[0]
+    slow = replace(changed(run, time_s=100 * run.time_s), metadata={**run.metadata, "sample_rate_hz": "3"})
+    assert run.sample_rate_hz == 300 and slow.sample_rate_hz > tuned.SLOW_HZ and len(slow) / 3 < tuned.LONG_S
+    for longest_s, told in ((tuned.LONG_S, False), (len(slow) / 4, True)):
+        monkeypatch.setattr(tuned, "LONG_S", longest_s)
+        warnings = fit([slow], Options(rate_independent=True, effects="none")).warnings
+        assert any("times are taken for seconds" in text for text in warnings) is told
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, None), (1e3, "nm"), (1e-6, "mm or m")])
+def test_a_stroke_that_no_piezo_has_is_remarked_on(factor: float, unit: str | None) -> None:
+    run = static_run()
+    warnings = fit([changed(run, displacement_um=factor * run.displacement_um)], STATIC).warnings
+    told = [text for text in warnings if "displacements are taken for um" in text]
+    assert [f"if they are in {unit}," in text for text in told] == ([] if unit is None else [True])
+
+
 def test_a_displacement_that_comes_first_is_remarked_on() -> None:
     """Its loops get narrower with the rate."""
     def early(time_s: float) -> list[str]:
@@ -280,6 +300,15 @@ def test_a_displacement_that_comes_first_is_remarked_on() -> None:
         return [text for text in fit(runs, Options(effects="none")).warnings if "come before the command" in text]
 
     assert not early(0.0) and early(0.002)
+
+
+def test_what_a_model_says_to_come_late_does_not_come_first() -> None:
+    """Although the loops behind the lag get narrower."""
+    found = fit(recorded(plain_model(-0.2), drives(COMMISSIONING), entry("lag", time_constant_s=0.003)),
+                Options(effects="lag"))
+    model = found.model
+    assert model.slopes_at(model.rate.max_um_per_s)[0] / model.slopes[0] - 1 > tuned.NARROWER
+    assert not any("come before the command" in text for text in found.warnings)
 
 
 @pytest.mark.parametrize(("memory", "end_V"), [("reset", None), ("unknown", 45.0)])

@@ -151,7 +151,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
                         f"rate law look alike: {late} may be another of them, and holds at that rate only; record several "
                         "rates, as `rdpi excite commission` does")
     _check_reset(found.model, found.runs, warnings)
-    if several_rates:
+    if several_rates and not (chosen is not None and chosen.found.hypothesis.comes_late):
         _check_order(found.model, warnings)
     progress(0.7)
     predictions = chain.simulate(model, [*runs, *hold_out])
@@ -527,6 +527,11 @@ def _remark(plant: Plant, scores: Sequence[RunScore], stroke_um: float, warnings
     if np.any(slopes <= tuned.SLOPE_FLOOR * 1.0001):
         warnings.append(f"a slope is at its lower bound of {tuned.SLOPE_FLOOR:g}: the recordings do not determine it; "
                         "use fewer --operators or record more amplitudes and rates")
+    least_um, most_um = tuned.NO_STROKE_UM
+    if not least_um <= stroke_um <= most_um:
+        others = "nm" if stroke_um > most_um else "mm or m"
+        warnings.append(f"the stroke is {stroke_um:.3g} um: displacements are taken for um; if they are in {others}, give "
+                        "`rdpi import` their unit")
     actuators = sorted({run.recording.metadata["actuator"] for run in scores if "actuator" in run.recording.metadata})
     if len(actuators) > 1:
         warnings.append(f"the recordings name different actuators: {', '.join(actuators)}")
@@ -537,9 +542,10 @@ def _remark(plant: Plant, scores: Sequence[RunScore], stroke_um: float, warnings
                 "" if run.held_out else ", and the fit leaves out what comes before the drive has erased it; record "
                 "right after a decaying sweep, and write # memory: reset above the columns, or cut the sweep off with "
                 "`rdpi import --drive`"))
-        if run.recording.sample_rate_hz < tuned.SLOW_HZ:
-            rate_hz = run.recording.sample_rate_hz
-            warnings.append(f"{path}: {rate_hz:.3g} samples per second, so that it lasts {len(run.recording) / rate_hz:.3g} s: "
+        rate_hz = run.recording.sample_rate_hz
+        lasts_s = len(run.recording) / rate_hz
+        if rate_hz < tuned.SLOW_HZ or lasts_s > tuned.LONG_S:
+            warnings.append(f"{path}: {rate_hz:.3g} samples per second, so that it lasts {lasts_s:.3g} s: "
                             "times are taken for seconds; if they are ms or us, give `rdpi import` their unit")
         if stays:
             warnings.append(f"{path}: {stays} samples stay at the highest or lowest reading "
