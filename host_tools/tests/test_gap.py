@@ -728,6 +728,9 @@ def test_the_sensors_zero_is_compared_with_the_earlier_one() -> None:
     assert further.document.offset_um.mean == pytest.approx(found.offset_um.mean + 1.0, abs=0.01)
     assert any("um from the earlier ones; these constants, one a recording, are not counted" in note
                for note in further.document.notes)
+    unnamed = diagnose(with_creep(), moved(before, *[1.0] * len(now)), earlier=before).document
+    for one, text in ((further.document, "zero or the mount has changed"), (unnamed, "the gain may have changed")):
+        assert any(text in note for note in one.notes), (one.verdict, one.notes)
 
 
 def test_what_differs_from_recording_to_recording_anyway_is_new_only_beyond_that() -> None:

@@ -323,9 +323,12 @@ def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Off
     notes, before_um = [], rms(selection.before_um)
     if offset.moved:
         ends_um = dict.fromkeys(f"{end:.3g}" for end in (offset.low, offset.high))
+        named = verdict in ("effect", "ambiguous")  # else a gain that is too small to be named moves the constants as well
         notes.append(f"the recordings also lie {' to '.join(ends_um)} um from "
                      f"{'the earlier ones' if selection.given.earlier else 'the model'}; these constants, one "
-                     "a recording, are not counted; the sensor's zero or the mount has changed"
+                     "a recording, are not counted; "
+                     + ("the sensor's zero or the mount has changed" if named else
+                        "the sensor's zero, the mount or the gain may have changed")
                      + ("; the improved model includes their mean" if offset.added else ""))
     if verdict == "unknown" and noise_um**2 > 0.5 * before_um**2:
         notes.append(f"most of the {_terms(selection).gap} is noise from sample to sample, {noise_um:.3g} um rms; "
