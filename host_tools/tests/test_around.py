@@ -54,6 +54,17 @@ def misses_um(model: Model, *names: str, law: float = 0.0) -> float:
     return float(np.sqrt(max(np.mean(left**2) - NOISE_UM**2, 0.0)))
 
 
+SQUARES = 1.0 + 0.1 * np.random.default_rng(1).random((2, joint.BLOCKS))
+
+
+def leaving(share: float, *names: str, rated: bool = False, ends: tuple[str, ...] = ()) -> choice.Judged:
+    """What leaves a share of SQUARES, with these effects of PUT, of which some stand at an end of what rigs have."""
+    acting = {name: Acting(CATALOGUE[name](), PUT[name]) for name in names}
+    return choice.Judged(SimpleNamespace(hypothesis=Hypothesis(tuple(acting.values()), rated=rated),
+                                         at_ends=[acting[name] for name in ends],
+                                         setting=SimpleNamespace(samples=1000)), share * SQUARES)
+
+
 def test_of_two_effects_that_help_only_together_both_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside a curve creep brings little, and the curve alone nothing that is certain; both together do."""
     class Standing(SimpleNamespace):
@@ -83,29 +94,15 @@ def test_of_two_effects_that_help_only_together_both_stay(monkeypatch: pytest.Mo
 @pytest.mark.parametrize("rated", [False, True])
 def test_a_rate_law_takes_the_place_of_no_lag_that_leaves_clearly_less(rated: bool) -> None:
     """A plain operator is behind a lag only if that leaves a quarter less; one with a rate law is not plain."""
-    state = SimpleNamespace(setting=SimpleNamespace(samples=1000), at_ends=[])
-    lag = Hypothesis((Acting(CATALOGUE["lag"](), PUT["lag"]),))
-    squares = 1.0 + 0.1 * np.random.default_rng(1).random((2, joint.BLOCKS))
-
-    def leaving(share: float, hypothesis: Hypothesis) -> choice.Judged:
-        return choice.Judged(SimpleNamespace(hypothesis=hypothesis, **vars(state)), share * squares)
-
-    law_or_plain = leaving(1.0, Hypothesis(rated=rated))
-    assert [leaving(share, lag).beats(law_or_plain) for share in (0.7, 0.85, 0.95)] == [True, rated, False]
+    law_or_plain = leaving(1.0, rated=rated)
+    assert [leaving(share, "lag").beats(law_or_plain) for share in (0.7, 0.85, 0.95)] == [True, rated, False]
 
 
 @pytest.mark.parametrize(("left", "taken"), [(0.5, True), (0.85, False)])
 def test_several_that_come_late_take_the_place_of_a_rate_law(left: float, taken: bool, monkeypatch: pytest.MonkeyPatch
                                                              ) -> None:
     """Each alone hardly leaves less than the law; together they must leave far less."""
-    squares = 1.0 + 0.1 * np.random.default_rng(1).random((2, joint.BLOCKS))
     asked = []
-
-    def leaving(share: float, *names: str, rated: bool = False) -> choice.Judged:
-        acting = tuple(Acting(CATALOGUE[name](), PUT[name]) for name in names)
-        return choice.Judged(SimpleNamespace(hypothesis=Hypothesis(acting, rated=rated), at_ends=[],
-                                             setting=SimpleNamespace(samples=1000)), share * squares)
-
     plain, law, late = leaving(3.0), leaving(1.0, rated=True), leaving(left, "lag", "relaxation")
     monkeypatch.setattr(choice, "_grown", lambda *arguments: asked.append(arguments) or late)
     monkeypatch.setattr(choice, "_pruned", lambda now, rate_law: now)
@@ -116,16 +113,31 @@ def test_several_that_come_late_take_the_place_of_a_rate_law(left: float, taken:
 
 @pytest.mark.parametrize("beside", [(), ("delay",)])
 def test_what_comes_late_at_the_end_of_what_rigs_have_is_not_kept(beside: tuple[str, ...]) -> None:
-    others = tuple(Acting(CATALOGUE[name](), PUT[name]) for name in beside)
-    one = Acting(CATALOGUE["relaxation"](), PUT["relaxation"])
-    squares = 1.0 + 0.1 * np.random.default_rng(1).random((2, joint.BLOCKS))
+    assert leaving(0.5, *beside, "relaxation").beats(leaving(1.0, *beside))
+    assert not leaving(0.5, *beside, "relaxation", ends=("relaxation",)).beats(leaving(1.0, *beside))
 
-    def leaving(share: float, *acting: Acting, at_ends: list[Acting] = []) -> choice.Judged:
-        return choice.Judged(SimpleNamespace(hypothesis=Hypothesis(acting), at_ends=at_ends,
-                                             setting=SimpleNamespace(samples=1000)), share * squares)
 
-    assert leaving(0.5, *others, one).beats(leaving(1.0, *others))
-    assert not leaving(0.5, *others, one, at_ends=[one]).beats(leaving(1.0, *others))
+def test_a_resonance_that_does_not_ring_is_not_kept() -> None:
+    """With the most damping that rigs have, it only comes late."""
+    for damping, rings in ((0.3, False), (0.05, True), (0.001, True)):
+        one = Acting(CATALOGUE["resonance"](), {"f0_hz": 60.0, "damping": damping})
+        state = SimpleNamespace(hypothesis=Hypothesis((one,)), free=[(0, "f0_hz"), (0, "damping")])
+        state.ends = joint.Linearised.ends.fget(state)
+        state.at_ends = joint.Linearised.at_ends.fget(state)
+        state.at_most, state.setting = joint.Linearised.at_most.fget(state), SimpleNamespace(samples=1000)
+        assert choice.Judged(state, 0.5 * SQUARES).beats(leaving(1.0)) is rings
+
+
+@pytest.mark.parametrize(("left", "taken"), [(0.9, True), (1.1, False)])
+def test_without_a_rate_law_what_comes_late_takes_its_place_if_it_leaves_less(left: float, taken: bool,
+                                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, law, late = leaving(3.0), leaving(1.0, rated=True), leaving(left, "lag")
+    monkeypatch.setattr(choice, "_grown", lambda now, candidates, rate_law: late)
+    monkeypatch.setattr(choice, "_pruned", lambda now, rate_law: now)
+    monkeypatch.setattr(choice, "_compared", lambda now, candidates: [])
+    law._tried.append((Hypothesis(), plain))
+    found = choice.without_rate_law(choice.Choice(plain, law, ()), []).found
+    assert found is (late if taken else plain)
 
 
 @pytest.mark.parametrize("names", [*((name,) for name in PUT), TOGETHER], ids=" ".join)

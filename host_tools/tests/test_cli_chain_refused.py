@@ -108,7 +108,7 @@ BAD_RUN: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
             r":21: column command_V is nan; .*(cut|interpolate)"),
     "text": (lambda lines: [*lines[:20], "0.017,off,1,1\n", *lines[21:]],
              r":21: column command_V is 'off', not a number"),
-    "too short": (lambda lines: lines[:18], r": 15 samples; a recording needs at least 16"),
+    "too short": (lambda lines: lines[:18], r": 15 samples; at least 16 are needed"),
     "backwards time": (lambda lines: [*lines[:30], *lines[10:]], r":31: time_s runs backwards .*cut"),
     "wrong rate": (lambda lines: [lines[0].replace("1000", "900"), *lines[1:]],
                    r":1: sample_rate_hz is 900, but the times give 1000"),

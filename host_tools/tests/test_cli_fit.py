@@ -230,7 +230,7 @@ BAD_TEXT: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
             r":21: column displacement_um is nan; .*(cut|interpolate)"),
     "text": (lambda lines: [*lines[:20], "0.032,off,1.5\n", *lines[21:]],
              r":21: column command_V is 'off', not a number; correct"),
-    "too short": (lambda lines: lines[:19], r": 15 samples; a recording needs at least 16"),
+    "too short": (lambda lines: lines[:19], r": 15 samples; at least 16 are needed"),
     "empty": (lambda lines: [], r": is empty; a recording has"),
     "backwards time": (lambda lines: [*lines[:30], *lines[10:]],
                        r":31: time_s runs backwards \(0\.05 then 0\.012\); cut"),

@@ -288,6 +288,17 @@ def test_a_stroke_that_no_piezo_has_is_remarked_on(factor: float, unit: str | No
     assert [f"if they are in {unit}," in text for text in told] == ([] if unit is None else [True])
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_loops_that_run_the_wrong_way_round_are_remarked_on(sign: int, swapped: bool) -> None:
+    run = static_run()
+    volts, displacement = run.command_V, sign * run.displacement_um
+    both = {"command_V": displacement, "displacement_um": volts} if swapped else \
+        {"command_V": volts, "displacement_um": displacement}
+    warnings = fit([changed(run, **both)], replace(STATIC, effects="none")).warnings
+    assert any("the columns are not swapped" in text for text in warnings) is swapped
+
+
 def test_a_displacement_that_comes_first_is_remarked_on() -> None:
     """Its loops get narrower with the rate."""
     def early(time_s: float) -> list[str]:

@@ -286,7 +286,7 @@ def check_sizes(columns: Mapping[str, np.ndarray], place: Place) -> None:
 def check_count(path: str, samples: Sequence[float] | np.ndarray) -> None:
     """Raise BadInput unless there are enough samples."""
     if len(samples) < MIN_SAMPLES:
-        raise BadInput(f"{path}: {len(samples)} samples; a recording needs at least {MIN_SAMPLES}")
+        raise BadInput(f"{path}: {len(samples)} samples; at least {MIN_SAMPLES} are needed")
 
 
 def check_rising(time_s: np.ndarray, place: Place) -> None:

@@ -74,12 +74,13 @@ def _explain_rows(path: str, body: str, first_line: int, names: Sequence[str], d
 
 
 def _explain_field(place: str, value: str) -> None:
+    needed = place.endswith(("time_s", "command_V", "displacement_um"))
     if _NOT_FINITE.fullmatch(value) or NUMBER.fullmatch(value) and not np.isfinite(float(value)):
-        raise BadInput(f"{place} is {value}; every sample needs a finite number: cut the recording there, "
-                       "interpolate, or remove the column")
+        raise BadInput(f"{place} is {value}; every sample needs a finite number: cut the recording there"
+                       + (" or interpolate" if needed else ", interpolate, or remove the column"))
     if not NUMBER.fullmatch(value):
         what = f"is {quoted(value)}, not a number" if value else "is empty"
-        raise BadInput(f"{place} {what}; correct the value, or remove the line or the column")
+        raise BadInput(f"{place} {what}; correct the value, or remove the line" + " or the column" * (not needed))
 
 
 def _lines(body: str, first_line: int) -> Iterator[tuple[int, str]]:

@@ -66,7 +66,9 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
         candidates = list(filter(None, (limited(_placed(kind, amplifier), runs, plain.model) for kind in FITTED.values()
                                         if strokes.show(kind))))
         found = choose(setting.thinned(strokes.shortest_s), unknowns, candidates, rate_law, progress)
-        if options.rate_filter_s is None and not options.rate_independent:
+        if options.rate_independent and found.found.hypothesis.rated:
+            found, rate_law = without_rate_law(found, candidates), False
+        elif options.rate_filter_s is None and not options.rate_independent:
             least_s = FILTER_SAMPLES * max(run.sample_time_s for run in runs)
             smoothing_s = smoothing_times_s(runs)
             settings = {filter_s: _filtered(setting, plain, options, filter_s, smoothing_s)
@@ -82,8 +84,8 @@ def identify(plain: Operator, runs: Sequence[Recording], options: Options, progr
         for effect in candidates:
             _check_excited(alone, effect, strokes)
         found = forced(setting, unknowns, candidates, rate_law)
-    if options.rate_independent and found.found.hypothesis.rated:
-        found, rate_law = without_rate_law(found, candidates), False
+        if options.rate_independent and found.found.hypothesis.rated:
+            found, rate_law = without_rate_law(found, ()), False
     return with_intervals(found, candidates, rate_law)
 
 

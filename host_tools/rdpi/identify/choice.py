@@ -64,7 +64,8 @@ class Judged:
         """Whether it leaves less than the other, by more than the standard error and by enough to matter, however
         blocks are left out.
 
-        What comes late at the end of what rigs have is something else: slow parts of a loop look like that.
+        What comes late at the end of what rigs have is something else: slow parts of a loop look like that. A resonance
+        with the most damping rings no more: it only comes late.
 
         What first says that the displacement comes late must show more than what comes beside it: without it the
         actuator is plain, and what the operator cannot show may look a little late. In the place of a rate law it must
@@ -79,7 +80,8 @@ class Judged:
         beside = self.hypothesis.beside(other.hypothesis)
         late = [one for one in beside if one.effect.comes_late]
         further = beside and (other.hypothesis.comes_late or not late)
-        if late and all(one in self.state.at_ends for one in late):
+        if late and all(one in self.state.at_ends for one in late) or any(
+                one.effect.rings and one in self.state.at_most for one in beside):
             return False
         instead = other.hypothesis.rated and not self.hypothesis.rated
         share, errors = (tuned.FURTHER_GAIN if further else tuned.INSTEAD_GAIN if late and instead else
@@ -187,8 +189,13 @@ def refitted(choice: Choice, setting: Setting) -> Choice:
 
 
 def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:
-    """The same effects where the model shall have no rate law, which only took part so that none passes for it."""
+    """The same effects where the model shall have no rate law, which only took part so that none passes for it; or what
+    grows without one, if that comes late and leaves less than the law did.
+    """
     now = choice.found.trying(replace(choice.found.hypothesis, rated=False))
+    if not now.hypothesis.comes_late:
+        other = _pruned(_grown(choice.plain, candidates, False), False)
+        now = other if other.hypothesis.comes_late and other.left < choice.found.left else now
     return Choice(choice.plain, now, tuple(_kept(now, _compared(now, candidates))))
 
 

@@ -151,6 +151,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
                         f"rate law look alike: {late} may be another of them, and holds at that rate only; record several "
                         "rates, as `rdpi excite commission` does")
     _check_reset(found.model, found.runs, warnings)
+    _check_loops(runs, warnings)
     if several_rates and not (chosen is not None and chosen.found.hypothesis.comes_late):
         _check_order(found.model, warnings)
     progress(0.7)
@@ -511,6 +512,17 @@ def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], prediction
                             "off with `rdpi import --rows`")
         scores.append(RunScore(run, k >= len(runs), score, prediction.memory))
     return scores
+
+
+def _check_loops(runs: Sequence[Recording], warnings: list[str]) -> None:
+    """Loops that run the other way round than those of hysteresis: the displacement leads the command."""
+    for run in runs:
+        u, z = (np.append(one, one[0]) for one in (run.command_V, run.displacement_um))  # closed
+        way = float(np.sum(np.abs(np.diff(u)))) / float(np.ptp(u))
+        share = float(np.sum(np.diff(u) * (z[1:] + z[:-1]))) / (way * float(np.ptp(u)) * float(np.ptp(z)))
+        if way > 4 and share * np.sign(correlation(run)) > tuned.WRONG_WAY:
+            warnings.append(f"{run.path}: its loops run the wrong way round, as if the displacement drove the command; check "
+                            "that the columns are not swapped, and that both were sampled at the same time")
 
 
 def _check_order(model: Model, warnings: list[str]) -> None:

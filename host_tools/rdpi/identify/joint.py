@@ -222,6 +222,11 @@ class Linearised:
         """Effects with a parameter at a bound."""
         return [self.hypothesis.acting[place] for (place, _), end in zip(self.free, self.ends) if end]
 
+    @property
+    def at_most(self) -> list[Acting]:
+        """Effects with a parameter at its upper bound."""
+        return [one for one in self.at_ends for name in one.effect.fitted if one.values[name] >= bounds(one, name)[1]]
+
     def solve(self, kept: np.ndarray, used: np.ndarray, rated: bool, target: np.ndarray, residual: float) -> np.ndarray:
         """Coefficients of the residual with the columns `used` fitted to these blocks, (columns,)."""
         left, right = self._normal_equations(kept, used, rated, target, residual)

@@ -87,7 +87,8 @@ def earlier(model: Model, runs: Sequence[Recording]) -> tuple[list[Recording], l
         used = same_drives(runs, found)
     except BadInput as error:
         alone = [run.path for run in runs if run.path not in same and _has_copy(run, found)]
-        hint = f"; give {' and '.join(alone)} alone to compare with what was kept" if alone else ""
+        hint = (f"; give {' and '.join(alone)} alone to compare with what was kept" if alone else
+                "; their drives, recorded again, show smaller changes than others do")
         return [], [*notes, f"the recordings that were kept with the model are not used: {str(error).partition('; ')[0]}{hint}"]
     names = list(dict.fromkeys(run.path for run in used))
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""

@@ -57,7 +57,8 @@ class SweepStart(NamedTuple):
 
     def line(self) -> str:
         """For people."""
-        text = f"a decaying sweep takes the plays {100 * self.share:.3g} % of the way from the middle of the range to its end"
+        text = ("after a decaying sweep that ends aside of the middle of the range, plays stay behind by "
+                f"{100 * self.share:.3g} % of what ideal plays would")
         if self.remembers is None:
             return f"{text}: assumed, for these recordings show no loops to tell"
         compared = f"of the loops' rms, plays that remember miss {100 * self.remembers:.3g} %, plays that forget " \

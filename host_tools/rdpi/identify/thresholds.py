@@ -55,6 +55,7 @@ SEVERAL_SIZES = 2.0  # [1] ratio of the strokes' sizes, from which they are seve
 SEVERAL_RATES = 3.0  # [1] ratio of the strokes' mean rates, from which they are several; judged
 
 # --- what a fit remarks on (identify.py)
+WRONG_WAY = 0.01  # [of the strokes' rectangles] area of loops that the command closes, not the displacement; judged
 NARROWER = 0.05  # [of the lowest slope] that it grows with the rate; actuators' loops get wider; judged
 FAR_OFF = 20.0  # [rms] that the largest miss of a recording is, from which its place is told; judged
 EDGE = 5.0  # [rms] of the drive's rate, that an edge exceeds; judged
