@@ -104,7 +104,7 @@ def test_the_page_tells_what_the_terminal_does() -> None:
     first, delay = around.lines(result.choice, result.model)
     alone, without = first.split("operator alone ")[1], delay.split("without it ")[1].split(";")[0]
     text = text_of(written(result)).replace("\N{NO-BREAK SPACE}", " ")
-    assert f"of the stroke, the operator alone {alone}." in text and f"without it {without}" in text
+    assert f"of the stroke, a rate-independent operator alone {alone}." in text and f"without it {without}" in text
     confused = replace(result.choice, kept=(replace(result.choice.kept[0], confusable_with=("lag", "relaxation")),))
     assert "first-order lag or relaxation would do as well" in text_of(written(replace(result, choice=confused)))
 

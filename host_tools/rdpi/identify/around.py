@@ -204,7 +204,7 @@ def lines(choice: Choice, model: Model) -> list[str]:
         law = "with a rate law that does not help for certain"
     told = [f"around the operator: {', '.join(names) or 'nothing'}, {law}; rms of parts of "
             f"these recordings, each predicted from the others: {choice.percent(choice.found.rms_um):.3g} % of the stroke"
-            + (f", operator alone {choice.percent(choice.plain.rms_um):.3g} %" if names or rated else "")]
+            + (f", a rate-independent operator alone {choice.percent(choice.plain.rms_um):.3g} %" if names or rated else "")]
     for one in choice.kept:
         effect, values = one.acting
         sizes = ", ".join(_size(effect, parameter, values[parameter.name], one.ci95.get(parameter.name))

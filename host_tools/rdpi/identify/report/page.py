@@ -109,7 +109,7 @@ def _brought(choice: Choice | None) -> str:
         return ""
     after, before = (f"{number(choice.percent(one.rms_um), 3)} %" for one in (choice.found, choice.plain))
     return f"Of parts of these recordings, each predicted from the others, the model misses {after} rms of the stroke" + (
-        f", the operator alone {before}." if before != after else ".")
+        f", a rate-independent operator alone {before}." if before != after else ".")
 
 
 def _effects(result: Fit) -> list[dict[str, Any]]:
