@@ -139,10 +139,10 @@ def test_changed_hysteresis_keeps_the_stroke_of_any_drive(span_V: float) -> None
 def test_an_effect_that_cannot_be_tried_costs_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     search = candidates.search
 
-    def refusing(dataset: Dataset, effect: effects.Effect, acting: Sequence[Acting], before: np.ndarray) -> object:
+    def refusing(dataset: Dataset, effect: effects.Effect, acting: Sequence[Acting], *predicted: np.ndarray) -> object:
         if effect.name == "delay":
             raise BadInput("the library refuses this one")
-        return search(dataset, effect, acting, before)
+        return search(dataset, effect, acting, *predicted)
 
     monkeypatch.setattr(candidates, "search", refusing)
     runs = recorded(plain_model(), drives(STARTS[0], ["reset"]), actuator("lag", "amplifier"))

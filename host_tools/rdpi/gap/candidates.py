@@ -101,18 +101,18 @@ def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: n
 
     within = [{**values, **{name: float(np.clip(values[name], *ends)) for name, ends in effect.in_gap.items()}}
               for values in starts]
-    tried, steps = [(change(values), values) for values in within], {}
-    found = _refined(dataset, effect, change, left, *min(tried, key=lambda one: _square(left - one[0])), steps)
+    tried = [(change(values), values) for values in within]
+    found = _refined(dataset, effect, change, left, *min(tried, key=lambda one: _square(left - one[0])))
     if known is not None:
-        moved = _refined(dataset, effect, change, left, np.zeros(len(left)), dict(known.values), steps)
+        moved = _refined(dataset, effect, change, left, np.zeros(len(left)), dict(known.values))
         found = min((moved, found), key=lambda one: _square(left - one.change))
-    found = _restarted(dataset, acting, plain, left, found, steps)
+    found = _restarted(dataset, acting, plain, left, found)
     return replace(found, values=effect.within(found.values, dataset.recordings),
                    held={} if known is None else known.values)
 
 
-def _restarted(dataset: Dataset, acting: Sequence[Acting], plain: np.ndarray, left: np.ndarray, found: Candidate,
-               steps: dict[str, float]) -> Candidate:
+def _restarted(dataset: Dataset, acting: Sequence[Acting], plain: np.ndarray, left: np.ndarray, found: Candidate
+               ) -> Candidate:
     """The same with the starts that are not known estimated beside it, where that leaves less: estimated without it,
     they have taken up a part of it, or stand in its way.
     """
@@ -124,7 +124,7 @@ def _restarted(dataset: Dataset, acting: Sequence[Acting], plain: np.ndarray, le
         def change(values: dict[str, float]) -> np.ndarray:
             return again.predict(effects.beside(acting, Acting(found.effect, values))) - plain
 
-        better = _refined(again, found.effect, change, left, change(found.values), found.values, steps)
+        better = _refined(again, found.effect, change, left, change(found.values), found.values)
         if _square(left - better.change) >= (1 - ENOUGH) * _square(left - found.change):
             return found
         found = replace(better, memory_um=[one.start_um for one in again.model_runs])
@@ -132,12 +132,10 @@ def _restarted(dataset: Dataset, acting: Sequence[Acting], plain: np.ndarray, le
 
 
 def _refined(dataset: Dataset, effect: Effect, change: Callable[[dict[str, float]], np.ndarray], left: np.ndarray,
-             at: np.ndarray, values: dict[str, float], steps: dict[str, float]) -> Candidate:
-    """The effect moved by Gauss-Newton from these values, which change the prediction by `at`, to leave least; `steps`
-    are those of _derivative.
-    """
+             at: np.ndarray, values: dict[str, float]) -> Candidate:
+    """The effect moved by Gauss-Newton from these values, which change the prediction by `at`, to leave least."""
     fitted = effect.fitted
-    tangent = _jacobian(change, at, effect, values, fitted, dataset, steps)
+    tangent = _jacobian(change, at, effect, values, fitted, dataset)
     for _ in range(STEPS if fitted else 0):
         move = np.linalg.lstsq(tangent, left - at, rcond=1e-9)[0]
         best = _square(left - at)
@@ -152,7 +150,7 @@ def _refined(dataset: Dataset, effect: Effect, change: Callable[[dict[str, float
             break
         gained = best - _square(left - there)
         values, at = new, there
-        tangent = _jacobian(change, at, effect, values, fitted, dataset, steps)
+        tangent = _jacobian(change, at, effect, values, fitted, dataset)
         if gained < ENOUGH * best:
             break
     return Candidate(effect, values, fitted, at, tangent.astype(np.float32))
@@ -163,13 +161,13 @@ def jacobian(dataset: Dataset, one: Candidate, others: Sequence[Acting]) -> np.n
     def predict(values: dict[str, float]) -> np.ndarray:
         return dataset.predict(effects.beside(others, Acting(one.effect, values)))
 
-    return _jacobian(predict, predict(one.values), one.effect, one.values, one.fitted, dataset, {})
+    return _jacobian(predict, predict(one.values), one.effect, one.values, one.fitted, dataset)
 
 
 def _jacobian(change: Callable[[dict[str, float]], np.ndarray], at: np.ndarray, effect: Effect,
-              values: dict[str, float], fitted: Sequence[str], dataset: Dataset, steps: dict[str, float]) -> np.ndarray:
-    columns = [_derivative(change, at, values, parameter, dataset.model.stroke_um, steps)
-               for parameter in effect.parameters if parameter.name in fitted]
+              values: dict[str, float], fitted: Sequence[str], dataset: Dataset) -> np.ndarray:
+    columns = [_derivative(change, at, values, parameter, dataset.model.stroke_um) for parameter in effect.parameters
+               if parameter.name in fitted]
     return np.column_stack(columns) if columns else np.zeros((len(at), 0))
 
 
@@ -188,24 +186,20 @@ def bounded(effect: Effect, values: dict[str, float], move: dict[str, float]) ->
 
 
 def _derivative(change: Callable[[dict[str, float]], np.ndarray], at: np.ndarray, values: dict[str, float],
-                parameter: effects.Parameter, stroke_um: float, steps: dict[str, float]) -> np.ndarray:
-    """Derivative of the change by one parameter: a difference over a step that moves the prediction by PROBE. `steps`
-    holds the last one of each parameter, from which the next is looked for.
-    """
+                parameter: effects.Parameter, stroke_um: float) -> np.ndarray:
+    """Derivative of the change by one parameter: a difference over a step that moves the prediction by PROBE."""
     value = values[parameter.name]
     if not np.isfinite(value):  # it is as if it were not there
         return np.zeros_like(at)
     above, below = parameter.high - value, value - parameter.low
     sign, room = (1.0, above) if above >= below else (-1.0, below)
-    step = min(steps.get(parameter.name, 0.01 * (abs(value) or 1.0)), room)
+    step = min(0.01 * (abs(value) or 1.0), room)
     for last in (False, False, False, True):
         difference = change({**values, parameter.name: value + sign * step}) - at
         size = np.sqrt(np.mean(difference**2)) / (PROBE * stroke_um)
         if 0.1 < size < 10 or size == 0 or size < 0.1 and step == room or last:
             break
         step = min(step / np.clip(size, 1e-3, 1e3), room)
-    if step > 0:
-        steps[parameter.name] = step
     return sign * difference / step
 
 
