@@ -76,7 +76,7 @@ def test_a_board_outputs_what_the_host_computes(folder: Path, rdpi: Callable, bo
     assert all((flags & flag).any() for flag in FLAGS), "the reference is meant to meet them all"
 
 
-@pytest.mark.parametrize("preview", [[], pytest.param(["--no-preview"], marks=slow)])
+@pytest.mark.parametrize("preview", [[], pytest.param(["--no-preview"], marks=pytest.mark.long)])
 @pytest.mark.parametrize("board, fixed_point", ALL_BOARDS)
 def test_a_board_compensates_what_the_host_compensates(folder: Path, model: Model, rdpi: Callable, board: str,
                                                        fixed_point: bool, preview: list[str]) -> None:

@@ -99,6 +99,14 @@ def test_the_same_round_asked_for_again_says_the_same() -> None:
     assert np.array_equal(before, AugmentedModel.given(commissioned(), given().recordings, []).residual)
 
 
+def test_several_cores_find_what_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    gap = selection.excess(given(), passport.read(commissioned()), coordinates())
+    alone = selection.one_round(given(), gap)
+    monkeypatch.setattr(selection, "LONG", 0)
+    monkeypatch.setattr(selection.os, "cpu_count", lambda: 4)
+    assert same(alone, selection.one_round(given(), gap))
+
+
 def test_at_a_single_rate_what_needs_several_is_not_tried() -> None:
     """Gain and phase at will would pass for anything; nor is what the model holds taken away from it."""
     sine = recording(50 - 45 * np.cos(4 * np.pi * np.arange(3000) / RATE_HZ), None, RATE_HZ)

@@ -167,7 +167,7 @@ def test_in_fixed_point_and_after_the_sweep(build: Callable[..., Path], referenc
     assert [int(row["dac_code"]) for row in rows(done.stdout)] == codes.tolist()
 
 
-@pytest.mark.parametrize("number", ["f32", "q31"])
+@pytest.mark.parametrize("number", [pytest.param("f32", marks=pytest.mark.long), "q31"])
 def test_what_stands_around_the_actuator_is_compensated_with_the_rows_that_follow(
         build: Callable[..., Path], model: Model, reference: dict, tmp_path: Path, number: str) -> None:
     """The chain is given the reference of later rows, and beyond the end the last; the present one is written."""
@@ -385,7 +385,7 @@ def test_each_axis_of_two_is_as_if_it_were_alone(stage: Run, model: Model, refer
         assert sent == [*steps.dac_code.tolist(), *[steps.dac_code[-1]] * (4000 - len(steps.dac_code))]
 
 
-@pytest.mark.parametrize("number", ["f32", "q31"])
+@pytest.mark.parametrize("number", ["f32", pytest.param("q31", marks=pytest.mark.long)])
 def test_cross_coupling_is_taken_off_as_by_compensate(number: str, build: Callable[..., Path], reference: dict,
                                                       tmp_path: Path) -> None:
     """The drive of the other axis is that of the sample before; before the first, where the model's memory begins."""
@@ -413,7 +413,7 @@ def test_cross_coupling_is_taken_off_as_by_compensate(number: str, build: Callab
     assert np.abs(codes - alone).max() > 1000
 
 
-@pytest.mark.parametrize("number", ["f32", "q31"])
+@pytest.mark.parametrize("number", [pytest.param("f32", marks=pytest.mark.long), "q31"])
 def test_backlash_is_crossed_as_by_compensate(number: str, build: Callable[..., Path], reference: dict, tmp_path: Path
                                               ) -> None:
     """Of a reference that rests, moves too little for the first code, and is none for a while."""

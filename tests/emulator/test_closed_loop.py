@@ -58,7 +58,7 @@ def sine_um(board: Board) -> np.ndarray:
     return (whole.max() + whole.min()) / 2 + np.ptp(whole) / 2 * wave
 
 
-@pytest.mark.parametrize("number", ["f32", "q31"])
+@pytest.mark.parametrize("number", ["f32", pytest.param("q31", marks=pytest.mark.long)])
 def test_hand_over(number: str, board: Board, sine_um: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     """Closing leaves the code that the open loop has; opening leaves the code that there is.
 

@@ -87,6 +87,7 @@ def test_telemetry_is_the_benchs_own_log(errors: dict, folder: Path) -> None:
         assert (run.columns["dac_code"] == log[first:first + len(run), 1]).all()
 
 
+@pytest.mark.long
 def test_of_a_line_that_damages_bytes_every_loss_is_counted(errors: dict, folder: Path) -> None:
     """1 % of bytes: no sample that is believed differs from the bench's log, and what is not there is counted."""
     noisy = NoisyLine(folder / "noisy", "qemu-m4f", "16:0:100", "preisach")

@@ -30,6 +30,7 @@ from .dataset import BLOCKS
 from .normal_equations import NormalEquations
 
 DRAWS = 400  # of the bootstrap
+LONG = 25_000  # samples of each recording, from which threads wait for each other less than they work
 NOT_CLEAR = "the gap is not clearly larger than the passport expects"  # why an effect is rejected
 Progress = Callable[[float], None]
 
@@ -327,7 +328,7 @@ def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
 
 
 def _searched(state: AugmentedModel, tried: Sequence[Effect]) -> Iterator[Candidate | None | BadInput]:
-    """Of each effect what `candidates.search` finds, or raises; on all cores."""
+    """Of each effect what `candidates.search` finds, or raises; of long recordings on all cores."""
     acting, own = state.acting(), threading.local()
     before, plain = state.dataset.measured - state.residual, state.dataset.predict(acting)
 
@@ -339,8 +340,8 @@ def _searched(state: AugmentedModel, tried: Sequence[Effect]) -> Iterator[Candid
         except BadInput as error:
             return error
 
-    # A process of `rdpi batch` has a core to itself.
-    pool = ThreadPoolExecutor(1 if multiprocessing.parent_process() else os.cpu_count())
+    alone = min(state.dataset.lengths) < LONG or multiprocessing.parent_process()  # `rdpi batch` has a process per core
+    pool = ThreadPoolExecutor(1 if alone else os.cpu_count())
     try:
         yield from pool.map(search, tried)
     finally:

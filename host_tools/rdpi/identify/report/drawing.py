@@ -49,7 +49,9 @@ class Shown(NamedTuple):
 
 
 def shown(figure: Figure, caption: str, wide: bool = True, dominant: bool = False) -> Shown:
-    return Shown(source(figure), source(figure, "pdf"), interactive.plot(figure), caption, wide, dominant)
+    picture = source(figure)
+    figure.set_layout_engine("none")  # all three have the same layout; to find it takes as long as to draw
+    return Shown(picture, source(figure, "pdf"), interactive.plot(figure), caption, wide, dominant)
 
 
 def panel(size: tuple[float, float] = WIDE) -> tuple[Figure, Axes]:
