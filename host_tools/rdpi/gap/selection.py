@@ -31,6 +31,8 @@ from .normal_equations import NormalEquations
 
 DRAWS = 400  # of the bootstrap
 LONG = 25_000  # samples of each recording, from which threads wait for each other less than they work
+MANY = 600_000  # samples of all recordings, beyond which threads would take more memory than there may be
+THREADS = 4  # at most
 NOT_CLEAR = "the gap is not clearly larger than the passport expects"  # why an effect is rejected
 Progress = Callable[[float], None]
 
@@ -340,8 +342,9 @@ def _searched(state: AugmentedModel, tried: Sequence[Effect]) -> Iterator[Candid
         except BadInput as error:
             return error
 
-    alone = min(state.dataset.lengths) < LONG or multiprocessing.parent_process()  # `rdpi batch` has a process per core
-    pool = ThreadPoolExecutor(1 if alone else os.cpu_count())
+    lengths = state.dataset.lengths
+    several = min(lengths) >= LONG and sum(lengths) <= MANY and not multiprocessing.parent_process()
+    pool = ThreadPoolExecutor(min(THREADS, os.cpu_count() or 1) if several else 1)  # `rdpi batch` has a process per core
     try:
         yield from pool.map(search, tried)
     finally:
