@@ -518,9 +518,10 @@ def _check_loops(runs: Sequence[Recording], warnings: list[str]) -> None:
     """Loops that run the other way round than those of hysteresis: the displacement leads the command."""
     for run in runs:
         u, z = (np.append(one, one[0]) for one in (run.command_V, run.displacement_um))  # closed
-        way = float(np.sum(np.abs(np.diff(u)))) / float(np.ptp(u))
-        share = float(np.sum(np.diff(u) * (z[1:] + z[:-1]))) / (way * float(np.ptp(u)) * float(np.ptp(z)))
-        if way > 4 and share * np.sign(correlation(run)) > tuned.WRONG_WAY:
+        moves, rectangle = np.diff(u), float(np.ptp(u) * np.ptp(z))
+        way = float(np.sum(np.abs(moves))) * float(np.ptp(z))  # twice the rectangles of all strokes
+        area = float(np.sum(moves * (z[1:] + z[:-1])))  # twice that of the loops
+        if way > 4 * rectangle > 0 and area * np.sign(correlation(run)) > tuned.WRONG_WAY * way:
             warnings.append(f"{run.path}: its loops run the wrong way round, as if the displacement drove the command; check "
                             "that the columns are not swapped, and that both were sampled at the same time")
 

@@ -50,7 +50,7 @@ class Shown(NamedTuple):
 
 def shown(figure: Figure, caption: str, wide: bool = True, dominant: bool = False) -> Shown:
     picture = source(figure)
-    figure.set_layout_engine("none")  # all three have the same layout; to find it takes as long as to draw
+    figure.set_layout_engine("none")  # all three have the same layout, and finding it takes long
     return Shown(picture, source(figure, "pdf"), interactive.plot(figure), caption, wide, dominant)
 
 
