@@ -1,9 +1,7 @@
 #include "batch.h"
 
-#include "f32_drive.h"
 #include "f32_play.h"
 #include "f32_rate.h"
-#include "f32_saturation.h"
 
 void rdpi_batch_plays(const rdpi_real_t *x_um, size_t samples, const rdpi_real_t *r_um, size_t count,
                       rdpi_real_t *y_um, rdpi_real_t *outputs_um)
@@ -73,52 +71,10 @@ void rdpi_batch_predict(const rdpi_f32_t *self, const rdpi_real_t *drive_V, cons
     }
 }
 
-/* Whether rdpi_f32_forward takes a sample as it is: no guard, no refusal. */
-static bool is_ordinary(const rdpi_f32_params_t *params, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s)
-{
-    rdpi_real_t width_V = params->max_V - params->min_V;
-    return drive_V > params->min_V - width_V && drive_V < params->max_V + width_V && rate_um_per_s >= 0 &&
-           rate_um_per_s <= params->max_um_per_s;
-}
-
-/* What rdpi_f32_forward returns, to the bit, without what it does for a step that may follow. The first sample is
- * ordinary. It ends one before the next that is not, and one before the end: what rdpi_f32_forward leaves is needed
- * there. Returns how many samples it took; 0: none, because one is not ordinary after all. */
-static size_t forward_quickly(rdpi_f32_t *self, const rdpi_real_t *drive_V, const rdpi_real_t *rate_um_per_s,
-                              size_t samples, rdpi_real_t *displacement_um)
-{
-    const rdpi_f32_params_t *params = self->params;
-    const rdpi_f32_play_t *play = params->play;
-    size_t last = params->plays - 1u, k = 0;
-    rdpi_real_t y_um[RDPI_MAX_PLAYS];
-    rdpi_f32_get_memory(self, y_um);
-    for (; k + 1u < samples && is_ordinary(params, drive_V[k + 1u], rate_um_per_s[k + 1u]); k++) {
-        rdpi_real_t x_um = rdpi_f32_x_of_drive(rdpi_f32_line_of_drive(params, drive_V[k]), drive_V[k]);
-        rdpi_real_t v_um = 0;
-        y_um[0] = x_um;
-        for (size_t i = 1; i <= last; i++) {
-            y_um[i] = rdpi_f32_play(x_um, play[i].r_um, y_um[i]);
-            v_um += rdpi_f32_slope(&play[i - 1u], rate_um_per_s[k]) * (y_um[i - 1u] - y_um[i]);
-        }
-        v_um += rdpi_f32_slope(&play[last], rate_um_per_s[k]) * y_um[last];
-        displacement_um[k] = rdpi_f32_saturation(params->saturation, params->deadzones, v_um) + params->offset_um;
-        if (!isfinite(displacement_um[k])) {
-            return 0;
-        }
-    }
-    return k > 0u && rdpi_f32_set_memory(self, y_um) == RDPI_OK ? k : 0;
-}
-
 void rdpi_batch_forward(rdpi_f32_t *self, const rdpi_real_t *drive_V, const rdpi_real_t *rate_um_per_s, size_t samples,
                         rdpi_real_t *displacement_um)
 {
-    bool quick = true;
     for (size_t k = 0; k < samples; k++) {
-        if (quick && k + 1u < samples && is_ordinary(self->params, drive_V[k], rate_um_per_s[k])) {
-            size_t took = forward_quickly(self, &drive_V[k], &rate_um_per_s[k], samples - k, &displacement_um[k]);
-            quick = took > 0u;
-            k += took;
-        }
         displacement_um[k] = rdpi_f32_forward(self, drive_V[k], rate_um_per_s[k]);
     }
 }

@@ -262,7 +262,7 @@ def test_from_scope_to_recording(folder: Path, rdpi: Callable) -> None:
     (("--drive", "none.csv"), "none.csv: cannot be read"),
     (("--drive", "scope.csv"), "scope.csv:1: there is no column"),
     (("--drive", "flat.csv"), "flat.csv: command_V does not move"),
-    (("--drive", "empty.csv"), "empty.csv: is empty"), (("--rows", ":2"), "are needed"),
+    (("--drive", "empty.csv"), "empty.csv: is empty"), (("--rows", ":2"), "; at least 16 are needed"),
     (("--rows", ":3000"), "the recording lasts"), (("--telemetry",), "--drive: is only valid without")])
 def test_refused_by_the_command(options: tuple[str, ...], words: str, folder: Path, refused: Callable) -> None:
     given = () if "--drive" in options else ("--drive", "drive.csv")

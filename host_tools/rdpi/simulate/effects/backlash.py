@@ -28,9 +28,8 @@ class Backlash(Effect):
         return firmware.plays(z_um, np.array([0.0, values["width_um"] / 2]), np.full(2, z_um[0]))[0][:, 1]
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
-        return Treatment("compensated", "by a jump of its width at each reversal of the reference, which the application adds as "
-                         "the header says",
-                         jump_um=values["width_um"])
+        return Treatment("compensated", "by a jump of its width at each reversal of the reference, which the application "
+                         "adds as the header says", jump_um=values["width_um"])
 
     def starts(self, residuals: Residuals) -> list[dict[str, float]]:
         stroke = max(float(np.ptp(predicted)) for predicted in residuals.predicted_um)
