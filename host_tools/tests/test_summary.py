@@ -47,7 +47,7 @@ def test_lines() -> None:
     low, high = chain.reachable_um(result.model)
     assert any(f"{low:.5g} to {high:.5g} um" in line for line in lines)
     assert any("500 um/s" in line and "1160 um/s" in line for line in lines)
-    assert any("sweep takes the plays 25 % of the way" in line for line in lines)
+    assert any("plays stay behind by 25 % of what ideal plays would" in line for line in lines)
     assert lines[-1] == "note: something to know"
     assert not any("residual" in line for line in summary.lines(replace(result, residual=(0.01, 0.01))))
 
