@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -50,9 +50,10 @@ def quiet() -> Iterator[None]:
         yield
 
 
-@pytest.mark.parametrize("command", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
-                                     for name in COMMANDS])
-def test_absurd_numbers(command: str, rdpi: Callable, quiet: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("command", "scales"), [
+    *(pytest.param(name, SCALES, marks=[pytest.mark.long] if name in SLOW else []) for name in COMMANDS),
+    *(pytest.param(name, SCALES[:1], marks=pytest.mark.slow) for name in SLOW)])
+def test_absurd_numbers(command: str, scales: Sequence[float], rdpi: Callable, quiet: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
                         ) -> None:
     monkeypatch.chdir(tmp_path)
     write_model("m.json", MODEL)
@@ -60,7 +61,7 @@ def test_absurd_numbers(command: str, rdpi: Callable, quiet: None, tmp_path: Pat
                "reference_um": DISPLACEMENT_UM, "other_axis_V": COMMAND_V}
     write_recording("usual.csv", columns, {})
     cases = [(names, lambda values, scale=scale: values / np.abs(values).max() * scale)
-             for scale in SCALES for names in COLUMNS.values()]
+             for scale in scales for names in COLUMNS.values()]
     cases += [(names, lambda values: np.where(TIME_S == 0.1, 1e200, values)) for names in COLUMNS.values()]
     for names, change in cases:
         write_recording("r.csv", {name: change(values) if name in names else values

@@ -140,7 +140,8 @@ def test_without_a_rate_law_what_comes_late_takes_its_place_if_it_leaves_less(le
     assert found is (late if taken else plain)
 
 
-@pytest.mark.parametrize("names", [*((name,) for name in PUT), TOGETHER], ids=" ".join)
+@pytest.mark.parametrize("names", [*(pytest.param((name,), marks=pytest.mark.long if name in TOGETHER else [])
+                                     for name in PUT), TOGETHER], ids=" ".join)
 def test_finds_what_is_there(names: tuple[str, ...]) -> None:
     """By name and size; what was not fitted is predicted as if nothing stood around the operator."""
     found = fitted(*names)
@@ -154,6 +155,7 @@ def test_finds_what_is_there(names: tuple[str, ...]) -> None:
     assert misses_um(found.model, *names) < 0.7 * misses_um(fitted(*names, effects="none").model, *names)
 
 
+@pytest.mark.long
 def test_finds_what_hides_behind_strong_ringing() -> None:
     """Alone none of these brings much."""
     behind = {"lag": {"time_constant_s": 0.003}, "relaxation": {"share": 0.08, "time_constant_s": 0.04},
@@ -203,6 +205,7 @@ def test_what_is_late_alone_rings_nowhere(put_s: float) -> None:
     assert CATALOGUE["resonance"]().late_starts(Residuals(model, [run], [asked], [missed], [missed])) == []
 
 
+@pytest.mark.long
 def test_a_resonance_that_rings_out_of_step_is_found_again_behind_what_is_late() -> None:
     """From a frequency a little off, no step leads to both; from the delay one does."""
     behind = {"delay": {"delay_s": 0.0045}, "resonance": {"f0_hz": 40.0, "damping": 0.012}}
@@ -449,7 +452,7 @@ def test_a_delay_that_hides_a_lag_is_parted() -> None:
     assert [next(iter(one.values.values())) for one in both.hypothesis.acting] == pytest.approx([0.0025, 0.002], abs=0.0002)
 
 
-@pytest.mark.parametrize("parted", [True, False])
+@pytest.mark.parametrize("parted", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_the_interval_of_one_that_may_hide_another_holds_both(parted: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     if not parted:  # then it holds nothing but the sum
         monkeypatch.setattr(choice, "_all_parted", lambda hypothesis, absent: [])

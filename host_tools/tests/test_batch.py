@@ -266,8 +266,8 @@ def test_a_report_is_not_written_over_the_plan(here, rdpi):
 def test_a_folder_of_pages_may_hold_other_files_too(here, rdpi):
     write("a.csv")
     plan(f"A,a.csv,rep/A/model.json,{QUICK}", names="actuator,fit,model,options")
-    for _ in range(2):
-        done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1, "--report", "rep", "--all")
+    for options in ([], ["--report", "rep", "--all"]):  # the second with rep/A/model.json there
+        done = rdpi("batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1, *options)
         assert done.exit_code == 0, done.output
     assert {path.name for path in Path("rep/A").iterdir()} == {"model.json", *batch.page.FILES["fit"]}
 
@@ -343,13 +343,13 @@ def test_results_that_are_something_else_are_left_alone(here, rdpi):
 def test_results_that_somebody_has_changed_are_refused_before_the_work(here, rdpi, changes, said):
     write("a.csv")
     plan(f"A,a.csv,,{QUICK}")
-    command = "batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1, "--report", "pages"
+    command = "batch", "plan.csv", "-o", "results.sqlite", "--jobs", 1
     assert rdpi(*command).exit_code == 0
     connection = sqlite3.connect("results.sqlite")
     connection.executescript(changes)
     connection.close()
     as_it_was = Path("results.sqlite").read_bytes()
-    done = rdpi(*command, "--all")
+    done = rdpi(*command, "--report", "pages", "--all")
     assert (done.exit_code, worked_on(done)) == (2, []) and f"rdpi: results.sqlite: {said}" in done.output
     assert Path("results.sqlite").read_bytes() == as_it_was
 

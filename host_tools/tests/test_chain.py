@@ -232,7 +232,7 @@ def test_sweeps_find_the_rate_of_the_prediction(strength: float, window_s: float
     assert np.sqrt(np.mean((own_rate - found.rate_um_per_s) ** 2)) < 0.002 * own_rate.max()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=40)
 @example(seed=1, window=1, filter_s=0.0)
 @given(SEEDS, st.sampled_from([1, 3, 10, 30, 100]), st.sampled_from([0.0, 0.002]))

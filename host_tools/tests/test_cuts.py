@@ -87,8 +87,9 @@ WRITERS = [
 ]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("line", WRITERS, ids=[f"{line.split()[0]}{k}" for k, line in enumerate(WRITERS)])
+@pytest.mark.parametrize("line", [
+    pytest.param(line, id=f"{line.split()[0]}{k}", marks=pytest.mark.long if k == 0 else pytest.mark.slow)
+    for k, line in enumerate(WRITERS)])
 def test_a_power_failure_leaves_the_old_file_or_the_new(line: str, folder: Path, quick: None,
                                                         rdpi: Callable) -> None:
     Path("captured.bin").write_bytes(streams.stream([one for one in samples(200) if one.sequence != 90]))

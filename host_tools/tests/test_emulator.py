@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import shutil
@@ -31,8 +32,14 @@ EFFECTS = [{"name": name, "parameters": parameters} for name, parameters in (
     ("resonance", {"f0_hz": 600.0, "damping": 0.05}))]
 
 slow = pytest.mark.slow
-ALL_BOARDS = [("qemu-m4f", False), *(pytest.param(board, fixed_point, marks=slow) for board in emulator.MACHINES
-                                     for fixed_point in (False, True) if (board, fixed_point) != ("qemu-m4f", False))]
+USUAL = "qemu-m4f", False
+
+
+def boards(*slow_ones: tuple[str, bool]) -> list:
+    """Every board with either number type: the usual one always, these also before a change lands."""
+    marks = {USUAL: [], **dict.fromkeys(slow_ones, slow)}
+    return [pytest.param(*one, marks=marks.get(one, pytest.mark.long))
+            for one in itertools.product(emulator.MACHINES, (False, True))]
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +68,7 @@ def compensated(rdpi: Callable, engine: str, *options: str) -> Recording:
     return read_recording("drive.csv", ("command_V", "rate_um_per_s", "flags", "dac_code"))
 
 
-@pytest.mark.parametrize("board, fixed_point", ALL_BOARDS)
+@pytest.mark.parametrize("board, fixed_point", boards())
 def test_a_board_outputs_what_the_host_computes(folder: Path, rdpi: Callable, board: str, fixed_point: bool) -> None:
     host = compensated(rdpi, "q31" if fixed_point else "f32")
     target = compensated(rdpi, board, *["--fixed-point"] * fixed_point)
@@ -77,7 +84,7 @@ def test_a_board_outputs_what_the_host_computes(folder: Path, rdpi: Callable, bo
 
 
 @pytest.mark.parametrize("preview", [[], pytest.param(["--no-preview"], marks=pytest.mark.long)])
-@pytest.mark.parametrize("board, fixed_point", ALL_BOARDS)
+@pytest.mark.parametrize("board, fixed_point", boards(("qemu-m0", True), ("qemu-m3", False), ("qemu-m7", True)))
 def test_a_board_compensates_what_the_host_compensates(folder: Path, model: Model, rdpi: Callable, board: str,
                                                        fixed_point: bool, preview: list[str]) -> None:
     """Delay, lag, input curve, relaxation, creep and resonance at once, after the start-up sweep; a jump that the lead
@@ -98,9 +105,7 @@ def test_a_board_compensates_what_the_host_compensates(folder: Path, model: Mode
     assert np.abs(without.columns["dac_code"] - expected).max() > 1000, "it is meant to make a difference"
 
 
-@pytest.mark.parametrize("board, fixed_point", [
-    ("qemu-m4f", False), *(pytest.param(*case, marks=slow) for case in (("qemu-m4f", True), ("qemu-m0", False))),
-])
+@pytest.mark.parametrize("board, fixed_point", boards(("qemu-m0", True)))
 def test_after_the_start_up_sweep(folder: Path, rdpi: Callable, board: str, fixed_point: bool) -> None:
     engine, options = "q31" if fixed_point else "f32", ["--fixed-point"] * fixed_point
     target = compensated(rdpi, board, "--sweep", *options)

@@ -70,7 +70,7 @@ def captions(page: str) -> list[str]:
     return [re.sub(r"\s+", " ", unescape(text)) for text in re.findall(r"<figcaption>(.*?)</figcaption>", page, re.S)]
 
 
-@pytest.mark.parametrize("compared", [False, True])
+@pytest.mark.parametrize("compared", [pytest.param(False, marks=pytest.mark.long), True])
 def test_the_page_stands_alone(compared: bool) -> None:
     page = written(fitted(compared))
     assert page == written(fitted(compared)) and page.startswith("<!DOCTYPE html>") and page.endswith("</html>\n")

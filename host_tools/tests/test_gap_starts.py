@@ -62,8 +62,8 @@ def test_a_dac_of_few_bits_that_starts_beyond_the_range(start: str) -> None:
     check_that_nothing_is_lost(commissioned(), runs)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("start", STARTS)
+@pytest.mark.parametrize("start", [pytest.param(STARTS[0], marks=pytest.mark.slow),
+                                   *(pytest.param(start, marks=pytest.mark.long) for start in STARTS[1:])])
 @pytest.mark.parametrize("name, stage", PLACES)
 def test_every_effect_ahead_of_the_operator_gets_a_verdict(name: str, stage: str, start: str) -> None:
     check_that_nothing_is_lost(commissioned(), recorded(plain_model(), drives(start, MEMORIES), actuator(name, stage)))

@@ -34,7 +34,9 @@ def test_rate_independent() -> None:
     assert score.rms_um < 1.3 * NOISE_UM and result.warnings == []
 
 
-@pytest.mark.parametrize("noise_um, at_rest, at_top, rms", [(0.0, 1, 2, 0.06), (0.004, 1, 2, 0.08), (0.02, 2, 4, 0.22)])
+@pytest.mark.parametrize("noise_um, at_rest, at_top, rms", [
+    pytest.param(0.0, 1, 2, 0.06, marks=pytest.mark.long), (0.004, 1, 2, 0.08),
+    pytest.param(0.02, 2, 4, 0.22, marks=pytest.mark.long)])
 @pytest.mark.parametrize("source", ["displacement", "control"])
 def test_rate_law(source: str, noise_um: float, at_rest: float, at_top: float, rms: float) -> None:
     """From 1 to 30 Hz at once, a law by which W_0 reaches zero at 2900 um/s."""

@@ -284,8 +284,9 @@ def commissioned(kind: str) -> tuple[Fit, vb.Bench]:
 
 
 # ratio of actual to expected, its logarithm: scatter over the runs, and that of all samples together
-@pytest.mark.parametrize("kind, scatter, overall", [("preisach", 0.25, 0.2), ("bouc-wen", 0.5, 0.25),
-                                                    ("paper", 0.3, 0.2)])
+@pytest.mark.parametrize("kind, scatter, overall", [
+    pytest.param("preisach", 0.25, 0.2, marks=pytest.mark.long), ("bouc-wen", 0.5, 0.25),
+    pytest.param("paper", 0.3, 0.2, marks=pytest.mark.long)])
 def test_unchanged_actuators_leave_what_is_expected(kind: str, scatter: float, overall: float) -> None:
     (result, bench), known = commissioned(kind), passport.read(commissioned(kind)[0].model)
     runs = [played(bench, name, options, size, f"later {k}.csv") for k, (name, options, size) in enumerate(LATER)]

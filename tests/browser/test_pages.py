@@ -151,8 +151,7 @@ def labels(browser: webdriver.Chrome, figure: WebElement, kind: str) -> list[lis
                                   figure, kind)
 
 
-@pytest.mark.parametrize("width", [1280, 400])
-@pytest.mark.parametrize("name", ["fit", "gap", "score", "batch"])
+@pytest.mark.parametrize(("name", "width"), [("fit", 1280), ("gap", 400), ("score", 1280), ("batch", 400)])
 def test_a_logarithmic_axis_shows_two_values_or_more(name: str, width: int, folder: Path, browser: webdriver.Chrome
                                                      ) -> None:
     found = [one for one in opened(browser, folder / PAGES[name], width) if labels(browser, one, "log")]
@@ -240,9 +239,11 @@ def batch_of(folder: Path, over: timedelta, count: int = 7) -> Path:
     return folder / "index.html"
 
 
-@pytest.mark.parametrize("width", [1280, 400])
-@pytest.mark.parametrize("over", [timedelta(seconds=20), timedelta(minutes=3), timedelta(minutes=50), timedelta(hours=3.5),
-                                  timedelta(hours=9), timedelta(days=2), timedelta(days=25), timedelta(days=300)], ids=str)
+@pytest.mark.parametrize(("over", "width"), [
+    pytest.param(over, width, marks=[] if width == usual else pytest.mark.long) for width in (1280, 400) for over, usual in (
+        (timedelta(seconds=20), 1280), (timedelta(minutes=3), 400), (timedelta(minutes=50), 1280),
+        (timedelta(hours=3.5), 400), (timedelta(hours=9), 1280), (timedelta(days=2), 400), (timedelta(days=25), 1280),
+        (timedelta(days=300), 400))], ids=str)
 def test_a_batch_page_counts_in_whole_numbers_over_utc(over: timedelta, width: int, tmp_path: Path, browser: webdriver.Chrome
                                                        ) -> None:
     browser.execute_cdp_cmd("Emulation.setTimezoneOverride", {"timezoneId": "Asia/Kolkata"})  # half an hour off

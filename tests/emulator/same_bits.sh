@@ -6,7 +6,7 @@ set -uo pipefail
 cd "$(dirname "$0")/../.." || exit
 build=build/same_bits
 mkdir -p $build
-steps=500 # of 5000 per actuator: the emulated cores have no double-precision unit for the reference
+steps=200 # of 5000 per actuator: the emulated cores have no double-precision unit for the reference
 library=(lib/src/rdpi_q31.c lib/src/rdpi_q31_chain.c lib/src/status.c)
 common=(-std=gnu99 -DSTEPS=$steps -DHOURS=0.0005 -Ilib/include -Ilib/src -Itests/support)
 names=()

@@ -64,7 +64,7 @@ def together(models: list[Model], references_um: list[np.ndarray], folder: Path,
     return [first.runs[0].samples, second.runs[0].samples]
 
 
-@pytest.mark.parametrize("number", ["f32", "q31"])
+@pytest.mark.parametrize("number", ["q31", pytest.param("f32", marks=pytest.mark.long)])
 def test_each_axis_outputs_the_codes_of_its_own_single_axis_run(number: str, models: list[Model],
                                                                 references_um: list[np.ndarray], tmp_path: Path) -> None:
     fixed = f"-DRDPI_TRACK_Q31={number == 'q31'}"

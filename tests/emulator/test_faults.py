@@ -149,7 +149,7 @@ def test_a_busy_dac_holds_its_output_and_the_host_is_told(build: Builder, model:
 @pytest.mark.slow
 def test_a_full_line_costs_samples_of_telemetry_and_nothing_else(build: Builder, model: Model, tmp_path: Path) -> None:
     """Nobody reads for two seconds; then every sample that was not taken is a gap, and the rest are right."""
-    board, reference_um = "qemu-m4f", paper_profile("10hz", RATE_HZ, 5.0)
+    board, reference_um = "qemu-m4f", paper_profile("10hz", RATE_HZ, 3.0)
     image = build(board, reference_um, RATE_HZ, "f32", "-DRDPI_TRACK_SWEEP=OFF")
     decoder = telemetry.Decoder(board)
     with socket.socket(socket.AF_UNIX) as server:

@@ -225,7 +225,8 @@ def ends_in_the_safe_code(board: str, image: Path, folder: Path) -> Outside:
 
 @pytest.mark.parametrize("board, fault", [
     pytest.param(board, fault, marks=[] if (board, FAULTS[fault]) in (("qemu-m4f", 3), ("stm32f405", 1))
-                 else pytest.mark.slow) for board in emulator.BOARDS for fault in FAULTS
+                 else pytest.mark.slow if board in ("qemu-m0", "stm32f405") else pytest.mark.long)
+    for board in emulator.BOARDS for fault in FAULTS
     if board in ("qemu-m0", "qemu-m4f", "stm32f405") or FAULTS[fault] in (1, 3)])  # M3 and M7 share the M4's port
 def test_a_fault_ends_in_the_safe_code(faulty: Callable, board: str, fault: str, tmp_path: Path) -> None:
     ends_in_the_safe_code(board, faulty(board, FAULTS[fault], tmp_path), tmp_path)
@@ -257,8 +258,8 @@ def test_from_reset_on_the_dac_has_the_safe_code(faulty: Callable, tmp_path: Pat
         assert not clocks & {address for address, _ in outside.writes()[:last]}
 
 
-@pytest.mark.parametrize("board", [pytest.param(board, marks=[] if board == "qemu-m4f" else pytest.mark.slow)
-                                   for board in CORE_HZ])
+@pytest.mark.parametrize("board", [pytest.param(board, marks=[] if board == "qemu-m4f" else pytest.mark.slow
+                                                if board == "qemu-m0" else pytest.mark.long) for board in CORE_HZ])
 def test_too_many_lost_ticks_in_a_row_end_in_the_safe_code(build: Builder, board: str, tmp_path: Path) -> None:
     """Every tick takes one and a half periods from some time on."""
     most, source = 8, tmp_path / "late.c"

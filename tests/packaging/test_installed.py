@@ -135,7 +135,7 @@ def made(checkout: Path, output: Path, umask: int) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in output.iterdir()}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_same_files_make_the_same_bytes(package: ModuleType, tmp_path: Path) -> None:
     if not tracked():
         pytest.skip("not a git checkout: nothing tells what belongs to the project")

@@ -30,7 +30,9 @@ static void worse(double *worst, long double error)
 /* ---- the bank alone ---- */
 
 #define SETS 100
-#define STEPS 100000 /* per set of parameters: 1e7 in all */
+#ifndef STEPS /* per set of parameters: RDPI_LONG makes it 1e7 in all */
+#define STEPS 20000
+#endif
 #define LIMIT_X (80 * EPSILON) /* slopes down to 0.04 turn a rounding of v into 25 of x */
 #define LIMIT_Y EPSILON        /* corners that coincide but for the rounding of two states and x */
 #define DRIFT 2 /* the last tenth may be worse than the first by this factor: it has no other reason than chance */

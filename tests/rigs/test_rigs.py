@@ -520,7 +520,8 @@ def test_true_effects_stand_in_place_of_those_that_were_found():
                     {"name": "creep", "stage": "actuator", "parameters": {"percent_per_decade": 2.0}}]
 
 
-@pytest.mark.parametrize("what", ["plain", "recovered", "tracked", "monitored"])
+@pytest.mark.parametrize("what", ["plain", "tracked", *(pytest.param(what, marks=pytest.mark.long)
+                                                        for what in ("recovered", "monitored"))])
 def test_chain_of_one_rig(what, tmp_path, capsys):
     assert chain.main([what, "--rigs", "1", "--families", "everett", "--rate", "2000", "--scale", "0.2", "-o",
                        str(tmp_path / "all.json"), "--", "--operators", "6", "--rate-independent"]) == 0
@@ -695,6 +696,7 @@ def test_the_circle_is_counted():
     assert "lag: lag 2" in lines and lines[-1] == "failed: 2, dahl: no"
 
 
+@pytest.mark.long
 @pytest.mark.slow  # half a minute
 def test_the_circle_is_closed(tmp_path, capsys):
     """Four fast cases: the labels stay apart, a run that was cut off goes on, and what is promised comes."""

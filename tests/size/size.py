@@ -11,9 +11,12 @@ Another version of the compiler than the one that the table names makes other co
 from __future__ import annotations
 
 import difflib
+import itertools
+import os
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
@@ -80,15 +83,26 @@ def registers(part: str) -> int:
     return (numbers[-1] - numbers[0] + 1) * (8 if "d" in part else 4)
 
 
-def measure(library: str, setting: str, core: str) -> dict[str, int]:
-    """`library` is f32, f32_chain, q31 or q31_chain; `setting` is "" or more options of the compiler."""
-    folder = WORK / f"{library}{setting}-{core}"
+def compiler(setting: str, core: str) -> list[str]:
+    return ["arm-none-eabi-gcc", *FLAGS.split(), *setting.split(), *CORES[core].split(), f"-I{ROOT / 'lib' / 'include'}"]
+
+
+def compiled(setting: str, core: str) -> list[Path]:
+    """Objects of the library."""
+    folder = WORK / f"{setting}-{core}"
     folder.mkdir(parents=True, exist_ok=True)
-    gcc = ["arm-none-eabi-gcc", *FLAGS.split(), *setting.split(), *CORES[core].split(), f"-I{ROOT / 'lib' / 'include'}"]
     objects = []
     for source in sorted((ROOT / "lib" / "src").glob("*.c")):
         objects.append(folder / f"{source.stem}.o")
-        run(*gcc, "-c", source, "-o", objects[-1])
+        run(*compiler(setting, core), "-c", source, "-o", objects[-1])
+    return objects
+
+
+def measure(library: str, setting: str, core: str, objects: list[Path]) -> dict[str, int]:
+    """`library` is f32, f32_chain, q31 or q31_chain; `setting` is "" or more options of the compiler."""
+    folder = WORK / f"{library}{setting}-{core}"
+    folder.mkdir(parents=True, exist_ok=True)
+    gcc = compiler(setting, core)
     probe = folder / "state.c"
     probe.write_text(f'#include "rdpi/{library}.h"\nchar state[sizeof(rdpi_{library}_t)];\n')
     run(*gcc, "-c", probe, "-o", folder / "state.o")
@@ -113,11 +127,16 @@ def table() -> tuple[str, list[str]]:
     lines = [f"| bytes, arm-none-eabi-gcc {version} -Os | {' | '.join(COLUMNS)} |"]
     lines.append("|---|" + "---:|" * len(COLUMNS))
     broken = []
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        builds = list(itertools.product(sorted({setting for _, setting in ROWS}), CORES))
+        objects = dict(zip(builds, pool.map(lambda build: compiled(*build), builds)))
+        sizes = dict(zip(itertools.product(ROWS, CORES), pool.map(
+            lambda row: measure(*row[0], row[1], objects[row[0][1], row[1]]), itertools.product(ROWS, CORES))))
     for library, setting in ROWS:
         name = f"rdpi_{library}{', least' if setting else ''}"
         for core in CORES:
             cells = [f"{name}, {core}"]
-            for column, figure in measure(library, setting, core).items():
+            for column, figure in sizes[(library, setting), core].items():
                 limit = LIMITS.get((library, setting, core), {}).get(column)
                 cells.append(f"{figure} ≤ {limit}" if limit else str(figure))
                 if limit and figure > limit:

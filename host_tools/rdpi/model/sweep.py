@@ -16,5 +16,5 @@ def swept_states(x_um: float, thresholds_um: np.ndarray, range_um: tuple[float, 
     `share` is that of Memory.sweep_share.
     """
     middle, half = sum(range_um) / 2, abs(range_um[1] - range_um[0]) / 2
-    aside = np.clip((middle - x_um) / half, -1.0, 1.0)
+    aside = min(max((middle - x_um) / half, -1.0), 1.0)
     return x_um + share * aside * np.minimum(thresholds_um, half)
