@@ -19,6 +19,8 @@ esac
 long=${level#--quick}
 unset PYTHONUNBUFFERED # as users have it: what a program leaves in its buffers counts
 export OPENBLAS_NUM_THREADS=1 # there is a pytest per core already
+# Tests build the library dozens of times, mostly with the same flags in another folder.
+export CMAKE_C_COMPILER_LAUNCHER=ccache CCACHE_DIR=$root/build/ccache CCACHE_NOHASHDIR=1
 tests/support/setup.sh tests || exit
 
 logs=build/logs

@@ -62,29 +62,39 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def errors(folder: Path) -> dict[str, tuple[float, float]]:
-    return example.run(example.Emulated(folder, "qemu-m4f", "16:0:100", "preisach"), 2.0, 0.6)
+    return example.run(example.Emulated(folder, "qemu-m4f", "16:0:100", "preisach"), 4.0, 1.0)
 
 
-def test_tracking_gets_better_with_the_model(errors: dict[str, tuple[float, float]]) -> None:
+def is_the_benchs_own_log(folder: Path, name: str) -> None:
+    """Every sample of a run: number, code and reading, sweep included."""
+    decoder, log = received(folder, name), np.load(folder / f"{name}.npy")
+    samples = decoder.runs[0].samples
+    assert (decoder.counts.missing, decoder.counts.corrupt, decoder.counts.unconfirmed) == (0, 0, 0)
+    assert len(samples) > 9000
+    sent = np.column_stack([samples[key] for key in ("tick", "dac_code", "adc_counts")])
+    assert (sent == log[:len(samples)]).all()
+    run = read_recording(folder / f"{name}.csv")
+    first = int(run.metadata["first_tick"]) - 1
+    assert (run.columns["dac_code"] == log[first:first + len(run), 1]).all()
+
+
+def test_telemetry_is_the_benchs_own_log(tmp_path: Path) -> None:
+    board = example.Emulated(tmp_path, "qemu-m4f", "16:0:100", "preisach")
+    board.do("rdpi", "excite", "multisine", "--min-V", "0", "--max-V", "100", "--sample-rate", str(example.RATE_HZ),
+             "--duration", "1", "-o", "drive.csv")
+    board.play("drive.csv", "played")
+    is_the_benchs_own_log(tmp_path, "played")
+
+
+@pytest.mark.long
+def test_tracking_gets_better_with_the_model(errors: dict[str, tuple[float, float]], folder: Path) -> None:
     """Both fits of this short drive find a lag and need no rate law beside it, so that their models are the same."""
     line, independent, dependent = (errors[model][0] for model in example.MODELS)
     print(f"rms: {line:.2f}, {independent:.2f} and {dependent:.2f} %")
     assert max(independent, dependent) < 0.2 * line
     assert max(independent, dependent) < 0.6
-
-
-def test_telemetry_is_the_benchs_own_log(errors: dict, folder: Path) -> None:
-    """Every sample of every run: number, code and reading, sweep included."""
     for name in ("excitation", "line", *example.MODELS[1:]):
-        decoder, log = received(folder, name), np.load(folder / f"{name}.npy")
-        samples = decoder.runs[0].samples
-        assert (decoder.counts.missing, decoder.counts.corrupt, decoder.counts.unconfirmed) == (0, 0, 0)
-        assert len(samples) >= 0.6 * example.RATE_HZ
-        sent = np.column_stack([samples[key] for key in ("tick", "dac_code", "adc_counts")])
-        assert (sent == log[:len(samples)]).all()
-        run = read_recording(folder / f"{name}.csv")
-        first = int(run.metadata["first_tick"]) - 1
-        assert (run.columns["dac_code"] == log[first:first + len(run), 1]).all()
+        is_the_benchs_own_log(folder, name)
 
 
 @pytest.mark.long

@@ -59,6 +59,7 @@ demo) ;;
 board) needs+=$board ;;
 tests)
     needs+="$board"'
+    ccache              command  ccache
     g++                 command  g++
     gcc-multilib        header   stdio.h gcc -m32
     clang               command  clang
