@@ -76,7 +76,7 @@ def test_where_a_reference_begins_without_a_step(folder: Path, rdpi: Callable) -
         printed = rdpi("compensate", "static.json", "reference.csv", "-o", "drive.csv", *options).stdout
         return printed, float(read_recording("drive.csv", required=("command_V",)).command_V[0])
 
-    aside = r"the drive begins ([-+][\d.]+) V from .* a reference that begins at ([\d.]+) um begins without a step"
+    aside = r"the drive begins ([-+][\d.]+) V from .* a reference that begins at ([\d.]+) um and at rest begins without a step"
     for options in ((), ("--sweep",)):
         printed, begun_V = first(5.0, *options)
         assert "rdpi excite startup" in printed and "--end-V 50\n" in printed

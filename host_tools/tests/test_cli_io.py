@@ -12,11 +12,15 @@ from pathlib import Path
 
 import click
 import click.testing
+import numpy as np
 import pytest
+from models import random_model
 
 import rdpi.cli
 from rdpi.cli import main
+from rdpi.data import write_recording
 from rdpi.errors import BadInput
+from rdpi.model import write_model
 
 HOST_TOOLS = Path(__file__).resolve().parents[1]
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(HOST_TOOLS)}
@@ -181,14 +185,28 @@ def test_no_progress_when_piped() -> None:
 
 
 def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:
-    """`rdpi … | head` ends without a message."""
+    """`rdpi … | head` does its work without a message."""
     table = "t,voltage,position\n" + "".join(f"{k / 1000},{k % 7},{k % 5}\n" for k in range(100))
     for index in range(40):
         (tmp_path / f"{index}.csv").write_text(table)
     command = [sys.executable, "-u", "-m", "rdpi", "import", *tmp_path.iterdir(), "-o", tmp_path / "runs"]
     child = subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     child.stdout.close()
-    assert child.stderr.read() == b"" and child.wait() != 2
+    assert child.stderr.read() == b"" and child.wait() == 0
+    assert len([*(tmp_path / "runs").iterdir()]) == 40
+
+
+def test_what_is_written_last_is_written_after_the_pipe_is_closed(tmp_path: Path) -> None:
+    """rdpi compensate says what the inverse does before it writes the drive."""
+    write_model(tmp_path / "m.json", random_model(3))
+    time_s = np.arange(100) / 1000
+    write_recording(tmp_path / "r.csv", {"time_s": time_s, "reference_um": np.sin(time_s)}, {})
+    for words, written in ((["compensate", "m.json", "r.csv", "-o", "d.csv"], "d.csv"),
+                           (["header", "m.json", "-o", "p.h"], "p.h")):
+        child = subprocess.Popen([sys.executable, "-u", "-m", "rdpi", *words], env=ENVIRONMENT, cwd=tmp_path,
+                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        child.stdout.close()
+        assert child.stderr.read() == b"" and child.wait() == 0 and (tmp_path / written).stat().st_size
 
 
 def test_import_into_the_folder_of_its_source(rdpi: Callable, scratch: Callable, tmp_path: Path) -> None:

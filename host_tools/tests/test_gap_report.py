@@ -318,6 +318,15 @@ def test_the_card_of_a_rival_says_what_it_would_be_and_bring() -> None:
                                                 "shrink 74 % in its place"]
 
 
+def test_a_constant_that_is_more_than_the_gap_is_told() -> None:
+    """No figure counts it, and an actuator that is tracked misses by it."""
+    for um, moved, told in ((0.9, False, "In the mean the recordings lie 0.9 um off, more than the gap."),
+                            (0.01, False, ""), (0.9, True, "The zero lies 0.9 um off;")):
+        offset = {"mean": um, "low": um, "high": um, "added": 0.0, "moved": moved}
+        text = sentence(document("none", offset_um=offset)).replace("\N{NO-BREAK SPACE}", " ").replace("µm", "um")
+        assert told in text and ("off" in text) == bool(told)
+
+
 def test_an_unknown_cause() -> None:
     assert sentence(document("unknown")) == (
         "The gap is 0.371 µm rms (2.8 % of the stroke) over 4 recordings, 3.8 times what the model missed at "

@@ -13,8 +13,8 @@ import re
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext, redirect_stdout, suppress
-from typing import Any, NoReturn
+from contextlib import redirect_stdout, suppress
+from typing import Any, NoReturn, TextIO
 
 import click
 
@@ -69,7 +69,7 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
         def run(json_path: str | None, **options: Any) -> None:
             try:
                 _check_paths(click.get_current_context())
-                with redirect_stdout(sys.stderr) if json_path == "-" else nullcontext():
+                with redirect_stdout(sys.stderr if json_path == "-" else _WhileRead(sys.stdout)):
                     result = function(**options)
                     for page in _pages(click.get_current_context()):
                         click.echo(f"{page}: the report, a page for a browser")
@@ -88,7 +88,7 @@ def command(name: str) -> Callable[[Callable[..., dict[str, Any]]], click.Comman
                 names = ", ".join(name for value in given for name in ([value] if isinstance(value, str) else value))
                 _fail(f"{names}: there is not enough memory; give shorter files")
             except BrokenPipeError:
-                raise  # `rdpi … | head`: click ends quietly
+                raise  # of JSON or of stderr: click ends quietly
             except OSError as error:
                 where = f"{error.filename}: " if error.filename else ""
                 _fail(f"{where}{error.strerror or error}; check the path and permissions")
@@ -114,10 +114,38 @@ def _print_json(text: str) -> None:
     except BrokenPipeError:
         raise
     except OSError as error:
-        with suppress(OSError, ValueError):  # the rest goes nowhere: at the program's end it would fail again
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _goes_nowhere(sys.stdout)
         error.filename = "standard output"
         raise
+
+
+class _WhileRead:
+    """A stream until its reader goes away (`rdpi … | head`): then the rest goes nowhere, and the work goes on."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        try:
+            return self._stream.write(text)
+        except BrokenPipeError:
+            _goes_nowhere(self._stream)
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except BrokenPipeError:
+            _goes_nowhere(self._stream)
+
+
+def _goes_nowhere(stream: TextIO) -> None:
+    """What is printed from now on; also what waits in a buffer, which would fail again at the program's end."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _check_paths(context: click.Context) -> None:

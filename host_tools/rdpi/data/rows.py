@@ -12,6 +12,7 @@ from ..errors import BadInput
 
 NUMBER = re.compile(r"[+-]?(\d+(?:\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
+_CLOCK = re.compile(r"\d:\d\d", re.ASCII)
 _LINES_PER_BLOCK = 1 << 14
 
 Place = Callable[[int], str]  # data row, counted from 0 -> "file:line"
@@ -78,6 +79,8 @@ def _explain_field(place: str, value: str) -> None:
     if _NOT_FINITE.fullmatch(value) or NUMBER.fullmatch(value) and not np.isfinite(float(value)):
         raise BadInput(f"{place} is {value}; every sample needs a finite number: cut the recording there"
                        + (" or interpolate" if needed else ", interpolate, or remove the column"))
+    if _CLOCK.search(value):
+        raise BadInput(f"{place} is {quoted(value)}, a time of day; write seconds, or do not take the column and give --rate HZ")
     if not NUMBER.fullmatch(value):
         what = f"is {quoted(value)}, not a number" if value else "is empty"
         raise BadInput(f"{place} {what}; correct the value, or remove the line" + " or the column" * (not needed))

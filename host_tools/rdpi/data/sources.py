@@ -134,6 +134,11 @@ def _table(path: str, data: bytes) -> Source:
         taken, start = full[rows], rows.indices(len(full))[0]
         begin, end = (taken[0], taken[-1] + 1) if taken else (0, 0)
         part, first_line = "\n".join(lines[begin:end]), first + 1 + begin
+        if len(taken) > 1 and end == len(lines):  # no end of line: the writing may have been cut off
+            last, before = (len(tables.fields(lines[row], found.delimiter)) for row in (taken[-1], taken[-2]))
+            if last < before:
+                raise BadInput(f"{path}:{first + end}: the file ends within this line: {last} value(s), and {before} in the "
+                               "line before; remove it")
         labels = [f"{number} {names[number]!r}" if names[number] else str(number) for number in numbers]
         try:
             table = parse_rows(path, part, first_line, labels, found.delimiter, numbers)
@@ -156,6 +161,8 @@ def _another_table(path: str, error: BadInput, lines: list[str], taken: list[int
     if place is None or not tables.begins_a_preamble(lines[(index := int(place[1]) - first_line):][:9], delimiter):
         return error
     row = start + taken.index(index)
+    if row == start:  # no table is before it
+        return error
     return BadInput(f"{path}:{place[1]}: there is text between the numbers, in row {row}. If another table begins "
                     f"there, choose the rows of one with --rows, e.g. --rows {start}:{row}")
 

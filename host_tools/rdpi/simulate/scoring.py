@@ -44,7 +44,7 @@ def begins_aside(inverse: Inverse, drive_V: np.ndarray) -> str | None:
     if abs(aside_V) < WORTH_A_NOTE * (model.drive.max_V - model.drive.min_V):
         return None
     return (f"the drive begins {aside_V:+.4g} V from where the start-up sweep ends, in one sample; a reference that begins at "
-            f"{swept_um(model, float(model.x_of(end_V))):.4g} um begins without a step")
+            f"{swept_um(model, float(model.x_of(end_V))):.4g} um and at rest begins without a step")
 
 
 def doubts(model: Model, inverse: Inverse, run: Recording, column: str, swept: bool, single: bool) -> list[str]:

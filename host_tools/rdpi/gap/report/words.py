@@ -201,8 +201,12 @@ def sentence(document: GapDocument) -> str:
     elif passport:
         text += f", {times(passport.ratio)} {words.usual}"
     zero = document.offset_um
-    apart = (f"The zero lies {um(zero.mean)} off{' since then' if document.paired else ''}; this is not counted."
-             if zero.moved else "")
+    apart = ""
+    if zero.moved:
+        apart = f"The zero lies {um(zero.mean)} off{' since then' if document.paired else ''}; this is not counted."
+    elif abs(zero.mean) > gap.rms_um:
+        apart = (f"In the mean the recordings lie {um(zero.mean)} off, more than the {words.gap}. This is not counted: creep "
+                 "from before, or the room, may move a zero so far.")
     say = {"effect": _explained, "ambiguous": _explained, "none": _nothing, "unknown": _unexplained}
     return " ".join(filter(None, (f"{text}.", say[document.verdict](document), apart,
                                   "" if passport else words.unjudged)))
