@@ -40,7 +40,7 @@ run() { # run NAME PATTERN COMMAND...: PATTERN picks the runner's closing lines 
     closing+=("$(grep -E "$pattern" "$log" | tail -n 4)")
 }
 ctest_preset() {
-    cmake --preset "$1" ${long:+-DRDPI_LONG=ON} && cmake --build --preset "$1" --parallel "$(nproc)" &&
+    cmake --preset "$1" "-DRDPI_LONG=${long:+ON}" && cmake --build --preset "$1" --parallel "$(nproc)" &&
         ctest --preset "$1" --parallel "$(nproc)" --output-junit ctest.xml
 }
 names() {
@@ -71,7 +71,9 @@ if [ "$level" != --quick ]; then
     run lint '^lint: ' tests/lint/lint.py
     run proof '^proof: ' tests/proof/run.py ${long:+--long}
     run size '^size: ' tests/size/size.py --check lib/README.md
-    run fuzz '^fuzz: ' tests/fuzz/run.sh $((${long:+55} + 5))
+    fuzz_seconds=5
+    [ "$long" ] && fuzz_seconds=60
+    run fuzz '^fuzz: ' tests/fuzz/run.sh $fuzz_seconds
 fi
 if [ "$long" ]; then
     run instructions '^instructions: ' .venv/bin/python tests/benchmark/instructions.py --check lib/README.md

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize("name", ["delay", pytest.param(example.TOGETHER, marks=pytest.mark.long)])
 def test_the_error_shrinks_as_promised(name: str, tmp_path: Path) -> None:
-    """A delay of 1 ms, and with it lag, creep and resonance."""
+    """A delay of 1 ms; and one together with lag, creep and resonance."""
     board = example.Board(tmp_path, "qemu-m4f", example.DAC, "preisach")
     healthy, results = example.run(board, [name], 4.0, 1.0)
     example.print_table(healthy, results)

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Proofs about the index arithmetic of the banks; see README.md.
 
-    tests/proof/run.py            the quick part, a minute of processor time
-    tests/proof/run.py --long     all of it, some minutes
+    tests/proof/run.py            the quick part, some minutes of processor time
+    tests/proof/run.py --long     all of it, many minutes
 
 CXX is the compiler, g++ if it is not set.
 """

@@ -697,7 +697,6 @@ def test_the_circle_is_counted():
 
 
 @pytest.mark.long
-@pytest.mark.slow  # half a minute
 def test_the_circle_is_closed(tmp_path, capsys):
     """Four fast cases: the labels stay apart, a run that was cut off goes on, and what is promised comes."""
     words = ["--cases", "4", "--seed", "3", "--rate", "2500", "--scale", "0.2", "-o", str(tmp_path)]

@@ -130,13 +130,13 @@ def table() -> tuple[str, list[str]]:
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         builds = list(itertools.product(sorted({setting for _, setting in ROWS}), CORES))
         objects = dict(zip(builds, pool.map(lambda build: compiled(*build), builds)))
-        sizes = dict(zip(itertools.product(ROWS, CORES), pool.map(
-            lambda row: measure(*row[0], row[1], objects[row[0][1], row[1]]), itertools.product(ROWS, CORES))))
+        cases = [(*row, core) for row, core in itertools.product(ROWS, CORES)]
+        sizes = dict(zip(cases, pool.map(lambda case: measure(*case, objects[case[1:]]), cases)))
     for library, setting in ROWS:
         name = f"rdpi_{library}{', least' if setting else ''}"
         for core in CORES:
             cells = [f"{name}, {core}"]
-            for column, figure in sizes[(library, setting), core].items():
+            for column, figure in sizes[library, setting, core].items():
                 limit = LIMITS.get((library, setting, core), {}).get(column)
                 cells.append(f"{figure} ≤ {limit}" if limit else str(figure))
                 if limit and figure > limit:

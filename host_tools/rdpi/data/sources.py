@@ -158,11 +158,10 @@ def _another_table(path: str, error: BadInput, lines: list[str], taken: list[int
                    delimiter: str | None) -> BadInput:
     """What to say of rows that cannot be read: of a line of text amid them, which row it is."""
     place = re.match(re.escape(path) + r":(\d+): ", str(error))
-    if place is None or not tables.begins_a_preamble(lines[(index := int(place[1]) - first_line):][:9], delimiter):
+    if place is None or (index := int(place[1]) - first_line) == taken[0] or not tables.begins_a_preamble(
+            lines[index:][:9], delimiter):  # before the first row there is no table
         return error
     row = start + taken.index(index)
-    if row == start:  # no table is before it
-        return error
     return BadInput(f"{path}:{place[1]}: there is text between the numbers, in row {row}. If another table begins "
                     f"there, choose the rows of one with --rows, e.g. --rows {start}:{row}")
 
