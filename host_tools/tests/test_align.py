@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rdpi import fit
 from rdpi.data import Recording, read_recording, sample_times, write_recording
 from rdpi.data.align import LEAST_ALIKE, MAX_CLOCK, MOST_DOUBT, align, beside_drive
 from rdpi.errors import BadInput
+from rdpi.model import read_model
 from scopes import FAMILIES, KINDS, File, drive_of, off_by, scope
 
 # ---- the place ----
@@ -96,6 +98,34 @@ def test_a_reference_that_was_not_recorded_is_that_of_the_drive() -> None:
     np.testing.assert_allclose(recording.reference_um, 3.0)
 
 
+@pytest.mark.parametrize("clock", [1.0, 1.004])
+def test_where_in_the_hold_a_row_is_read(clock: float) -> None:
+    """In its middle, or half a sample of the drive before: told by a displacement that is the scope's own time."""
+    drive = drive_of()
+    run = scope(drive, 9000.0, 0.7, clock=clock, noise=0.003)
+    run = replace(run, columns={**run.columns, "displacement_um": run.time_s})
+    middle, _ = beside_drive(run, drive)
+    switch, lines = beside_drive(run, drive, "switch")
+    np.testing.assert_array_equal(switch.command_V, middle.command_V)
+    np.testing.assert_allclose(middle.displacement_um - switch.displacement_um, 0.5 * clock / 2000, rtol=1e-6)
+    assert [middle.metadata["read_at"], switch.metadata["read_at"]] == ["middle", "switch"]
+    assert "half a sample before the middle" in " ".join(lines)
+
+
+def test_what_is_read_as_the_converter_switches_is_fitted_half_a_sample_later(tmp_path: Path) -> None:
+    """The delay that `compensate` then makes up for is that to the converter's clock: what it held is .4 ms late here."""
+    drive = drive_of("commission", rate_hz=1000.0, duration_s=20.0)
+    run = scope(drive, 20_000.0, 0.7, noise=0.001)
+    late = np.interp(run.time_s - 0.4e-3, run.time_s, run.columns["displacement_um"])
+    run = replace(run, columns={**run.columns, "displacement_um": late})
+    delays_s = []
+    for at in ("middle", "switch"):
+        fit([beside_drive(run, drive, at)[0]], effects=["delay"]).save(tmp_path / "model.json")
+        (delay,) = read_model(tmp_path / "model.json").effects
+        delays_s.append(delay["parameters"]["delay_s"]["value"])
+    np.testing.assert_allclose(delays_s, [0.4e-3, 0.9e-3], atol=0.02e-3)
+
+
 @pytest.mark.parametrize(("changes", "memory"), [
     ({}, "reset"), ({"rest_V": "5"}, "unknown"), ({"sweep_s": None}, "unknown"), ({"max_V": None}, "unknown"),
     ({"max_V": "many"}, "unknown"), ({"sweep_V": "0 100"}, "reset"), ({"sweep_V": "0 200"}, "unknown"),
@@ -173,6 +203,8 @@ def test_a_drive_that_was_logged_itself(kind: str, before: int, after: int) -> N
     found = align(run, drive)
     assert found.start_s == pytest.approx(before / 2000) and found.clock == 1 and 0 < found.doubt_s * 2000 < 0.01
     imported, lines = beside_drive(run, drive)
+    with pytest.raises(BadInput, match="--at switch: the file logs the drive itself"):
+        beside_drive(run, drive, "switch")
     assert imported.displacement_um[0] == pytest.approx((before + len(drive) - len(imported)) / 7)
     assert "clock +0 ppm, recorded voltage = 1 x drive + 0 V" in lines[1]
 
@@ -253,6 +285,8 @@ def test_from_scope_to_recording(folder: Path, rdpi: Callable) -> None:
     assert recording.memory == "reset" and recording.sample_rate_hz == 2000
     assert "aligned with drive.csv" in done.output and "(inverted)" in done.output and "memory: reset" in done.output
     assert recording.metadata["played_digest"] == read_recording("drive.csv", required=("command_V",)).digest
+    done = rdpi("import", "scope.csv", "--drive", "drive.csv", "--at", "switch", "-o", "run.csv")
+    assert done.exit_code == 0 and read_recording("run.csv").metadata["read_at"] == "switch"
     done = rdpi("import", "scope.csv", "--drive", "drive.csv", "--memory", "unknown", "-o", "run.csv")
     assert done.exit_code == 0 and read_recording("run.csv").memory == "unknown"
 
@@ -267,6 +301,11 @@ def test_from_scope_to_recording(folder: Path, rdpi: Callable) -> None:
 def test_refused_by_the_command(options: tuple[str, ...], words: str, folder: Path, refused: Callable) -> None:
     given = () if "--drive" in options else ("--drive", "drive.csv")
     assert words in refused("import", "scope.csv", *given, *options, "-o", refused.output)
+
+
+def test_when_to_read_needs_a_drive(folder: Path, refused: Callable) -> None:
+    assert "--at switch: is only valid with --drive" in refused("import", "scope.csv", "--at", "switch", "-o",
+                                                                 refused.output)
 
 
 @pytest.mark.parametrize(("offset_V", "gain"), [(1e6, 1.0), (0.0, 1e-9), (-1e6, -1e3)])

@@ -120,6 +120,10 @@ def _once(context: click.Context, parameter: click.Parameter, values: tuple[str,
                    "and says delay, clock, gain and offset. The recording then has the drive's samples as command_V, "
                    "starts where its sweep ends, and knows its memory. Give the clock's rate as the file has it; it may "
                    "be off by 1 %.")
+@click.option("--at", type=click.Choice(["middle", "switch"]), default="middle", show_default=True,
+              help="With --drive: when the columns of a row are read. middle: amid the converter's hold of its sample. "
+                   "switch: as the converter switches to it, half a sample of the drive before. Take switch if the "
+                   "actuator must follow a reference by the clock of the converter.")
 @click.option("--as", "purpose", type=click.Choice(["run", "drive", "reference"]), default="run", show_default=True,
               help="What the file must contain. run: command and displacement. drive: a command. reference: a "
                    "reference.")
@@ -136,7 +140,7 @@ def _once(context: click.Context, parameter: click.Parameter, values: tuple[str,
 @_telemetry_options
 def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: slice, resample_hz: float | None,
             command_gain: float, purpose: str, also: dict[str, str], actuator: str | None, memory: str | None,
-            note: str | None, drive: str | None, telemetry: bool, stretches: bool, max_lost: int | None,
+            note: str | None, drive: str | None, at: str, telemetry: bool, stretches: bool, max_lost: int | None,
             um_per_count: float | None, count_0_um: float | None, axis: int,
             **columns: str | None) -> dict[str, Any]:
     """Convert files of other formats to recordings.
@@ -170,6 +174,8 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
         raise BadInput(f"--also {name}: this column has its own option, --{reserved[name]}")
     if drive is not None and (purpose != "run" or resample_hz is not None):
         raise BadInput("--drive: makes a run at the drive's samples; leave out --as and --resample")
+    if drive is None and at != "middle":
+        raise BadInput(f"--at {at}: is only valid with --drive")
     texts = _texts(actuator=actuator, memory=memory, note=note)
     if telemetry:
         return _import_telemetry(sources, output, texts, (um_per_count, count_0_um), stretches, max_lost,
@@ -187,7 +193,7 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
             if played is not None:
                 if memory is None:  # a file's own is that of its first sample
                     recording.metadata.pop("memory", None)
-                recording, found = beside_drive(recording, played)
+                recording, found = beside_drive(recording, played, at)
                 lines += found
             imported.append((recording, lines))
             report((index + 0.5) / len(sources))

@@ -50,6 +50,7 @@ class Alignment(NamedTuple):
     alike: float  # correlation of both, 0 to 1
     plays: int  # of the drive in the recording; this is the first
     doubt_s: float  # by how much the place may be wrong, at the end of the drive where it is larger
+    logged: bool = False  # the drive itself, sample by sample: nothing says what a converter held
 
 
 def amid(end: float, lowest: float, highest: float) -> bool:
@@ -57,17 +58,22 @@ def amid(end: float, lowest: float, highest: float) -> bool:
     return abs(end - (lowest + highest) / 2) <= AMID * (highest - lowest)
 
 
-def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]]:
+def beside_drive(run: Recording, drive: Recording, at: str = "middle") -> tuple[Recording, list[str]]:
     """A recording at the samples of the drive that was played, from where its sweep ends; and lines that say what was
     found.
 
-    command_V becomes that of the drive, every other column is interpolated behind a low-pass. A reference that was not
-    recorded is that of the drive. Raises BadInput if the drive is not in the recording from the end of its sweep to its
-    own end, or if its place stays in doubt.
+    command_V becomes that of the drive, every other column is interpolated behind a low-pass: in the middle of the hold
+    of each sample, or half a sample of the drive before, `at` "switch". A reference that was not recorded is that of the
+    drive. Raises BadInput if the drive is not in the recording from the end of its sweep to its own end, if its place
+    stays in doubt, or for "switch" where the drive itself was logged.
     """
     first, swept = _after_sweep(drive)
     found = align(run, drive, first)
-    times = run.time_s[0] + found.start_s + found.clock * np.arange(first, len(drive)) / drive.sample_rate_hz
+    if at == "switch" and found.logged:
+        raise BadInput(f"{run.path}: --at switch: the file logs the drive itself, sample by sample: each row has its "
+                       "moment, and no converter is seen to switch; leave out --at")
+    samples = np.arange(first, len(drive)) - (0.5 if at == "switch" else 0.0)
+    times = run.time_s[0] + found.start_s + found.clock * samples / drive.sample_rate_hz
     columns = {name: values for name, values in run.columns.items() if name not in ("time_s", "command_V")}
     read = at_times(run.time_s, columns, times)
     if drive.reference_um is not None:
@@ -76,7 +82,8 @@ def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]
     metadata = {**run.metadata, "memory": run.metadata.get("memory", "reset" if swept else "unknown"),
                 "sample_rate_hz": f"{rate_hz:.12g}", "played": drive.path, "played_digest": drive.digest,
                 "played_from_s": f"{found.start_s:.9g}", "played_clock": f"{found.clock:.9g}",
-                "played_gain": f"{found.gain:.6g}", "played_offset_V": f"{found.offset_V:.6g}"}
+                "played_gain": f"{found.gain:.6g}", "played_offset_V": f"{found.offset_V:.6g}",
+                **({} if found.logged else {"read_at": at})}
     offset_V = found.offset_V if abs(found.offset_V) > ROUNDING * np.ptp(drive.command_V) else 0.0
     lines = [f"  aligned with {drive.path}: its first sample is {abs(found.start_s):.9g} s "
              + ("after" if found.start_s >= 0 else "before") + " the first one used, known to "
@@ -87,6 +94,8 @@ def beside_drive(run: Recording, drive: Recording) -> tuple[Recording, list[str]
              f"  cut to {len(times)} samples at the drive's {rate_hz:g} per second"
              + (f", from the end of its sweep at {first / rate_hz:.6g} s" if first else "")
              + f"; memory: {metadata['memory']}"]
+    if at == "switch":
+        lines.append("  read as the converter switches to a sample, half a sample before the middle of its hold")
     if found.plays > 1:
         lines.append(f"  the drive was played {found.plays} times; this is the first; choose another with --rows")
     rest = run.command_V[run.time_s > times[-1] + max(1 / rate_hz, run.sample_time_s)]
@@ -136,7 +145,8 @@ def align(run: Recording, drive: Recording, first: int = 0) -> Alignment:
                        "check that this drive was played as a whole, and the columns")
     if (logged := _logged(run, wanted, step_s, start_s)) is not None:
         sample, gain, offset_V, doubt = logged
-        return Alignment(sample * run.sample_time_s - first * step_s, 1.0, gain, offset_V, fitted.alike, plays, doubt * step_s)
+        return Alignment(sample * run.sample_time_s - first * step_s, 1.0, gain, offset_V, fitted.alike, plays, doubt * step_s,
+                         logged=True)
     start_s -= clock * first * step_s
     at = (run.time_s - run.time_s[0] - start_s) / (clock * step_s)
     swept = (at >= 0) & (at <= first)

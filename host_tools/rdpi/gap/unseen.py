@@ -134,7 +134,7 @@ def remark(one: NotKnown) -> str:
     elif one.axis == "frequency_hz":
         where += f"moved by {one.commissioned_um:.2g} um and these recordings by {one.moved_um:.2g} um"
     else:
-        where = (f"lies in recordings that move by {one.moved_um:.2g} um rms or less, and commissioning moved by "
+        where = (f"lies in recordings that move by {one.moved_um:.2g} um rms or less by the model, and commissioning by "
                  f"{one.commissioned_um:.2g} um or more")
     return (f"{100 * one.share:.0f} % of the gap {where}; what the model misses there is not known from commissioning and "
             "need not be new")
