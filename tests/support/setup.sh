@@ -22,7 +22,7 @@ say() { echo "set-up: $*"; }
 step() { # step WHAT COMMAND...: its output goes to the log, and to the terminal if it fails
     say "$1"
     "${@:2}" >"$log" 2>&1 && return
-    { grep -E 'error:|ERROR' "$log" | head -n 10; echo ...; tail -n 15 "$log"; } | sed 's/^/    /' >&2
+    { grep -m 10 -E 'error:|ERROR|^E: ' "$log" || :; echo ...; tail -n 15 "$log"; } | sed 's/^/    /' >&2
     say "failed, whole output in $log: $1" >&2
     exit 1
 }
@@ -119,7 +119,7 @@ PY
         header) echo "#include <$name>" | ${compiler:-gcc -I "${include:-.}"} -E - ;;
         runtime) [ -e "$(clang -print-file-name="lib/linux/libclang_rt.$name-$(uname -m).a")" ] ;;
         file) [ -e "$name" ] ;;
-        library) /sbin/ldconfig -p | grep -qF "$name" ;;
+        library) /sbin/ldconfig -p | grep -F "$name" ;; # to the end: -q would break the pipe, now and then
         module) [[ " $modules " == *" $name "* ]] ;;
         esac >/dev/null 2>&1 || packages+=("$package")
     done <<<"$needs"
