@@ -263,8 +263,8 @@ static bool next_is_quick(const rdpi_f32_t *self)
  * it, or NULL: a single play is free in all of `line`. Without the input curve, the state of that play is the middle. */
 static inline rdpi_real_t set_middle(rdpi_f32_bank_t *bank, const rdpi_f32_line_t *line, const rdpi_f32_play_t *next)
 {
-    rdpi_real_t *next_um = &bank->y_um[1];
 #if RDPI_MAX_CURVE_PIECES > 1
+    const rdpi_real_t *next_um = &bank->y_um[1];
     rdpi_real_t low_um = line->middle_um - line->reach_um, high_um = line->middle_um + line->reach_um;
     if (next != NULL) {
         rdpi_real_t lowest_um = *next_um - next->r_um, highest_um = *next_um + next->r_um;
@@ -274,6 +274,7 @@ static inline rdpi_real_t set_middle(rdpi_f32_bank_t *bank, const rdpi_f32_line_
     bank->middle_um = (low_um + high_um) / 2;
     return (high_um - low_um) / 2;
 #else
+    rdpi_real_t *next_um = &bank->y_um[1];
     if (next == NULL) {
         *next_um = line->middle_um;
         return line->reach_um;
