@@ -783,6 +783,14 @@ def test_a_monitor_that_cannot_be_one_is_refused_in_any_recording(wrong: Callabl
             diagnose(commissioned(), runs)
 
 
+def test_recordings_read_at_another_moment_of_the_hold_than_the_models_are_said() -> None:
+    model, runs = commissioned(), [marked(run, read_at="switch") for run in later()]
+    assert not any("--at" in note for note in diagnose(model, runs).document.notes)
+    fitted = [{**run, "read_at": "middle"} for run in model.fit["runs"]]
+    notes = diagnose(replace(model, fit={**model.fit, "runs": fitted}), runs).document.notes
+    assert any("half a sample" in note and "--at middle and" in note for note in notes)
+
+
 def test_recordings_of_another_clock_range_or_length() -> None:
     run = later()[0]
     slower = marked(run, sample_rate_hz=f"{run.sample_rate_hz / 1000:g}")

@@ -10,7 +10,7 @@ from fitted import NOISE_UM, STATIC, moving_runs, percent, static_fit, static_ru
 from plants import changed, marked, quasi_static, rate_of, slopes_um_per_V, stack, thresholds_um, waves
 
 from rdpi.errors import BadInput
-from rdpi.identify import thresholds as tuned
+from rdpi.identify import checks, thresholds as tuned
 from rdpi.identify.identify import Options, fit
 from rdpi.simulate import chain
 
@@ -79,6 +79,18 @@ def test_the_same_samples_in_another_file_are_said() -> None:
     for runs, held_out in (([static_run(), copy], []), ([static_run()], [copy])):
         (told,) = (text for text in fit(runs, STATIC, held_out).warnings if "same samples" in text)
         assert told == "copy.csv holds the same samples as run.csv: it shows nothing more"
+
+
+def test_recordings_that_were_read_at_two_moments_of_the_hold_are_said() -> None:
+    """Half a sample between them would pass for a delay. The model tells later recordings from its own."""
+    runs = [marked(static_run(name=f"{at}.csv", high=high), read_at=at) for at, high in (("middle", 60), ("switch", 50))]
+    result = fit(runs[:1], STATIC, runs[1:])
+    (told,) = (text for text in result.warnings if "--at" in text)
+    assert "middle.csv with --at middle and switch.csv with --at switch" in told
+    (alone,) = result.model.fit["runs"][:1]
+    assert alone["read_at"] == "middle" and checks.read_differently(runs[:1], result.model) != []
+    assert checks.read_differently(runs[:1], fit(runs[:1], STATIC).model) == []
+    assert "read_at" not in fit([static_run()], STATIC).model.fit["runs"][0]
 
 
 def test_an_actuator_late_by_half_a_period_is_not_taken_for_inverted_in_silence() -> None:

@@ -259,6 +259,7 @@ def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], ea
     arguments.of_kind(model, Model, "model").validate()
     effects.acting(model)  # before anything else reads them
     notes, known = checks.check_against(model, runs), passport.read(model)
+    notes += checks.read_differently([*runs, *earlier], model)
     if earlier:
         notes += [f"earlier, {note}" for note in checks.check_against(model, earlier) if any(
             note.startswith(run.path) for run in earlier)]

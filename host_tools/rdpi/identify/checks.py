@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -153,6 +154,20 @@ def same_samples(runs: Sequence[Recording]) -> list[str]:
     return found
 
 
+def read_differently(runs: Sequence[Recording], model: Model | None = None) -> list[str]:
+    """A remark where `rdpi import --at` read recordings, these or those of the model, at two moments of the hold."""
+    fitted = [] if model is None else [(run.get("file"), run.get("read_at")) for run in _fitted(model)]
+    first: dict[str, object] = {}  # recording of each moment
+    for path, at in [*fitted, *((run.path, run.metadata.get("read_at")) for run in runs)]:
+        if isinstance(at, str):
+            first.setdefault(at, path)
+    if len(first) < 2:
+        return []
+    where = " and ".join(f"{path} with --at {at}" for at, path in first.items())
+    return [f"half a sample of the drive lies between recordings that were imported as {where}; that looks like a delay: "
+            "import them alike"]
+
+
 def _mark(run: Recording) -> int:
     """The same for recordings of the same command and displacement."""
     return hash(run.command_V.tobytes() + run.displacement_um.tobytes())
@@ -226,11 +241,16 @@ def fitted_digests(model: Model) -> list[str]:
     """Digests of the runs that the model was fitted to, without those held out. Raises BadInput, naming the key, where
     they cannot be read.
     """
+    return [run["digest"] for run in _fitted(model)
+            if isinstance(run.get("digest"), str) and run.get("held_out") is not True]
+
+
+def _fitted(model: Model) -> list[dict[str, Any]]:
     runs = model.fit.get("runs", [])
     if not isinstance(runs, list) or not all(isinstance(run, dict) for run in runs):
         raise BadInput(f"{model.where}: fit.runs: must be a list of objects, as `rdpi fit` writes it; "
                        "fit the model again, or remove fit.runs")
-    return [run["digest"] for run in runs if isinstance(run.get("digest"), str) and run.get("held_out") is not True]
+    return runs
 
 
 def same_drives(runs: Sequence[Recording], earlier: Sequence[Recording]) -> list[Recording]:

@@ -21,7 +21,7 @@ from . import around, localise, passport
 from . import thresholds as tuned
 from .amplifier import Amplifier, seen_by_monitor
 from .checks import (LARGEST_INPUT, check_drive, check_monitor, check_readings, check_run, check_together, correlation,
-                     late_correlations, same_samples, stays_at_an_end)
+                     late_correlations, read_differently, same_samples, stays_at_an_end)
 from .bands import RateSlopes, slopes_of_bands
 from .choice import Choice
 from .document import FitDocument
@@ -81,7 +81,8 @@ class Fit:
         """The key `fit` of the model file."""
         return records.FitRecord(
             runs=[records.FittedRun(file=run.recording.path, digest=run.recording.digest, samples=len(run.recording),
-                                    held_out=run.held_out, memory=run.memory, **run.score._asdict())
+                                    held_out=run.held_out, memory=run.memory, read_at=run.recording.metadata.get("read_at"),
+                                    **run.score._asdict())
                   for run in self.scores],
             noise_um=self.noise_um, warnings=list(self.warnings))
 
@@ -106,7 +107,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
             check_monitor(run, float(np.ptp(run.command_V)))
     check_together(runs, hold_out)
     check_drive(runs, options.min_V, options.max_V)
-    warnings = same_samples([*runs, *hold_out])
+    warnings = [*same_samples([*runs, *hold_out]), *read_differently([*runs, *hold_out])]
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
     frame = Frame.of(runs, options, warnings)
 

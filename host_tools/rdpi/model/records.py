@@ -68,6 +68,8 @@ class FittedRun(Document):
     samples: int = json_key("number of samples", low=0)
     held_out: bool = json_key("true: the model was only scored on it")
     memory: str = json_key("how the state at the first sample was known")
+    read_at: str | None = json_key("moment of the converter's hold at which `rdpi import --drive` read it: middle or "
+                                   "switch", omitted=True)
     rms_um: float = json_key("rms of the prediction's error", "um", low=0)
     max_um: float = json_key("largest error", "um", low=0)
     rms_percent: float = json_key("the same as rms_um, of the measured stroke", "%", low=0)
