@@ -48,6 +48,11 @@ def test_compensate(engine: str, folder: Path, rdpi: Callable) -> None:
     assert [result[f"{name}_count"] for name in ("guard", "range", "slew", "input", "missed")] == [0] * 5
 
 
+def test_a_drive_that_was_not_written_is_not_summed_up(folder: Path, rdpi: Callable) -> None:
+    done = rdpi("compensate", "static.json", "reference.csv", "-o", "/dev/full")
+    assert done.exit_code == 2 and "No space left" in done.output and "samples" not in done.output
+
+
 @pytest.mark.parametrize("engine", ["f32", "q31", "f64"])
 @pytest.mark.parametrize("metadata", [{}, {"memory": "reset"}])
 def test_compensate_after_the_start_up_sweep(engine: str, metadata: dict, folder: Path, rdpi: Callable) -> None:

@@ -661,7 +661,7 @@ BAD_EFFECTS: dict[str, tuple[object, str]] = {
     "parameters no object": ({"name": "delay", "parameters": [0.1]}, r"\(delay\): parameters must be an object"),
     "too large": (entry("delay", delay_s=2.0), r"\(delay\): delay_s is 2.0; must be a number, 0 to 1 s"),
     "too small": (entry("delay", delay_s=-0.1), r"delay_s is -0.1; must be a number, 0 to 1 s"),
-    "text": (entry("gain_change", factor="1.1"), r'factor is "1.1"; must be a number, 0.05 to 20'),
+    "text": (entry("gain_change", factor="1.1"), r'factor is "1.1"; must be a number, 0.05 to 20$'),
     "true": (entry("gain_change", factor=True), r"factor is true; must be a number"),
     "a list": (entry("gain_change", factor=[1.1]), r"factor is \[1.1\]; must be a number"),
     "text as value": (entry("gain_change", factor={"value": "1.1"}), r'factor is "1.1"; must be a number'),

@@ -847,7 +847,8 @@ def test_bars_now_and_at_commissioning() -> None:
 @pytest.mark.parametrize("edges, texts", [
     ([-0.00017, 2.123, 4.2, 13.07], ["0", "2.1", "4.2", "13"]),
     ([11.01, 11.04, 11.4, 12.96], ["11.01", "11.04", "11.4", "12.96"]),
-    ([0.0, 0.00123, 3470.2], ["0", "0.0012", "3470"]), ([11.203575, 11.203578, 12.9], ["11.2", "11.2", "12.9"])])
+    ([0.0, 0.00123, 3470.2], ["0", "0.0012", "3470"]), ([11.203575, 11.203578, 12.9], ["11.2", "11.2", "12.9"]),
+    ([2.5e-90, 4.1e-90, 3.0, 12.9], ["0", "0", "3", "12.9"])])
 def test_edges_of_bins(edges: list[float], texts: list[str]) -> None:
     assert numbers.edge_names(edges) == texts
 
@@ -870,6 +871,14 @@ def test_spectrum() -> None:
     assert panel.get_xscale() == panel.get_yscale() == "log"
     silent = replace(content, rms_um=[0.0, *content.rms_um[1:]])
     gap_pictures.spectrum_figure(silent, None, USUAL).draw_without_rendering()
+
+
+@pytest.mark.parametrize("most_um", [0.0123, 0.0951, 1.24, 356.0])
+def test_numbers_in_a_heat_map_do_not_overlap(most_um: float) -> None:
+    figure = drawing.table_figure(Table(np.arange(13.0), np.arange(11.0), np.full((12, 10), most_um)))
+    figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in figure.axes[0].texts[:12]]
+    assert all(left.x1 < right.x0 for left, right in zip(boxes[:-1], boxes[1:]))
 
 
 def test_heat_map() -> None:

@@ -288,6 +288,13 @@ def test_a_stroke_that_no_piezo_has_is_remarked_on(factor: float, unit: str | No
     assert [f"if they are in {unit}," in text for text in told] == ([] if unit is None else [True])
 
 
+@pytest.mark.parametrize("factor", [1.0, 1e3])
+def test_a_drive_that_no_piezo_has_is_remarked_on(factor: float) -> None:
+    run = static_run()
+    warnings = fit([changed(run, command_V=factor * run.command_V)], STATIC).warnings
+    assert any("commands are taken for volts" in text for text in warnings) is (factor > 1)
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("swapped", [False, True])
 def test_loops_that_run_the_wrong_way_round_are_remarked_on(sign: int, swapped: bool) -> None:

@@ -291,6 +291,7 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
                    "the delay's, and one for each of lead and lag that takes a difference")
     flagged = ", ".join(f"{found.flag_counts[name]} {name}" for name in ("guard", "range", "slew", "input")
                         + (("lead",) if inverse.chain.leads else ()))
+    write_recording(output, found.columns, found.metadata)
     click.echo(f"{output}: {len(run)} samples, {drive_V.min():.6g} to {drive_V.max():.6g} V, flagged: {flagged}")
     if score := found.score:
         click.echo(f"against the recorded command: rms {score.rms_percent:.3f} %, max {score.max_percent:.3f} % of its "
@@ -299,7 +300,6 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
                               "max_percent": score.max_percent, "removed_um": found.offset_um}
     if found.why_unknown:
         click.echo(f"memory: unknown ({found.why_unknown})")
-    write_recording(output, found.columns, found.metadata)
     if report is not None:
         from ..identify import report as reports
 

@@ -546,6 +546,10 @@ def _remark(plant: Plant, scores: Sequence[RunScore], stroke_um: float, warnings
         others = "nm" if stroke_um > most_um else "mm or m"
         warnings.append(f"the stroke is {stroke_um:.3g} um: displacements are taken for um; if they are in {others}, give "
                         "`rdpi import` their unit")
+    furthest_V = max(float(np.max(np.abs(run.recording.command_V))) for run in scores)
+    if furthest_V > tuned.NO_DRIVE_V:
+        warnings.append(f"the drive goes to {furthest_V:.3g} V: commands are taken for volts; if they are in mV, give "
+                        "`rdpi import` their unit")
     actuators = sorted({run.recording.metadata["actuator"] for run in scores if "actuator" in run.recording.metadata})
     if len(actuators) > 1:
         warnings.append(f"the recordings name different actuators: {', '.join(actuators)}")

@@ -61,6 +61,7 @@ FAR_OFF = 20.0  # [rms] that the largest miss of a recording is, from which its 
 EDGE = 5.0  # [rms] of the drive's rate, that an edge exceeds; judged
 SLOW_HZ = 1.0  # [samples per second] slower ones are told: times may be in ms or us; judged
 LONG_S = 7200.0  # [s] and longer recordings; judged
+NO_DRIVE_V = 5e3  # [V] drives that go further are told: commands may be in mV; judged
 NO_STROKE_UM = 1e-3, 3e3  # [um] strokes outside are told: displacements may be in nm, mm or m; judged
 POOR_PERCENT = 3.0  # [% of the stroke] rms of a run; judged
 POOR_SMALL = 0.3  # [stroke] that a run which moves less is taken to move there; judged

@@ -30,7 +30,8 @@ class EffectEntry(Document):
     column: str | None = json_key("column of the recordings that it follows", omitted=True)
     parameters: dict[str, float | EffectParameter | None] = json_key(
         "parameters by name: an object, or its value alone")
-    origin: Literal["fit", "gap"] | None = json_key("the command that found these values", omitted=True)
+    origin: Literal["fit", "gap"] | None = json_key("the command that found these values; without it, "
+                                                 "the stage is taken as it stands", omitted=True)
     stage_shown: bool | None = json_key("true: the recordings showed the stage, by monitor_V or by their values; else "
                                         "the actuator's may as well be the sensor's", omitted=True)
     new: bool | None = json_key("true: `rdpi gap --earlier` found these values; in the earlier recordings it acted "

@@ -111,7 +111,7 @@ def notes(model: Model, run: Recording, prediction: Prediction) -> list[str]:
                      f"{low_V:g} to {high_V:g} V")
     guarded = float((prediction.rate_um_per_s > model.rate.max_um_per_s).mean())
     if guarded > WORTH_A_NOTE:
-        found.append(f"{run.path}: in {100 * guarded:.2g} % of the samples the rate exceeded the guard, "
+        found.append(f"{run.path}: in {100 * guarded:.3g} % of the samples the rate exceeded the guard, "
                      f"{model.rate.max_um_per_s:.4g} um/s, and was clamped")
     if not prediction.settled:
         found.append(f"{run.path}: the rate of the prediction did not settle: the prediction may be wrong. "

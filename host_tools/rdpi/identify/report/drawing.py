@@ -94,7 +94,9 @@ def table_figure(table: Table, most_um: float | None = None) -> Figure:
         decimals = max(0, 1 - magnitude(np.nanmax(rms, initial=0.0) / 2))
         for (row, column), value in np.ndenumerate(rms):
             if np.isfinite(value):
-                axes.text(column + 0.5, row + 0.5, f"{value:.{decimals}f}", ha="center", va="center", fontsize=6,
+                text = f"{value:.{decimals}f}"
+                axes.text(column + 0.5, row + 0.5, text.removeprefix("0") if decimals > 2 else text, ha="center",
+                          va="center", fontsize=min(6, 24 / len(text)),
                           color="black" if mesh.norm(value) > 0.5 else "white")
     for ticks, edges in ((axes.set_xticks, table.position_um), (axes.set_yticks, table.rate_um_per_s)):
         step = -(-len(edges) // 9)

@@ -192,7 +192,7 @@ def bin_names(axis: AxisEntry) -> list[str]:
 
 def edge_names(values: Sequence[float]) -> list[str]:
     """Edges of bins to two digits, or to up to four if that tells them apart; what is nothing beside every bin is 0."""
-    nothing = 0.01 * float(np.min(np.diff(values)))
+    nothing = max(0.01 * float(np.min(np.diff(values))), 1e-9 * float(np.ptp(values)))
     for digits in (2, 3, 4):
         texts = [number(0.0 if abs(edge) < nothing else edge, digits) for edge in values]
         if len(set(texts)) == len(texts):

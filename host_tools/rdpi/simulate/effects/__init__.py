@@ -239,7 +239,7 @@ def _acting(entry: Any, where: str) -> Acting:
         if isinstance(value, bool) or not isinstance(value, (int, float)) or \
                 not (low <= value <= high or value in (parameter.low, parameter.high)):
             raise BadInput(f"{where}: {parameter.name} is {_text(value)}; must be a number, "
-                           f"{low:g} to {high:g} {parameter.unit}")
+                           f"{low:g} to {high:g}{'' if parameter.unit == '1' else f' {parameter.unit}'}")
         values[parameter.name] = float(value)
     if (complaint := kind.refusal(values)) is not None:
         raise BadInput(f"{where}: {complaint}")
