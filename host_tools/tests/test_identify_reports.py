@@ -272,9 +272,9 @@ def test_a_recording_of_days_is_remarked_on() -> None:
 def test_a_recording_of_hours_is_remarked_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its times may be in milliseconds, although it has several samples per second."""
     run = moving_runs("displacement", law=0.0)[0]
-    slow = replace(changed(run, time_s=100 * run.time_s), metadata={**run.metadata, "sample_rate_hz": "3"})
-    assert run.sample_rate_hz == 300 and slow.sample_rate_hz > tuned.SLOW_HZ and len(slow) / 3 < tuned.LONG_S
-    for longest_s, told in ((tuned.LONG_S, False), (len(slow) / 4, True)):
+    slow = replace(changed(run, time_s=10 * run.time_s), metadata={**run.metadata, "sample_rate_hz": "30"})
+    assert run.sample_rate_hz == 300 and slow.sample_rate_hz > tuned.SLOW_HZ and len(slow) / 30 < tuned.LONG_S
+    for longest_s, told in ((tuned.LONG_S, False), (len(slow) / 40, True)):
         monkeypatch.setattr(tuned, "LONG_S", longest_s)
         warnings = fit([slow], Options(rate_independent=True, effects="none")).warnings
         assert any("times are taken for seconds" in text for text in warnings) is told

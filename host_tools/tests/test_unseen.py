@@ -169,6 +169,15 @@ def test_a_sine_that_is_upside_down_is_remarked_on() -> None:
     assert not any("opposite" in note for note in checks.check_against(slowly_commissioned(), [sine]))
 
 
+def test_a_disturbed_reading_of_the_field_is_named() -> None:
+    (sine,) = recorded(plain_model(), unswept((("sine", {"frequencies_hz": (5.0,), "cycles": 5}, 0.8),)), RIG)
+    z = sine.displacement_um.copy()
+    z[300] += 50
+    (note,) = set(checks.check_against(slowly_commissioned(), [changed(sine, displacement_um=z)])) \
+        - set(checks.check_against(slowly_commissioned(), [sine]))
+    assert "in sample 300 " in note and "a disturbed reading" in note
+
+
 FINE = (("sine", {"frequencies_hz": (2.0,), "cycles": 12}, 0.06, 25.0),
         ("sawtooth", {"frequencies_hz": (1.0, 2.0), "cycles": 3}, 0.04, 25.0),
         ("multisine", {"duration_s": 10.0, "frequencies_hz": (0.5, 1.0, 1.7), "seed": 4}, 0.08, 70.0))

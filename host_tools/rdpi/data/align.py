@@ -138,11 +138,11 @@ def align(run: Recording, drive: Recording, first: int = 0) -> Alignment:
         raise BadInput(f"{where}: the recording "
                        + (f"begins {before:.4g} s after" if before > after else f"ends {after:.4g} s before")
                        + (" the end of the drive's sweep" if before > after and first else " the drive does")
-                       + f" (or holds another drive: correlation {fitted.alike:.3f}); record all of it")
+                       + f" (or is cut short elsewhere, or of another drive: correlation {fitted.alike:.3f}); record all of it")
     if fitted.alike < LEAST_ALIKE or fitted.least_alike < PART_ALIKE:
         raise BadInput(f"{where}: the drive is not found in the recorded voltage (correlation {fitted.alike:.3f}, in "
                        f"the worst part {fitted.least_alike:.3f}; needed are {LEAST_ALIKE:g} and {PART_ALIKE:g}); "
-                       "check that this drive was played as a whole, and the columns")
+                       "check that this drive was played and recorded as a whole, and the columns")
     if (logged := _logged(run, wanted, step_s, start_s)) is not None:
         sample, gain, offset_V, doubt = logged
         return Alignment(sample * run.sample_time_s - first * step_s, 1.0, gain, offset_V, fitted.alike, plays, doubt * step_s,
@@ -193,7 +193,8 @@ def _logged(run: Recording, wanted: np.ndarray, step_s: float, start_s: float) -
 def _too_doubtful(found: Place, run: Recording, drive: Recording) -> str:
     per_sample = run.sample_rate_hz / drive.sample_rate_hz
     told = f"{found.doubt:.2g}" if np.isfinite(found.doubt) else f"more than {WIDEST:g}"
-    remedies = (["record the voltage with less noise: use all of the scope's range"] if found.noise > NOISY else []) + (
+    remedies = (["record the voltage with less noise: use all of the scope's range, and see that no sample is lost, that the "
+                 "clock is right, and that the voltage is not clipped"] if found.noise > NOISY else []) + (
         [f"record at {2 * drive.sample_rate_hz:g} samples per second or more"] if per_sample < SLOW else [])
     return (f"the drive is found, but only to {told} of its samples (noise {100 * found.noise:.2g} % of the drive, "
             f"{per_sample:.3g} recorded samples for each of it; needed is {MOST_DOUBT:g}); "

@@ -53,16 +53,20 @@ def check_run(run: Recording, related: bool = True) -> None:
 
 
 def check_readings(run: Recording) -> None:
-    """Raise BadInput for a reading far from both its neighbours, which lie together, where the command has none such: it
-    would pass for stroke.
-    """
+    """Raise BadInput for a disturbed reading: it would pass for stroke."""
+    if (found := _disturbed(run)) is not None:
+        raise BadInput(found)
+
+
+def _disturbed(run: Recording) -> str | None:
+    """Names a reading far from both its neighbours, which lie together, where the command has none such."""
     spikes = _spikes(run.displacement_um)
     if not 0 < len(spikes) <= tuned.FEW_SPIKES or len(_spikes(run.command_V)):
-        return
+        return None
     at, z = int(spikes[0]), run.displacement_um
-    raise BadInput(f"{run.path}: displacement_um is {z[at]:.6g} um in sample {at} (at {run.time_s[at]:.6g} s), "
-                   f"{abs(z[at] - z[at - 1]):.3g} um from the readings before and after it: a disturbed reading; correct "
-                   "it, or cut the recording there (`rdpi import --rows`)")
+    return (f"{run.path}: displacement_um is {z[at]:.6g} um in sample {at} (at {run.time_s[at]:.6g} s), "
+            f"{abs(z[at] - z[at - 1]):.3g} um from the readings before and after it: a disturbed reading; correct "
+            "it, or cut the recording there (`rdpi import --rows`)")
 
 
 def _spikes(values: np.ndarray) -> np.ndarray:
@@ -198,6 +202,8 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
         if times > tuned.MODEL_SPREAD and abs(together) > tuned.MIN_CORRELATION:
             notes.append(f"{run.path} moves {gain:.3g} um/V, but the model moves {usual:.3g} um/V; check that it is "
                          "of the same actuator")
+        if (found := _disturbed(run)) is not None:
+            notes.append(found)
         stays = stays_at_an_end(run)
         if stays:
             notes.append(f"{run.path}: {stays} samples stay at the highest or lowest reading while the command "

@@ -14,7 +14,7 @@ from ..model import Model
 from ..simulate import effects, signals
 from ..simulate.effects import Acting
 from . import thresholds as tuned
-from .strokes import Strokes, covered
+from .strokes import Strokes, covered, strokes_of
 
 ROWS = 12_000  # about so many samples count: more say no more
 GOLDEN = (5**0.5 - 1) / 2
@@ -107,8 +107,11 @@ class Setting:
         """Whether each run may be left out as a whole: the others move where it does, and at several rates if all do. What
         comes late is a loop at one rate, and a model of that says nothing of others.
         """
-        return all(covered(self.runs)) and (not Strokes.of(self.runs).rates_differ or all(
-            Strokes.of([*self.runs[:k], *self.runs[k + 1:]]).rates_differ for k in range(len(self.runs))))
+        if not all(covered(self.runs)):
+            return False
+        strokes = list(map(strokes_of, self.runs))
+        return not Strokes.among(strokes).rates_differ or all(
+            Strokes.among([*strokes[:k], *strokes[k + 1:]]).rates_differ for k in range(len(strokes)))
 
     def thinned(self, shortest_s: float) -> Setting:
         """With every second sample, or every third and so on, of the runs that were sampled faster than a choice needs;

@@ -22,18 +22,25 @@ class Strokes(NamedTuple):
 
     @classmethod
     def of(cls, runs: Sequence[Recording]) -> Strokes:
-        rates, sizes, times = [], [], []
-        for run in runs:
-            turns = turning_points(run.command_V)
-            sizes.append(np.abs(np.diff(run.command_V[turns])))
-            times.append(np.diff(turns) * run.sample_time_s)
-            rates.append(sizes[-1] / times[-1])
+        return cls.among([strokes_of(run) for run in runs])
+
+    @classmethod
+    def among(cls, strokes: Sequence[tuple[np.ndarray, np.ndarray]]) -> Strokes:
+        """Of sizes in V and times in s of each run's strokes."""
+        sizes, times = ([run[k] for run in strokes] for k in range(2))
+        rates = [size / time for size, time in strokes]
         way = np.concatenate(sizes)
         return cls(_spread(np.concatenate(rates), way) > tuned.SEVERAL_RATES, _spread(way, way) > tuned.SEVERAL_SIZES,
                    *(_quantile(np.concatenate(times), way, end) for end in (0.95, 0.05)))
 
     def show(self, kind: type[Effect]) -> bool:
         return (self.rates_differ or not kind.needs_rates) and (self.sizes_differ or not kind.needs_loops)
+
+
+def strokes_of(run: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes in V and times in s of a run's strokes."""
+    turns = turning_points(run.command_V)
+    return np.abs(np.diff(run.command_V[turns])), np.diff(turns) * run.sample_time_s
 
 
 def covered(runs: Sequence[Recording]) -> list[bool]:

@@ -100,4 +100,4 @@ def _explained(path: str) -> Iterator[None]:
         yield
     except sqlite3.Error as error:
         raise BadInput(f"{path}: {error}; check the file, its permissions, the disk, and that no other program holds "
-                       "it. What was written to it is not lost: the same command goes on from there") from None
+                       "it. What `rdpi batch` wrote to it is not lost: the same command goes on from there") from None

@@ -191,11 +191,14 @@ def bin_names(axis: AxisEntry) -> list[str]:
 
 
 def edge_names(values: Sequence[float]) -> list[str]:
-    """Edges of bins to two digits, or to up to four if that tells them apart; what is nothing beside every bin is 0."""
-    nothing = max(0.01 * float(np.min(np.diff(values))), 1e-9 * float(np.ptp(values)))
+    """Edges of bins to two digits, or to up to four if that tells them apart. What is nothing beside every bin, or beside
+    all of them together, is 0.
+    """
+    nothing = max(0.01 * float(np.min(np.diff(values))), 1e-7 * float(np.ptp(values)))
+    edges = [0.0 if abs(edge) < nothing else edge for edge in values]
     for digits in (2, 3, 4):
-        texts = [number(0.0 if abs(edge) < nothing else edge, digits) for edge in values]
-        if len(set(texts)) == len(texts):
+        texts = [number(edge, digits) for edge in edges]
+        if len(set(texts)) == len(set(edges)):
             break
     return texts
 
