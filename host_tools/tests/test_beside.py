@@ -56,6 +56,18 @@ def test_no_start_lies_beyond_what_gap_looks_for() -> None:
         assert low <= found.values[name] <= high
 
 
+@pytest.mark.parametrize("name", ["delay", "gain_change", "lag"])
+def test_a_guess_leads_where_starts_of_its_own_do(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    state = selected()[0].given
+    effect, left = CATALOGUE[name](), state.residual
+    own = candidates.search(state.dataset, effect, [], state.dataset.measured - left)
+    monkeypatch.setattr(type(effect), "starts", lambda *_: pytest.fail("it has a guess"))
+    guess = {parameter: 0.8 * value for parameter, value in own.values.items()}
+    found = candidates.search(state.dataset, effect, [], state.dataset.measured - left, guess=guess)
+    rest, least = (sum((left - one.change) ** 2) for one in (found, own))
+    assert rest == pytest.approx(least, rel=0.01)
+
+
 def test_two_effects_of_which_each_hides_the_other_are_found_together() -> None:
     """A delay widens the loops that have become narrower."""
     runs = recorded(plain_model(), drives(), entry("hysteresis_change", scale=-0.35), DELAY)

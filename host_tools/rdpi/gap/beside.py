@@ -11,7 +11,7 @@ others:
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -39,26 +39,38 @@ def settled(selection: Selection, gap: Excess) -> Selection:
     rivals: dict[str, tuple[Score, ...]] = {}
     if reached is selection.reached:  # the last was searched beside the others
         rivals[reached.chosen[-1].effect.name] = selection.rounds[len(reached.chosen) - 1].rivals
+    asked: dict[frozenset[str], Round] = {}
     for _ in range(ASKED):
         place = next((k for k, one in reversed([*enumerate(reached.chosen)]) if one.effect.name not in rivals), None)
         if place is None or len(reached.chosen) < 2:
             break
         name, others = reached.chosen[place].effect.name, _lacking(selection.given, reached, place)
-        done = None if gap.is_left_little(others.squares) else one_round(others, gap, _hopeless(selection, others))
+        done = None if gap.is_left_little(others.squares) else one_round(
+            others, gap, _hopeless(selection, others), guesses=[*_found(selection.rounds), *reached.chosen])
         if done is None or done.best is None:
-            reached, rivals = _accepting(selection.given, others.chosen), {}
+            reached, rivals, asked = _accepting(selection.given, others.chosen), {}, {}
             continue
+        asked[_names(others)] = done
         if done.best.name != name:
             there = others.accept(done.best.candidate)
             if there.squares < (1 - thresholds.RIVAL_MARGIN) * reached.squares:
-                rivals = {}
+                rivals, asked = {}, {}
             reached, name = there, done.best.name
         rivals[name] = done.rivals
     if len(reached.chosen) > 1:
         reached = _largest_first(selection.given, reached)
     if len(reached.chosen) == 1:  # of single ones, the first round has told the best
         reached, rivals = selection.states[1] if len(selection.states) > 1 else selection.given, {}
-    return _rewritten(selection, reached, rivals, gap)
+    return _rewritten(selection, reached, rivals, asked, gap)
+
+
+def _names(state: AugmentedModel) -> frozenset[str]:
+    return frozenset(one.effect.name for one in state.chosen)
+
+
+def _found(rounds: Sequence[Round]) -> list[Candidate]:
+    """What was found, the last of each effect last."""
+    return [score.candidate for done in rounds for score in done.scores]
 
 
 def _accepting(given: AugmentedModel, chosen: Iterable[Candidate]) -> AugmentedModel:
@@ -125,9 +137,9 @@ def _promising(first: Round) -> list[tuple[Score, Score]]:
     return [(one, other) for one, other in found if one.name != other.name][:PAIRS]
 
 
-def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, tuple[Score, ...]], gap: Excess
-               ) -> Selection:
-    """The selection as if its rounds had led there."""
+def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, tuple[Score, ...]],
+               asked: dict[frozenset[str], Round], gap: Excess) -> Selection:
+    """The selection as if its rounds had led there; `asked` are rounds beside effects of these names."""
     states, rounds = [], []
     names, before = ([one.effect.name for one in state.chosen] for state in (reached, selection.reached))
     if not names:
@@ -137,7 +149,8 @@ def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, 
             state, done = selection.states[k], selection.rounds[k]
         else:
             state = states[-1].accept(reached.chosen[k - 1])
-            done = one_round(state, gap, tuple(selection.without))
+            done = asked.get(_names(state)) or one_round(
+                state, gap, tuple(selection.without), guesses=[*_found(selection.rounds), *reached.chosen])
         place = next((place for place, score in enumerate(done.scores) if score.effect.is_as(one.effect)), None)
         if place is None:  # beside fewer effects nothing excites it
             return selection

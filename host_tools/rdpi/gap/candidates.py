@@ -77,9 +77,10 @@ class Candidate:
 
 
 def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: np.ndarray,
-           plain: np.ndarray | None = None) -> Candidate | None:
+           plain: np.ndarray | None = None, guess: Mapping[str, float] | None = None) -> Candidate | None:
     """The effect fitted to what `before`, the prediction with those that act, leaves; None if nothing excites it. `plain`
-    is that prediction without disturbances, if it is at hand.
+    is that prediction without disturbances, if it is at hand; `guess` what it was beside others, from where the fit
+    starts then.
 
     If it is one of those that act, it takes that one's place: the change is from there on, and none is no change.
     """
@@ -88,7 +89,7 @@ def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: n
     without = before
     if known is not None:  # what it would have to explain if the model did not hold it
         without = before - plain + dataset.predict([one for one in acting if one is not known])
-    starts = effect.starts(dataset.residuals(without))
+    starts = effect.starts(dataset.residuals(without)) if guess is None or effect.disturbance else [dict(guess)]
     if not starts or effect.starts_memory and not any(one.start_known for one in dataset.model_runs):
         return None
     if effect.starts_memory:
@@ -103,7 +104,7 @@ def search(dataset: Dataset, effect: Effect, acting: Sequence[Acting], before: n
               for values in starts]
     tried = [(change(values), values) for values in within]
     found = _refined(dataset, effect, change, left, *min(tried, key=lambda one: _square(left - one[0])))
-    if known is not None:
+    if known is not None and guess is None:
         moved = _refined(dataset, effect, change, left, np.zeros(len(left)), dict(known.values))
         found = min((moved, found), key=lambda one: _square(left - one.change))
     found = _restarted(dataset, acting, plain, left, found)
@@ -137,8 +138,10 @@ def _refined(dataset: Dataset, effect: Effect, change: Callable[[dict[str, float
     fitted = effect.fitted
     tangent = _jacobian(change, at, effect, values, fitted, dataset)
     for _ in range(STEPS if fitted else 0):
-        move = np.linalg.lstsq(tangent, left - at, rcond=1e-9)[0]
-        best = _square(left - at)
+        missed = left - at
+        move, best = np.linalg.lstsq(tangent, missed, rcond=1e-9)[0], _square(missed)
+        if best - _square(missed - tangent @ move) < ENOUGH * best:
+            break
         for damping in (1.0, 0.5, 0.25, 0.06):
             new = bounded(effect, values, dict(zip(fitted, damping * move)))
             if effect.refusal(new) is not None:
@@ -265,13 +268,15 @@ def _disturbance(dataset: Dataset, effect: Effect, starts: list[dict[str, float]
 
     values = dict(starts[0])
     if effect.frequency is not None:
-        values = max(starts, key=explained)
+        tried = [(explained(start), start) for start in starts]
         longest_s = max(len(run) * run.sample_time_s for run in dataset.recordings)
         span = 1 / longest_s
         while span > 0.02 / longest_s:
             span /= 2
-            values = max(({**values, effect.frequency: values[effect.frequency] + sign * span}
-                          for sign in (-1, 0, 1)), key=explained)
+            best = max(tried, key=lambda one: one[0])
+            near = ({**best[1], effect.frequency: best[1][effect.frequency] + sign * span} for sign in (-1, 1))
+            tried = [best, *((explained(one), one) for one in near)]
+        values = max(tried, key=lambda one: one[0])[1]
     parts = columns(values)
     found = amplitudes(parts)
     values = effect.summary(values, found, dataset.lengths)

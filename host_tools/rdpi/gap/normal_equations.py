@@ -8,6 +8,7 @@ linear algebra.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -29,7 +30,7 @@ class NormalEquations:
         """`left` is what the prediction with the effects that act already misses; those are adjusted along with every
         candidate.
         """
-        self.dataset, self.candidates = dataset, list(candidates)
+        self.dataset, self.candidates, self._folds = dataset, list(candidates), {}
         shared = [one.jacobian for one in acting if not one.per_run]
         own = [one.jacobian for one in acting if one.per_run]
         parts, at = [left[:, None], *shared, *own], 1
@@ -55,13 +56,26 @@ class NormalEquations:
             grams[block[start]] += step * (rows.T @ rows)
         return grams
 
-    def folds(self, within: bool = False) -> list[np.ndarray]:
-        """What is left out in turn, (blocks,) of bool each: recordings; `within` them, or in the only one, parts."""
+    @cached_property
+    def whole(self) -> np.ndarray:
+        """The Gram matrix of all blocks."""
+        return np.sum(self.blocks, axis=0)
+
+    @cached_property
+    def by_run(self) -> np.ndarray:
+        """The Gram matrix of each recording, (recordings, columns, columns)."""
+        return _summed(self.blocks, self.dataset.run_of_block)
+
+    def folds(self, within: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Which fold each block is in, (blocks,), and the Gram matrix of all blocks of the others, (folds, columns,
+        columns). Left out in turn are recordings; `within` them, or in the only one, parts.
+        """
         runs = self.dataset.run_of_block
-        if runs[-1] > 0 and not within:
-            return [runs == run for run in range(runs[-1] + 1)]
-        parts = np.arange(len(runs)) % BLOCKS * LEFT_OUT // BLOCKS
-        return [parts == part for part in range(LEFT_OUT)]
+        within |= runs[-1] == 0
+        if within not in self._folds:
+            fold = np.arange(len(runs)) % BLOCKS * LEFT_OUT // BLOCKS if within else runs
+            self._folds[within] = fold, self.whole - _summed(self.blocks, fold)
+        return self._folds[within]
 
     def held_out(self, chosen: int | None = None, refit: bool = False, within: bool = False) -> np.ndarray:
         """Sum of squares (blocks,) that is left in blocks not used to fit the effect, nor to `refit` the model.
@@ -74,16 +88,14 @@ class NormalEquations:
         """How far the parameters of those that act already move when each fold is left out, (folds, parameters); nan
         where hardly anything of what shows a parameter is left.
         """
-        moves = np.array(self._leave_out(None, False, within)[1])
-        energy = self.blocks[:, self.adjusted, self.adjusted]
-        left = np.array([np.sum(energy[~held], axis=0) for held in self.folds(within)])
-        return np.where(left > thresholds.SHOWN_LEFT * np.sum(energy, axis=0), moves, np.nan)
+        left = self.folds(within)[1][:, self.adjusted, self.adjusted]
+        return np.where(left > thresholds.SHOWN_LEFT * self.whole[self.adjusted, self.adjusted],
+                        self._leave_out(None, False, within)[1], np.nan)
 
     def refitted_model(self, chosen: int) -> np.ndarray:
         """How far refitting the model beside a candidate moves the parameters of ModelRun.model_jacobian."""
         shared, _, target = self._layout(chosen, True)
-        move = self._solve(np.sum(self.blocks, axis=0), shared, target, self._ridge(shared), self.candidates[chosen],
-                           chosen)
+        move, = self._solve(self.whole[None], shared, target, self._ridge(shared), chosen)
         return move[len(self.adjusted):len(self.adjusted) + self.model.stop - self.model.start]
 
     def _layout(self, chosen: int | None, refit: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -102,31 +114,27 @@ class NormalEquations:
             target[self.change[chosen]] = -1.0
         return shared, own, target
 
-    def _leave_out(self, chosen: int | None, refit: bool, within: bool) -> tuple[np.ndarray, list[np.ndarray]]:
-        one = None if chosen is None else self.candidates[chosen]
+    def _leave_out(self, chosen: int | None, refit: bool, within: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Sum of squares (blocks,) that is left in what is left out, and the moves (folds, shared) by what is not."""
         shared, own, target = self._layout(chosen, refit)
-        left, moves = np.empty(len(self.blocks)), []
-        ridge = self._ridge(shared) if refit else np.zeros(len(shared))
-        for held in self.folds(within):
-            move = self._solve(np.sum(self.blocks[~held], axis=0), shared, target, ridge, one, chosen)
-            moves.append(move)
-            rest = target.copy()
-            rest[shared] -= move
-            for run in np.unique(self.dataset.run_of_block[held]):
-                inside = held & (self.dataset.run_of_block == run)
-                if len(own):
-                    self._judge_halves(np.flatnonzero(inside), own, rest, left)
-                else:
-                    left[inside] = np.einsum("i,kij,j->k", rest, self.blocks[inside], rest)
-        return np.maximum(left, 0.0), moves
+        fold, others = self.folds(within)
+        moves = self._solve(others, shared, target, self._ridge(shared) if refit else np.zeros(len(shared)), chosen)
+        rest = np.tile(target, (len(moves), 1))
+        rest[:, shared] -= moves
+        rest = rest[fold]
+        if len(own):
+            rest[:, own] -= self._own_moves(own, rest, fold)
+        used = np.flatnonzero(np.any(rest != 0, axis=0))
+        rest, blocks = rest[:, used], self.blocks[:, used[:, None], used]
+        return np.maximum(np.einsum("ki,kij,kj->k", rest, blocks, rest), 0.0), moves
 
-    def _judge_halves(self, inside: np.ndarray, own: np.ndarray, rest: np.ndarray, left: np.ndarray) -> None:
-        """Every other block of one recording with its own columns fitted to those between."""
-        for parity in (0, 1):
-            judged, fitted = inside[inside % 2 == parity], inside[inside % 2 != parity]
-            gram, final = np.sum(self.blocks[fitted], axis=0), rest.copy()
-            final[own] -= _solution(gram[np.ix_(own, own)], gram[own] @ rest)
-            left[judged] = np.einsum("i,kij,j->k", final, self.blocks[judged], final)
+    def _own_moves(self, own: np.ndarray, rest: np.ndarray, fold: np.ndarray) -> np.ndarray:
+        """Each recording's own columns, fitted to every other block of what is left out of it for those between:
+        (blocks, own).
+        """
+        half = 2 * ((fold[-1] + 1) * self.dataset.run_of_block + fold) + np.arange(len(rest)) % 2
+        across = _summed(np.einsum("kij,kj->ki", self.blocks[:, own], rest), half)
+        return _solution(_summed(self.blocks[:, own[:, None], own], half), across)[half ^ 1]
 
     def _ridge(self, shared: np.ndarray) -> np.ndarray:
         """Prior on the model's slopes: as likely to move by REFIT_FREEDOM as the gap is to be what it is."""
@@ -134,22 +142,23 @@ class NormalEquations:
         of_model = (shared >= self.model.start) & (shared < self.model.stop)
         return np.where(of_model, total / thresholds.REFIT_FREEDOM**2, 0.0)
 
-    def _solve(self, gram: np.ndarray, shared: np.ndarray, target: np.ndarray, ridge: np.ndarray,
-               one: Candidate | None, chosen: int | None) -> np.ndarray:
+    def _solve(self, grams: np.ndarray, shared: np.ndarray, target: np.ndarray, ridge: np.ndarray, chosen: int | None
+               ) -> np.ndarray:
+        """By each of the Gram matrices how far the shared columns move: (matrices, shared)."""
         if not len(shared):
-            return np.zeros(0)
-        move = _solution(gram[np.ix_(shared, shared)] + np.diag(ridge), gram[shared] @ target)
+            return np.zeros((len(grams), 0))
+        moves = _solution(grams[:, shared[:, None], shared] + np.diag(ridge), grams[:, shared] @ target)
+        one = None if chosen is None else self.candidates[chosen]
         if one is not None and not one.per_run and one.fitted:
             own = slice(len(shared) - len(one.fitted), len(shared))
-            move[own] = self._within_reach(one, chosen, move[own])
-        return move
+            moves[:, own] = [self._within_reach(one, chosen, move) for move in moves[:, own]]
+        return moves
 
     def _within_reach(self, one: Candidate, chosen: int, move: np.ndarray) -> np.ndarray:
         """The move of an effect's parameters within their bounds, and no further than its slopes are true."""
         if not one.effect.linear and len(move):
-            whole = np.sum(self.blocks, axis=0)
-            energy = float(move @ whole[self.jacobian[chosen], self.jacobian[chosen]] @ move)
-            reach = thresholds.REACH**2 * float(whole[self.change[chosen], self.change[chosen]])
+            energy = float(move @ self.whole[self.jacobian[chosen], self.jacobian[chosen]] @ move)
+            reach = thresholds.REACH**2 * float(self.whole[self.change[chosen], self.change[chosen]])
             move = move * min(1.0, np.sqrt(reach / energy)) if energy > 0 else move
         ends = {parameter.name: np.array(parameter.ends) for parameter in one.effect.parameters}
         return np.array([np.clip(step, *(ends[name] - one.values[name])) if np.isfinite(one.values[name]) else 0.0
@@ -161,7 +170,7 @@ class NormalEquations:
         result = np.zeros((count, count))
         for i in range(count):
             row = self.change[i]
-            energy = float(np.sum(self.blocks[:, row, row]))
+            energy = float(self.whole[row, row])
             for j in range(count):
                 columns = np.r_[self.change[j], self.jacobian[j]].astype(int)
                 result[i, j] = self._share(row, columns, self.candidates[j].per_run) / energy if energy > 0 else 0.0
@@ -171,7 +180,7 @@ class NormalEquations:
         """Sum of squares that two candidates leave together, to first order: (candidates, candidates), infinite for a
         disturbance and for a candidate with itself.
         """
-        count, whole = len(self.candidates), np.sum(self.blocks, axis=0)
+        count, whole = len(self.candidates), self.whole
         result = np.full((count, count), np.inf)
         shared = [k for k, one in enumerate(self.candidates) if not one.per_run]
         for i, j in combinations(shared, 2):
@@ -182,17 +191,20 @@ class NormalEquations:
         return result
 
     def _share(self, row: int, columns: np.ndarray, per_run: bool) -> float:
-        runs = self.dataset.run_of_block
-        groups = [runs == run for run in range(runs[-1] + 1)] if per_run else [np.full(len(runs), True)]
-        total = 0.0
-        for group in groups:
-            gram = np.sum(self.blocks[group], axis=0)
-            across = gram[columns, row]
-            total += float(across @ _solution(gram[np.ix_(columns, columns)], across))
-        return total
+        grams = self.by_run if per_run else self.whole[None]
+        across = grams[:, columns, row]
+        return float(np.sum(across * _solution(grams[:, columns[:, None], columns], across)))
+
+
+def _summed(blocks: np.ndarray, of: np.ndarray) -> np.ndarray:
+    """The sum over the blocks of each number in `of`, (numbers, ...)."""
+    result = np.zeros((np.max(of) + 1, *blocks.shape[1:]))
+    np.add.at(result, of, blocks)
+    return result
 
 
 def _solution(gram: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """Solution of the normal equations, each column scaled to 1; what is not determined stays 0."""
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    return np.linalg.lstsq(gram / np.outer(scale, scale), across / scale, rcond=1e-8)[0] / scale
+    """Solution of the normal equations, (..., columns), each column scaled to 1; what is not determined stays 0."""
+    scale = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 1e-300))
+    inverse = np.linalg.pinv(gram / (scale[..., :, None] * scale[..., None, :]), rcond=1e-8, hermitian=True)
+    return np.einsum("...ij,...j->...i", inverse, across / scale) / scale

@@ -283,9 +283,11 @@ def select(given: AugmentedModel, gap: Excess, without: Sequence[str] = (),
 
 
 def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
-              progress: Progress = lambda fraction: None) -> Round:
-    """Every effect fitted and scored, and the best of them chosen."""
-    found, refused = _fit_all(state, state.foreign.union(without), progress)
+              progress: Progress = lambda fraction: None, guesses: Sequence[Candidate] = ()) -> Round:
+    """Every effect fitted and scored, and the best of them chosen. `guesses`: what was found beside others; each fit
+    starts from the last one of its effect.
+    """
+    found, refused = _fit_all(state, state.foreign.union(without), progress, guesses)
     equations = NormalEquations(state.dataset, state.residual, found, state.chosen)
     baseline = _baseline(equations)
     scores = tuple(_score(state, equations, baseline, k, gap) for k in range(len(found)))
@@ -311,14 +313,14 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
                  tuple(kept[one] for one in rivals), reproduced, equations.together(), move)
 
 
-def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
+def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress, guesses: Sequence[Candidate]
              ) -> tuple[list[Candidate], dict[str, str]]:
     """Every effect of the catalogue that was not accepted yet, where it may act; and those that cannot be tried."""
     taken, strokes = {one.effect.name for one in state.chosen} | set(without), Strokes.of(state.recordings)
     tried = [effect for name, kind in CATALOGUE.items() if name not in taken for effect in state.places(kind)]
     held = {one.effect for one in state.known}
     found, refused = [], {}
-    for k, (effect, one) in enumerate(zip(tried, _searched(state, tried))):
+    for k, (effect, one) in enumerate(zip(tried, _searched(state, tried, guesses))):
         if isinstance(one, BadInput):  # numbers beyond the library's: the others are tried all the same
             one, refused[effect.name] = None, str(one)
         # At a single rate, what needs several is gain and phase at will, and passes for anything.
@@ -329,7 +331,8 @@ def _fit_all(state: AugmentedModel, without: Collection[str], progress: Progress
     return found, refused
 
 
-def _searched(state: AugmentedModel, tried: Sequence[Effect]) -> Iterator[Candidate | None | BadInput]:
+def _searched(state: AugmentedModel, tried: Sequence[Effect], guesses: Sequence[Candidate]
+              ) -> Iterator[Candidate | None | BadInput]:
     """Of each effect what `candidates.search` finds, or raises; of long recordings on all cores."""
     acting, own = state.acting(), threading.local()
     before, plain = state.dataset.measured - state.residual, state.dataset.predict(acting)
@@ -338,13 +341,17 @@ def _searched(state: AugmentedModel, tried: Sequence[Effect]) -> Iterator[Candid
         if not hasattr(own, "dataset"):
             own.dataset = state.dataset.copied()
         try:
-            return candidates.search(own.dataset, effect, acting, before, plain)
+            guess = next((one.values for one in reversed(guesses) if one.effect.is_as(effect)), None)
+            return candidates.search(own.dataset, effect, acting, before, plain, guess)
         except BadInput as error:
             return error
 
     lengths = state.dataset.lengths
     several = min(lengths) >= LONG and sum(lengths) <= MANY and not multiprocessing.parent_process()
-    pool = ThreadPoolExecutor(min(THREADS, os.cpu_count() or 1) if several else 1)  # `rdpi batch` has a process per core
+    if not several:
+        yield from map(search, tried)
+        return
+    pool = ThreadPoolExecutor(min(THREADS, os.cpu_count() or 1))  # `rdpi batch` has a process per core
     try:
         yield from pool.map(search, tried)
     finally:
