@@ -862,11 +862,13 @@ def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
     assert any("the monitor is late" in note for note in found.document.notes)
 
 
-@pytest.mark.parametrize(("few", "evidence", "sure"), [
-    (True, 0.68, False), (True, 0.7, True), (False, 0.39, False), (False, 0.41, True)])
-def test_what_a_gap_without_a_name_must_show(few: bool, evidence: float, sure: bool) -> None:
-    gap = Excess(total=1.0, floor=0.5, ratio=1.3, spread=0.5, ratios=None, few=few)
-    assert diagnosis._sure(SimpleNamespace(detection=evidence), gap, Spectrum()) == sure
+@pytest.mark.parametrize(("few", "ratio", "shape", "sure"), [
+    (True, 1.3, 0.46, False), (True, 1.3, 0.48, True), (True, 0.5, 0.48, True), (True, 3.0, 0.0, False),
+    (False, 1.3, 0.3, False), (False, 1.3, 0.32, True), (False, 0.5, 0.48, False)])
+def test_what_a_gap_without_a_name_must_show(few: bool, ratio: float, shape: float, sure: bool) -> None:
+    """Beside few recordings size and shape count each by itself, else together."""
+    gap = Excess(total=1.0, floor=0.5, ratio=ratio, spread=0.5, ratios=None, few=few)
+    assert diagnosis._sure(SimpleNamespace(rounds=[SimpleNamespace(shape=shape)]), gap, Spectrum()) == sure
 
 
 @pytest.mark.parametrize(("now", "usual", "few"), [(4, 4, False), (3, 4, True), (4, 3, True), (1, 1, True)])

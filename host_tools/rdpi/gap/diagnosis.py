@@ -385,7 +385,7 @@ def _sure(selection: Selection, gap: Excess, new: Spectrum) -> bool:
     if gap.ratio is None:
         return False
     known = replace(gap, ratio=gap.ratio * float(np.sqrt(max(new.known, 1e-12))))
-    detection = selection.detection - gap.evidence + known.evidence
+    detection = known.evidence_with(max(done.shape for done in selection.rounds))
     clear = thresholds.UNKNOWN * detection_threshold(gap)
     spread = max(gap.spread, thresholds.USUAL_SPREAD)
     return bool(detection > clear or np.log(known.ratio) > thresholds.SPREADS * spread

@@ -116,6 +116,7 @@ class Round:
     rejected: tuple[str | None, ...]  # why, of each
     refused: dict[str, str]  # effects that could not be tried, and why
     baseline: Baseline
+    shape: float  # shrink by the best of them, as far as its shape says something
     evidence: float  # for a gap
     best: Score | None  # the one to accept
     refitted: bool  # whether it was scored with the model refitted
@@ -218,16 +219,20 @@ class Excess:
     def evidence(self) -> float:
         return float(np.log(self.ratio)) * self.trust if self.ratio else 0.0
 
+    def evidence_with(self, shape: float) -> float:
+        """That for a gap by its size and by a shape that shrinks it by as much. Few recordings tell little of what size is
+        usual: there each counts by itself, lest a small size hide a shape.
+        """
+        return max(self.evidence, shape) if self.few else self.evidence + shape
+
     @property
     def untold(self) -> float:
-        """Share of the gap whose shape says little."""
+        """Share of the gap whose shape says little of what is slow."""
         return max(self.little, self.wanders)
 
     def told(self, effect: Effect) -> float:
-        """What the shape of an effect counts, 0 to 1. Loops wander slowly: nothing that comes late by a time, or rings, looks
-        like that.
-        """
-        return 1 - (self.little if effect.late_by or effect.rings else self.untold)
+        """What the shape of an effect counts, 0 to 1. Loops that drift wander slowly: nothing else looks like that."""
+        return 1 - (self.untold if effect.slow else self.little)
 
     def is_left_little(self, squares: float) -> bool:
         """Whether what is left calls for no further effect."""
@@ -292,8 +297,8 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
     baseline = _baseline(equations)
     scores = tuple(_score(state, equations, baseline, k, gap) for k in range(len(found)))
     # What a model misses of small movements has a shape, and loops that drift look like creep: that is nothing new.
-    gains = [gap.told(one.effect) * one.gain for one in scores if one.is_new]
-    evidence = gap.evidence + thresholds.SHRINK_WEIGHT * max([*gains, 0.0])
+    shape = max([0.0, *(gap.told(one.effect) * one.gain for one in scores if one.is_new)])
+    evidence = gap.evidence_with(shape)
     misplaced: list[Score] = []
     best, refitted, rejected = _choose(state, scores, baseline, gap, evidence, misplaced)
     while best is not None and not refitted and _misplaces(state, best):
@@ -309,7 +314,7 @@ def one_round(state: AugmentedModel, gap: Excess, without: Sequence[str] = (),
                    (best.name, *(rival.name for rival in rivals))]
     move = equations.refitted_model(scores.index(best)) if refitted else None
     kept = {one: one if one is best else replace(one, candidate=one.candidate.slim()) for one in scores}
-    return Round(tuple(kept.values()), rejected, refused, baseline, evidence, best, refitted,
+    return Round(tuple(kept.values()), rejected, refused, baseline, shape, evidence, best, refitted,
                  tuple(kept[one] for one in rivals), reproduced, equations.together(), move)
 
 

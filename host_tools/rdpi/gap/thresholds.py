@@ -16,11 +16,10 @@ from __future__ import annotations
 
 # --- is there a gap?
 DETECTION = 0.32  # [1] evidence from which there is a gap; tune
-DETECTION_FEW = 0.55  # [1] the same with few recordings, or a passport of few; tune
+DETECTION_FEW = 0.36  # [1] the same with few recordings, or a passport of few; rigs
 FEW = 4  # [recordings] fewer are few; tune
 USUAL_SPREAD = 0.2  # [ln] scatter of a passport; a poorer one's ratio counts less; tune
-SHRINK_WEIGHT = 1.0  # [1] of the best shrink in the evidence, beside the logarithm of the ratio to the passport; tune
-UNKNOWN = 1.25  # [detection] times the evidence for a gap, from which one without a name is reported; tune
+UNKNOWN = 1.3  # [detection] times the evidence for a gap, from which one without a name is reported; rigs
 SPREADS = 2.5  # [spread] of the passport by which ln(ratio) must exceed 0 for the same; tune
 SPECTRUM = 0.4  # [ln] mean of ln(rms / passport) as the energy lies, times breadth and trust, for the same; picma
 SPECTRUM_FEW = 0.8  # [ln] the same with few recordings, or a passport of few; judged

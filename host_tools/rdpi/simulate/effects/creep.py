@@ -36,6 +36,7 @@ class Creep(Effect):
     parameters = (Parameter("percent_per_decade", "%", -2.0, 20.0),)
     on_rig = in_gap = {"percent_per_decade": (0.0, 10.0)}
     in_holds = "percent_per_decade"
+    slow = True
     linear = True
     tells_zero = True
     chance_gain = 0.15, 0.0  # what a rig's own creep brings, of which short commissioning recordings show little

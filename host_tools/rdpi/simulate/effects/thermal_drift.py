@@ -32,6 +32,7 @@ class ThermalDrift(Effect):
             "jumped.")
     of_column = COLUMNS[0]
     disturbance = True
+    slow = True
     moves_zero = True
     chance_gain = 0.10, 0.10
 
