@@ -864,9 +864,9 @@ def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
 
 @pytest.mark.parametrize(("few", "ratio", "shape", "sure"), [
     (True, 1.3, 0.46, False), (True, 1.3, 0.48, True), (True, 0.5, 0.48, True), (True, 3.0, 0.0, False),
-    (False, 1.3, 0.3, False), (False, 1.3, 0.32, True), (False, 0.5, 0.48, False)])
+    (True, 3.0, 0.3, True), (False, 1.3, 0.3, False), (False, 1.3, 0.32, True), (False, 0.5, 0.43, True)])
 def test_what_a_gap_without_a_name_must_show(few: bool, ratio: float, shape: float, sure: bool) -> None:
-    """Beside few recordings size and shape count each by itself, else together."""
+    """A small size hides no shape; with few recordings both together count less than their sum."""
     gap = Excess(total=1.0, floor=0.5, ratio=ratio, spread=0.5, ratios=None, few=few)
     assert diagnosis._sure(SimpleNamespace(rounds=[SimpleNamespace(shape=shape)]), gap, Spectrum()) == sure
 

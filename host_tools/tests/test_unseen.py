@@ -309,16 +309,33 @@ def test_what_a_monitor_shows_is_new_whatever_goes_on_behind_it() -> None:
 
 
 @pytest.mark.parametrize(("known", "name", "earlier", "sure", "verdict"), [
-    (0.3, "creep", False, False, "none"), (0.3, "creep", True, False, "effect"), (0.8, "creep", False, False, "effect"),
-    (0.3, "creep", False, True, "effect"), (0.3, "rate_dependence", False, False, "effect")])
+    (0.3, "backlash", False, False, "none"), (0.3, "backlash", True, False, "effect"),
+    (0.8, "backlash", False, False, "effect"), (0.3, "backlash", False, True, "effect"),
+    (0.3, "rate_dependence", False, False, "effect"), (0.3, "creep", False, False, "effect"),
+    (0.3, "thermal_drift", False, False, "effect"), (0.3, "initial_memory", False, False, "effect")])
 def test_what_need_not_be_new_gets_no_name(known: float, name: str, earlier: bool, sure: bool, verdict: str,
                                            monkeypatch: pytest.MonkeyPatch) -> None:
-    """Unless it is compared with earlier recordings, shows at such rates only, or the rest of the gap is one as well."""
+    """Unless it is compared with earlier recordings, shows at such rates only, goes on at rest, or the rest of the gap is
+    one as well.
+    """
     monkeypatch.setattr(diagnosis, "_sure", lambda *arguments: sure)
     best = SimpleNamespace(effect=CATALOGUE[name]())
     found = SimpleNamespace(given=SimpleNamespace(earlier=earlier), rivals=lambda one: [],
                             rounds=[SimpleNamespace(best=best, refitted=True)])
     assert diagnosis._verdict(found, SimpleNamespace(ratio=3.0), Spectrum(known=known), Spectrum()) == verdict
+
+
+@pytest.mark.parametrize(("name", "low", "harms"), [
+    ("creep", -0.1, True), ("creep", 0.1, False), ("creep", None, False), ("initial_memory", -0.1, False),
+    ("thermal_drift", -0.1, False)])
+def test_what_may_as_well_harm_other_recordings(name: str, low: float | None, harms: bool,
+                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    """A start and a drift are each recording's own: what one shows is lost when it is left out."""
+    promise = SimpleNamespace(ci90=None if low is None else (low, 0.5))
+    monkeypatch.setattr(diagnosis.document, "promised", lambda *arguments: promise)
+    monkeypatch.setattr(diagnosis, "equations_of", lambda state: None)
+    found = SimpleNamespace(accepted=SimpleNamespace(chosen=[SimpleNamespace(effect=CATALOGUE[name]())]))
+    assert diagnosis._may_harm(found) == harms
 
 
 @pytest.mark.parametrize("sure", [False, True])

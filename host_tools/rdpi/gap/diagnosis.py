@@ -235,6 +235,10 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
     verdict = _verdict(selection, gap, new, left)
     notes = _remarks(selection, gap, verdict)
     chosen = selection.accepted.chosen
+    if verdict in ("effect", "ambiguous") and not _sure(selection, gap, new) and _may_harm(selection):
+        verdict = "none"
+        notes.append(f"{chosen[0].effect.name} explains a part of the gap, but other recordings may as well be predicted "
+                     "worse with it")
     notes += [f"monitor_V does not show {one}, which the model holds ahead of it: the effect acts behind the monitor; "
               "leave the column out to ask whether it has changed" for one in given.unseen_by_monitor()
               if not any(other.effect.replaces(one.effect) for other in chosen)]
@@ -360,8 +364,11 @@ def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -
     first, whatever = selection.rounds[0], "unknown" if _sure(selection, gap, new) else "none"
     if first.best is None:
         return whatever
-    # What slow movements show as well shows where commissioning moved, or need not be new.
-    unseen = new.known < 1 - thresholds.MOSTLY and not (selection.given.earlier or first.best.effect.grows_with_rate)
+    # What slow movements show as well shows where commissioning moved, or need not be new. What goes on at rest does not
+    # follow the movement.
+    effect = first.best.effect
+    elsewhere = effect.grows_with_rate or effect.slow or effect.disturbance or effect.starts_memory
+    unseen = new.known < 1 - thresholds.MOSTLY and not (selection.given.earlier or elsewhere)
     if unseen and whatever == "none":
         return whatever
     if gap.ratio and not first.refitted:
@@ -373,6 +380,13 @@ def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -
         if left.everywhere > thresholds.LEFT_EVERYWHERE and 1 - explained > thresholds.LEFT_SHARE:
             return "unknown"
     return "ambiguous" if any(selection.rivals(one) for one in selection.rounds) else "effect"
+
+
+def _may_harm(selection: Selection) -> bool:
+    """Whether recordings that were left out may as well be predicted worse with an effect that all recordings share."""
+    state = selection.accepted
+    one, ci90 = state.chosen[0].effect, document.promised(selection, equations_of(state)).ci90
+    return not (one.disturbance or one.starts_memory) and ci90 is not None and ci90[0] < 0
 
 
 def _left(selection: Selection) -> float:

@@ -220,10 +220,11 @@ class Excess:
         return float(np.log(self.ratio)) * self.trust if self.ratio else 0.0
 
     def evidence_with(self, shape: float) -> float:
-        """That for a gap by its size and by a shape that shrinks it by as much. Few recordings tell little of what size is
-        usual: there each counts by itself, lest a small size hide a shape.
+        """That for a gap by its size, by a shape that shrinks it by as much, or by both together. Few recordings tell little
+        of what size is usual, so that a small one must not hide a shape, and a large one adds less to it.
         """
-        return max(self.evidence, shape) if self.few else self.evidence + shape
+        together = thresholds.TOGETHER_FEW if self.few else 1.0
+        return max(self.evidence, shape, together * (self.evidence + shape))
 
     @property
     def untold(self) -> float:
