@@ -132,7 +132,8 @@ class NormalEquations:
         """Each recording's own columns, fitted to every other block of what is left out of it for those between:
         (blocks, own).
         """
-        half = 2 * ((fold[-1] + 1) * self.dataset.run_of_block + fold) + np.arange(len(rest)) % 2
+        _, part = np.unique((fold[-1] + 1) * self.dataset.run_of_block + fold, return_inverse=True)
+        half = 2 * part + np.arange(len(rest)) % 2
         across = _summed(np.einsum("kij,kj->ki", self.blocks[:, own], rest), half)
         return _solution(_summed(self.blocks[:, own[:, None], own], half), across)[half ^ 1]
 
