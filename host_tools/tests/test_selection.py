@@ -197,9 +197,8 @@ def test_rejecting_all_leaves_what_was_given() -> None:
 
 @pytest.mark.parametrize(("name", "little", "wanders", "told"), [
     ("creep", 0.1, 0.6, 0.4), ("creep", 0.7, 0.6, 0.3), ("thermal_drift", 0.0, 0.6, 0.4), ("lag", 0.1, 0.6, 0.9),
-    ("resonance", 0.0, 0.6, 1.0), ("gain_change", 0.1, 0.6, 0.9)])
-def test_loops_that_wander_hide_what_is_slow_only(name: str, little: float, wanders: float, told: float
-                                                  ) -> None:
+    ("resonance", 0.0, 0.6, 1.0), ("gain_change", 0.1, 0.6, 0.9), ("relaxation", 0.1, 0.6, 0.9)])
+def test_loops_that_wander_hide_what_is_slow_only(name: str, little: float, wanders: float, told: float) -> None:
     gap = Excess(total=1.0, floor=0.5, ratio=1.4, spread=0.2, ratios=None, little=little, wanders=wanders)
     assert gap.told(CATALOGUE[name]()) == pytest.approx(told) and gap.untold == max(little, wanders)
 

@@ -11,7 +11,7 @@ others:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -46,7 +46,7 @@ def settled(selection: Selection, gap: Excess) -> Selection:
             break
         name, others = reached.chosen[place].effect.name, _lacking(selection.given, reached, place)
         done = None if gap.is_left_little(others.squares) else one_round(
-            others, gap, _hopeless(selection, others), guesses=[*_found(selection.rounds), *reached.chosen])
+            others, gap, _hopeless(selection, others), guesses=_found(selection, reached))
         if done is None or done.best is None:
             reached, rivals, asked = _accepting(selection.given, others.chosen), {}, {}
             continue
@@ -68,9 +68,9 @@ def _names(state: AugmentedModel) -> frozenset[str]:
     return frozenset(one.effect.name for one in state.chosen)
 
 
-def _found(rounds: Sequence[Round]) -> list[Candidate]:
-    """What was found, the last of each effect last."""
-    return [score.candidate for done in rounds for score in done.scores]
+def _found(selection: Selection, reached: AugmentedModel) -> list[Candidate]:
+    """What was found so far, the last of each effect last."""
+    return [*(score.candidate for done in selection.rounds for score in done.scores), *reached.chosen]
 
 
 def _accepting(given: AugmentedModel, chosen: Iterable[Candidate]) -> AugmentedModel:
@@ -150,7 +150,7 @@ def _rewritten(selection: Selection, reached: AugmentedModel, rivals: dict[str, 
         else:
             state = states[-1].accept(reached.chosen[k - 1])
             done = asked.get(_names(state)) or one_round(
-                state, gap, tuple(selection.without), guesses=[*_found(selection.rounds), *reached.chosen])
+                state, gap, tuple(selection.without), guesses=_found(selection, reached))
         place = next((place for place, score in enumerate(done.scores) if score.effect.is_as(one.effect)), None)
         if place is None:  # beside fewer effects nothing excites it
             return selection

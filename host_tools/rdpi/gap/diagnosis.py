@@ -367,8 +367,8 @@ def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -
     # What slow movements show as well shows where commissioning moved, or need not be new. What goes on at rest does not
     # follow the movement.
     effect = first.best.effect
-    elsewhere = effect.grows_with_rate or effect.slow or effect.disturbance or effect.starts_memory
-    unseen = new.known < 1 - thresholds.MOSTLY and not (selection.given.earlier or elsewhere)
+    anyway = effect.grows_with_rate or effect.slow or effect.disturbance or effect.starts_memory
+    unseen = new.known < 1 - thresholds.MOSTLY and not (selection.given.earlier or anyway)
     if unseen and whatever == "none":
         return whatever
     if gap.ratio and not first.refitted:

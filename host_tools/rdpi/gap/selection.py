@@ -353,11 +353,10 @@ def _searched(state: AugmentedModel, tried: Sequence[Effect], guesses: Sequence[
             return error
 
     lengths = state.dataset.lengths
-    several = min(lengths) >= LONG and sum(lengths) <= MANY and not multiprocessing.parent_process()
-    if not several:
+    if min(lengths) < LONG or sum(lengths) > MANY or multiprocessing.parent_process():  # `rdpi batch` has one per core
         yield from map(search, tried)
         return
-    pool = ThreadPoolExecutor(min(THREADS, os.cpu_count() or 1))  # `rdpi batch` has a process per core
+    pool = ThreadPoolExecutor(min(THREADS, os.cpu_count() or 1))
     try:
         yield from pool.map(search, tried)
     finally:
