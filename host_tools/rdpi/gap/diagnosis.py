@@ -14,7 +14,7 @@ import numpy as np
 
 from ..data import RUN_COLUMNS, Recording, arguments, taken
 from ..errors import BadInput
-from ..identify import checks, localise, passport
+from ..identify import checks, localise, passport, stick_slip
 from ..model import Model, Passport, records
 from ..simulate import chain, effects, signals
 from ..simulate.effects import CATALOGUE
@@ -246,6 +246,10 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
         notes.append("the effects that monitor_V shows would make the residual larger, so the monitor is late, "
                      "filtered or wrong; leave its column out")
         verdict = "unknown" if _sure(selection, gap, new) else "none"
+    sticks, said = _sticks(known, runs, selection.before_um, coords)
+    if sticks:
+        verdict, notes = "unknown", []
+    notes += said
     if verdict in ("unknown", "none"):
         selection = selection.rejecting_all()
     return Decision(verdict, selection, gap, coords, notes)
@@ -380,6 +384,18 @@ def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -
         if left.everywhere > thresholds.LEFT_EVERYWHERE and 1 - explained > thresholds.LEFT_SHARE:
             return "unknown"
     return "ambiguous" if any(selection.rivals(one) for one in selection.rounds) else "effect"
+
+
+def _sticks(known: Passport | None, runs: Sequence[Recording], gap_um: Sequence[np.ndarray],
+            coords: Sequence[localise.Coordinates]) -> tuple[bool, list[str]]:
+    """Whether most of the gap lies where readings stand still before they jump, as it did not at commissioning; and
+    remarks on each recording.
+    """
+    where = [stick_slip.stuck(run.displacement_um, at["position_um"]) for run, at in zip(runs, coords)]
+    then = max((run.stuck or 0.0 for run in known.runs), default=0.0) if known else 0.0
+    share = stick_slip.share(np.concatenate(gap_um), np.concatenate(where))
+    said = [stick_slip.remark(run.path, left, there) for run, left, there in zip(runs, gap_um, where)]
+    return share > max(thresholds.MOSTLY, thresholds.STUCK_MORE * then), [one for one in said if one]
 
 
 def _may_harm(selection: Selection) -> bool:

@@ -17,7 +17,7 @@ from ..errors import BadInput
 from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, Passport,
                      guarded, operators, records)
 from ..simulate import chain, effects, signals
-from . import around, localise, passport
+from . import around, localise, passport, stick_slip
 from . import thresholds as tuned
 from .amplifier import Amplifier, seen_by_monitor
 from .checks import (LARGEST_INPUT, check_drive, check_monitor, check_readings, check_run, check_together, correlation,
@@ -506,7 +506,10 @@ def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], prediction
             warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care, "
                             "or fit with a longer --rate-window")
         score = chain.score(prediction.predicted_um, run.displacement_um, where=run.path)
-        at = int(np.argmax(np.abs(run.displacement_um - prediction.predicted_um)))
+        left_um = run.displacement_um - prediction.predicted_um
+        if sticks := stick_slip.remark(run.path, left_um, stick_slip.stuck(run.displacement_um, prediction.predicted_um)):
+            warnings.append(sticks)
+        at = int(np.argmax(np.abs(left_um)))
         if score.max_um > tuned.FAR_OFF * score.rms_um and not _expected_there(run, at, prediction.memory):
             warnings.append(f"{run.path}: most is missed at {run.time_s[at]:.6g} s, {score.max_um:.3g} um and "
                             f"{tuned.FAR_OFF:g} times the rms or more; if what lies there is none of the actuator's, cut it "

@@ -17,6 +17,7 @@ import numpy as np
 from ..data import Recording
 from ..model import Passport, records
 from ..simulate import signals
+from . import stick_slip
 from . import thresholds as tuned
 from .passport_file import AXES, FITTED, LEFT_OUT, OTHER_RUNS, SHAPE_AXES, SOURCES, read
 
@@ -356,7 +357,8 @@ def _run(one: Residual) -> records.PassportRun:
         file=one.run.path, digest=one.run.digest, samples=len(measured), held_out=one.how,
         rms_um=_rms(_centred(held_out)), fitted_rms_um=None if one.fitted_um is None else _rms(_centred(one.fitted_um)),
         offset_um=float(np.mean(held_out)), noise_um=one.noise_um, kurtosis=_kurtosis(_centred(held_out)),
-        stroke_um=float(np.ptp(measured)), sample_rate_hz=one.run.sample_rate_hz, step_um=signals.grid_step(measured))
+        stroke_um=float(np.ptp(measured)), sample_rate_hz=one.run.sample_rate_hz, step_um=signals.grid_step(measured),
+        stuck=stick_slip.share(held_out, stick_slip.stuck(measured, one.coords["position_um"])))
 
 
 def _axes(values: Mapping[str, np.ndarray], square: np.ndarray) -> records.PassportAxes:

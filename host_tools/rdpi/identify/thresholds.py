@@ -114,3 +114,11 @@ LOST_DRIVE = 0.001  # [range] by which the drive of a thinned copy may differ, w
 LOST_NOISE = 1.6  # [noise] rms that a thinned copy may lose over a short window: all the noise, and its scatter; judged
 LOST_RANGE = 1e-4  # [range] the same beside it, for recordings without noise; judged
 CLIPPED_SHARE = 0.01  # [samples] at the very highest or lowest reading while the command moves; judged
+
+# --- does the reading stand still and jump? (stick_slip.py)
+STILL = 4.0  # [noise] by which readings that stand still lie apart; rigs
+LEAST_STILL = 1e-4  # [movement] the same of readings without noise; judged
+JUMP = 3.0  # [movement] of the prediction at its fastest meanwhile, from which the reading jumps; rigs
+CAUGHT_UP = 0.5  # [jump] that the prediction moves meanwhile; rigs
+SLOW_SENSOR = 0.8  # [readings] repeated equally often, from which the sensor is slower than the recording; judged
+STUCK = 0.1  # [of the energy] that is missed there, from which it is a remark; judged

@@ -119,6 +119,8 @@ class PassportRun(Document):
     stroke_um: float | None = json_key("peak-to-peak displacement", "um", low=0, default=None)
     sample_rate_hz: float | None = json_key("sample rate", "Hz", low=0, default=None)
     step_um: float = json_key("step of the sensor's grid; 0: none", "um", low=0)
+    stuck: float | None = json_key("share of the residual's energy while the reading stands still before it catches up in a "
+                                   "jump", low=0, high=1, omitted=True)
 
 
 @dataclass(kw_only=True)

@@ -1,0 +1,80 @@
+"""Readings that stand still while the actuator should move, and then catch up in a jump.
+
+A stage or mount that sticks and slips does that, and a sensor whose samples are lost. Delay, lag, dead zones, and all
+else that rdpi has a name for, do not: they never move faster than they are driven, or what they missed stays missed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..simulate import signals
+from . import thresholds as tuned
+
+LONGEST = 8  # samples that a jump takes at most: 1, 2, 4, … are tried
+FIRST_LOOK = 64  # samples before a jump, and twice as many as long as they stand still
+
+
+def stuck(reading_um: np.ndarray, predicted_um: np.ndarray) -> np.ndarray:
+    """Samples of a recording, up to the jump, in which its reading stood still; (samples,) of bool.
+
+    `predicted_um` is where a model of the actuator moves meanwhile, (samples,). A sensor that is slower than the recording
+    repeats each reading as often: that is no standing still.
+    """
+    found = np.zeros(len(reading_um), bool)
+    if _slow_sensor(reading_um):
+        return found
+    still_um = tuned.STILL * max(signals.noise_um(reading_um), signals.grid_step(reading_um),
+                                 tuned.LEAST_STILL * float(np.ptp(reading_um)))
+    samples = 1
+    while samples <= min(LONGEST, len(reading_um) - 1):
+        jumps_um, moves_um = (values[samples:] - values[:-samples] for values in (reading_um, predicted_um))
+        faster = np.abs(jumps_um) > np.maximum(tuned.JUMP * np.abs(moves_um), 2 * still_um)
+        for at in np.flatnonzero(faster):
+            start, end = _still_since(reading_um, int(at), still_um), int(at) + samples
+            jump, missed = float(jumps_um[at]), float(predicted_um[end] - predicted_um[start])
+            if (at - start >= 2 * samples and missed * np.sign(jump) >= tuned.CAUGHT_UP * abs(jump)
+                    and tuned.JUMP * np.max(np.abs(moves_um[start:at + 1])) < abs(jump)):
+                found[start:at + 1] = True
+        samples *= 2
+    return found
+
+
+def share(residual_um: np.ndarray, where: np.ndarray) -> float:
+    """Of the energy of a residual, its mean removed, that lies in these samples; (samples,) both."""
+    square = (residual_um - np.mean(residual_um)) ** 2
+    return float(np.sum(square[where]) / max(np.sum(square), np.finfo(float).tiny))
+
+
+def remark(path: str, residual_um: np.ndarray, where: np.ndarray) -> str | None:
+    """What to say of a recording whose reading stands still in these samples; None: too little to be told."""
+    part = share(residual_um, where)
+    if part < tuned.STUCK:
+        return None
+    times = int(np.count_nonzero(np.diff(where.astype(int), prepend=0) > 0))
+    return (f"{path}: the reading stands still while the actuator should move, and then catches up in a jump, "
+            f"{times} time{'s' * (times > 1)}; {100 * part:.0f} % of what is missed lies there; the stage or its mount "
+            "sticks and slips, or samples are lost")
+
+
+def _still_since(reading_um: np.ndarray, at: int, still_um: float) -> int:
+    """The first sample from which on all readings up to this one lie close to it."""
+    look = FIRST_LOOK
+    while True:
+        first = max(0, at - look)
+        aside = np.flatnonzero(np.abs(reading_um[first:at] - reading_um[at]) > still_um)
+        if len(aside):
+            return first + int(aside[-1]) + 1
+        if not first:
+            return 0
+        look *= 2
+
+
+def _slow_sensor(reading_um: np.ndarray) -> bool:
+    """Whether nearly all readings are repeated equally often."""
+    changes = np.flatnonzero(np.diff(reading_um))
+    if len(changes) < 2:
+        return True
+    times = np.diff(changes)
+    usual = np.median(times)
+    return bool(usual > 1 and np.mean(times == usual) > tuned.SLOW_SENSOR)

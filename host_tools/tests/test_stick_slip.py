@@ -1,0 +1,103 @@
+"""Readings that stand still and then jump are found, and nothing that rdpi has a name for is taken for one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from injected import COMMISSIONING, LATER, NOISE_UM, RATE_HZ, commissioned, drives, entry, plain_model, recorded
+from plants import changed
+
+from rdpi.data import Recording
+from rdpi.gap import diagnose
+from rdpi.identify import Options, fit, stick_slip
+from rdpi.model import Model
+from rdpi.simulate import chain
+
+OTHERS = [entry("delay", delay_s=0.01), entry("lag", "amplifier", time_constant_s=0.005), entry("backlash", width_um=2.0),
+          entry("rail_saturation", V_min=5.0, V_max=80.0), entry("slew_limit", V_per_s=300.0),
+          entry("resonance", f0_hz=60.0, damping=0.05), entry("gain_change", factor=1.3)]
+
+
+def sticks(z_um: np.ndarray, random: np.random.Generator, band_um: float = 1.5) -> np.ndarray:
+    """A stage that stands until it is so far behind."""
+    found, at = np.empty(len(z_um)), z_um[0]
+    for k, value in enumerate(z_um):
+        at = value if abs(value - at) > band_um else at
+        found[k] = at
+    return found + NOISE_UM * random.standard_normal(len(z_um))
+
+
+def loses(z_um: np.ndarray, random: np.random.Generator, hold: int = 20) -> np.ndarray:
+    """Readings that are repeated instead of 20 others, five times a second."""
+    lost = np.convolve(random.random(len(z_um)) < 5 / RATE_HZ, np.ones(hold))[:len(z_um)] > 0
+    return z_um[np.maximum.accumulate(np.where(lost, 0, np.arange(len(z_um))))]
+
+
+def slow_sensor(z_um: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    return z_um[np.arange(len(z_um)) // 8 * 8]
+
+
+FAULTS = [sticks, loses]
+
+
+def faulty(fault: Callable, runs: Sequence[Recording]) -> list[Recording]:
+    random = np.random.default_rng(5)
+    return [changed(run, displacement_um=fault(run.displacement_um, random)) for run in runs]
+
+
+def share(model: Model, runs: Sequence[Recording]) -> float:
+    """Of what the model misses, where readings stand still before a jump."""
+    predicted = [one.predicted_um for one in chain.simulate(model, runs)]
+    left = [run.displacement_um - one for run, one in zip(runs, predicted)]
+    where = [stick_slip.stuck(run.displacement_um, one) for run, one in zip(runs, predicted)]
+    return stick_slip.share(np.concatenate(left), np.concatenate(where))
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_readings_that_stand_still_and_jump(fault: Callable) -> None:
+    runs = recorded(plain_model(), drives(LATER))
+    assert share(plain_model(), faulty(fault, runs)) > 0.6
+    assert share(plain_model(), runs) < 0.01
+
+
+@pytest.mark.parametrize("effect", OTHERS, ids=lambda one: one["name"])
+def test_no_effect_of_the_catalogue_looks_like_that(effect: dict) -> None:
+    assert share(plain_model(), recorded(plain_model(), drives(LATER), effect)) < 0.05
+
+
+def test_a_sensor_slower_than_the_recording_does_not_stand_still() -> None:
+    assert share(plain_model(), faulty(slow_sensor, recorded(plain_model(), drives(LATER)))) == 0
+
+
+@pytest.mark.parametrize("samples", [9, 10, 65])
+def test_short_and_constant_readings(samples: int) -> None:
+    assert not np.any(stick_slip.stuck(np.zeros(samples), np.arange(samples)))
+    stick_slip.stuck(np.arange(samples) % 2 * 1.0, np.zeros(samples))
+
+
+def test_stillness_is_followed_to_its_beginning() -> None:
+    moves = np.linspace(0.0, 10.0, 2001)
+    still = np.where(np.arange(2001) < 1500, 0.0, moves)
+    assert np.array_equal(np.flatnonzero(stick_slip.stuck(still, moves)), np.arange(1500))
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_gap_says_that_no_known_effect_is_behind_it(fault: Callable) -> None:
+    found = diagnose(commissioned(), faulty(fault, recorded(plain_model(), drives(LATER)))).document
+    assert found.verdict == "unknown" and not found.effects
+    assert sum("stands still while the actuator should move" in note for note in found.notes) >= 2
+
+
+def test_fit_says_so_and_gap_calls_it_nothing_new_then() -> None:
+    found = fit(faulty(sticks, recorded(plain_model(), drives(COMMISSIONING))), Options(rate_independent=True))
+    assert sum("stands still" in note for note in found.warnings) >= 2
+    model = found.model
+    assert max(run["stuck"] for run in model.passport["runs"]) > 0.5
+    again = faulty(sticks, recorded(plain_model(), drives(LATER)))
+    assert diagnose(model, again).document.verdict != "unknown"
+    # A model of before does not say how it was then.
+    runs = [{key: value for key, value in run.items() if key != "stuck"} for run in model.passport["runs"]]
+    assert diagnose(replace(model, passport={**model.passport, "runs": runs}), again).document.verdict == "unknown"
