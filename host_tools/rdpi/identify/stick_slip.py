@@ -27,13 +27,14 @@ def stuck(reading_um: np.ndarray, predicted_um: np.ndarray) -> np.ndarray:
     still_um = tuned.STILL * max(signals.noise_um(reading_um), signals.grid_step(reading_um),
                                  tuned.LEAST_STILL * float(np.ptp(reading_um)))
     samples = 1
-    while samples <= min(LONGEST, len(reading_um) - 1):
+    while samples <= min(LONGEST, (len(reading_um) - 1) // 3):
         jumps_um, moves_um = (values[samples:] - values[:-samples] for values in (reading_um, predicted_um))
-        faster = np.abs(jumps_um) > np.maximum(tuned.JUMP * np.abs(moves_um), 2 * still_um)
-        for at in np.flatnonzero(faster):
-            start, end = _still_since(reading_um, int(at), still_um), int(at) + samples
-            jump, missed = float(jumps_um[at]), float(predicted_um[end] - predicted_um[start])
-            if (at - start >= 2 * samples and missed * np.sign(jump) >= tuned.CAUGHT_UP * abs(jump)
+        jumps = np.abs(jumps_um) > np.maximum(tuned.JUMP * np.abs(moves_um), 2 * still_um)
+        still = np.maximum(np.abs(jumps_um[samples:-samples]), np.abs(jumps_um[:-2 * samples])) <= still_um
+        for at in np.flatnonzero(jumps[2 * samples:] & still) + 2 * samples:
+            start = _still_since(reading_um, int(at), still_um)
+            jump, missed_um = float(jumps_um[at]), float(predicted_um[at + samples] - predicted_um[start])
+            if (at - start >= 2 * samples and missed_um * np.sign(jump) >= tuned.CAUGHT_UP * abs(jump)
                     and tuned.JUMP * np.max(np.abs(moves_um[start:at + 1])) < abs(jump)):
                 found[start:at + 1] = True
         samples *= 2
