@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import checks, identify, kept, localise, passport, report, summary
+from . import checks, identify, kept, localise, passport, report, stick_slip, summary
 from .bands import rate_slopes
 from .document import BeforeAfter, FitDocument
 from .hypothesis import uneven
@@ -12,4 +12,5 @@ from .passport import FITTED
 from .strokes import Strokes
 
 __all__ = ["FITTED", "Axis", "AxisEntry", "BeforeAfter", "FitDocument", "Options", "Strokes", "Table", "checked_options",
-           "checks", "fit", "identify", "kept", "localise", "passport", "rate_slopes", "report", "summary", "uneven"]
+           "checks", "fit", "identify", "kept", "localise", "passport", "rate_slopes", "report", "stick_slip", "summary",
+           "uneven"]
