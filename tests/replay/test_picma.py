@@ -120,3 +120,15 @@ def test_engines_agree(folder: Path) -> None:
         apart = np.abs(codes[engine] - codes["numpy"])
         print(f"\n{engine}: {np.count_nonzero(apart)} of {len(apart)} codes differ from double, by {apart.max():.0f}")
         assert apart.max() <= 1 and np.count_nonzero(apart) <= different
+
+
+@pytest.mark.parametrize("half", ["400:4400", "4400:8000"])
+def test_nothing_is_named_where_nothing_was_put_in(folder: Path, half: str, tmp_path: Path) -> None:
+    """Once rate dependence, creep and a static curve: what a model had lacked from the first day."""
+    other = {"400:4400": "4400:8000", "4400:8000": "400:4400"}[half]
+    for name, rows in {"then.csv": half, "now.csv": other}.items():
+        rdpi("import", DATA / "Model_Vi_Do.dat", "--command", 0, "--displacement", 4, "--rate", 200, "--rows", rows,
+             "-o", tmp_path / name)
+    rdpi("fit", tmp_path / "then.csv", "-o", tmp_path / "model.json")
+    found = rdpi("gap", tmp_path / "model.json", tmp_path / "now.csv")
+    assert found["verdict"] == "none" and not found["effects"]
