@@ -17,6 +17,7 @@ RECOGNISED = {
     "one-letter names": table(TIME_S * 1e6, COMMAND_V, DISPLACEMENT_UM, header="t/us;u;z [µm]\n", delimiter=";"),
     "tabs": table(*RUN.values(), header="Time\tDrive voltage V\tdisp\n", delimiter="\t"),
     "white space": table(*RUN.values(), header="  time   drive   disp\n", delimiter="   "),
+    "names of piezos": table(*RUN.values(), header="time (s),Piezo drive (V),Stage position (um)\n"),
     "names of two words": table(*RUN.values(), header="Time (s)  Drive Voltage (V)  Disp (um)\n", delimiter="  "),
     "names with units apart": table(*RUN.values(), header="Time (s) Voltage (V) Disp (um)\n", delimiter=" "),
     "numpy.savetxt": table(*RUN.values(), header="# t voltage position\n", delimiter=" ", form="{:.18e}"),

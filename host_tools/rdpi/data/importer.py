@@ -42,9 +42,9 @@ def _role(column: str, unit: str, names: str) -> Role:
 ROLES = {
     "time": _role("time_s", "s", "time t times timestamp timestamps seconds sec zeit"),
     "command": _role("command_V", "V", "command cmd voltage volt volts drive drivevoltage commandvoltage "
-                     "controlvoltage inputvoltage input u v vin vi vcmd vdrive uin"),
+                     "controlvoltage inputvoltage appliedvoltage piezovoltage piezodrive input u v vin vi vcmd vdrive uin"),
     "displacement": _role("displacement_um", "um", "displacement disp position pos measured measureddisplacement "
-                          "measuredposition sensor extension elongation output z y d do"),
+                          "measuredposition piezoposition stageposition sensor extension elongation output z y d do"),
     "reference": _role("reference_um", "um", "reference ref desired desireddisplacement desiredposition setpoint "
                        "target demand zref xref di"),
     "monitor": _role("monitor_V", "V", "monitor monitorvoltage voltagemonitor vmon amplifieroutput measuredvoltage"),

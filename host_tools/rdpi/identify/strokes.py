@@ -27,11 +27,9 @@ class Strokes(NamedTuple):
     @classmethod
     def among(cls, strokes: Sequence[tuple[np.ndarray, np.ndarray]]) -> Strokes:
         """Of sizes in V and times in s of each run's strokes."""
-        sizes, times = ([run[k] for run in strokes] for k in range(2))
-        rates = [size / time for size, time in strokes]
-        way = np.concatenate(sizes)
-        return cls(_spread(np.concatenate(rates), way) > tuned.SEVERAL_RATES, _spread(way, way) > tuned.SEVERAL_SIZES,
-                   *(_quantile(np.concatenate(times), way, end) for end in (0.95, 0.05)))
+        way, times = (np.concatenate(part) for part in zip(*strokes))
+        return cls(_spread(way / times, way) > tuned.SEVERAL_RATES, _spread(way, way) > tuned.SEVERAL_SIZES,
+                   *(_quantile(times, way, end) for end in (0.95, 0.05)))
 
     def show(self, kind: type[Effect]) -> bool:
         return (self.rates_differ or not kind.needs_rates) and (self.sizes_differ or not kind.needs_loops)

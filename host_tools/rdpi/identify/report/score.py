@@ -67,7 +67,7 @@ def _figures(run: Recording, remove_offset: bool) -> list[drawing.Shown]:
     name, error = plain(base(run.path), 60), run.displacement_um - run.columns["reference_um"]
     if remove_offset:
         error = error - np.mean(error)
-    made = [(_time(run, error), f"{name}: where the error is largest, over time."),
+    made = [(_time(run, error), f"{name}: the stretch where the error is largest in rms, over time."),
             (_against(run, error), f"{name}: the error against the reference. A loop is hysteresis or delay."),
             (_spectrum(run, error), f"{name}: spectrum of the error, in octaves.")]
     return [drawing.shown(drawn, caption) for drawn, caption in made]
