@@ -121,7 +121,7 @@ def document(verdict: str = "effect", **changes: Any) -> dict[str, Any]:
                  for k, name in enumerate(NAMES)],
         "numerics": {"engine": "q31", "rms_um": {"q31": 0.00042, "f32": 0.0000031}}, "refit": {"shrink": 0.117},
         "offset_um": {"mean": 0.0465, "low": 0.0, "high": 0.093, "added": 0.0, "moved": False},
-        "leftover": {"ratio": 1.1, "correlation": {"command": 0.01}, "kurtosis": 3.0},
+        "stuck": 0.0, "leftover": {"ratio": 1.1, "correlation": {"command": 0.01}, "kurtosis": 3.0},
         "notes": ["thermal_drift was estimated anew in each recording"],
         "gate_failed": False, "not_known_from_commissioning": [],
         "not_excited": [{"name": "slew_limit", "needs": CATALOGUE["slew_limit"].needs},
@@ -289,15 +289,28 @@ def test_nothing_beyond_the_model() -> None:
         "commissioning. Nothing goes beyond the model's own error and the sensor's noise.")
 
 
-@pytest.mark.parametrize(("ratio", "why"), [(1.8, ": what it missed then is known to a factor of 4.7 only"), (6.0, "")])
-def test_nothing_for_certain(ratio: float, why: str) -> None:
-    """A passport from one recording tells little of the next; "nothing" beside a ratio of 1.8 says why."""
+@pytest.mark.parametrize(("ratio", "why", "badge"), [
+    (1.8, "This is not clearly more: what it missed then is known to a factor of 4.7 only.", "nothing new"),
+    (6.0, "This is more than usual, but too few recordings tell what is usual to call it new.", "cannot tell")])
+def test_nothing_for_certain(ratio: float, why: str, badge: str) -> None:
+    """A passport from one recording tells little of the next; "none" beside a ratio of 1.8 says why."""
     content = document("none")
     content["passport"] |= {"ratio": ratio, "spread": 0.77}
     assert sentence(content) == (
         f"The gap is 0.103 µm rms (0.79 % of the stroke) over 4 recordings, {ratio:g} times what the model missed at "
-        f"commissioning. This is not clearly more{why}. Play a drive of commissioning again and give the recording of that "
+        f"commissioning. {why} Play a drive of commissioning again and give the recording of that "
         "time with --earlier: this tells more.")
+    text = page_of(content, pictures(samples=2))
+    assert f">{badge}</span>" in text and ("No effect is needed" in text) == (badge == "nothing new")
+
+
+def test_readings_that_stand_still_are_to_be_mended_first() -> None:
+    content = document("unknown", stuck=0.8, next_experiment=None)
+    assert "80 % of its energy lies where readings stand still" in sentence(content)
+    text = page_of(content, pictures(samples=2))
+    assert "No drive is proposed: what stands still is to be mended first." in text
+    content["stuck"] = 0.3
+    assert "stand still" not in sentence(content)
 
 
 def test_recordings_that_move_too_little_cannot_tell() -> None:

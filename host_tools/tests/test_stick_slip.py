@@ -11,8 +11,10 @@ from injected import COMMISSIONING, LATER, NOISE_UM, RATE_HZ, commissioned, driv
 from plants import changed
 
 from rdpi.data import Recording
+from rdpi.errors import BadInput
 from rdpi.gap import diagnose
-from rdpi.identify import Options, fit, stick_slip
+from rdpi.gap.report import words
+from rdpi.identify import Options, checks, fit, passport, stick_slip
 from rdpi.model import Model
 from rdpi.simulate import chain
 
@@ -74,6 +76,13 @@ def test_a_sensor_slower_than_the_recording_does_not_stand_still(times: float) -
     assert share(plain_model(), faulty(slow_sensor(times), recorded(plain_model(), drives(LATER)))) == 0
 
 
+@pytest.mark.parametrize(("times", "least"), [(2, 0.5), (3.3, 0.2)])
+def test_a_stage_that_sticks_is_seen_by_a_slow_sensor_too(times: float, least: float) -> None:
+    """As far as it stands still for several of the sensor's readings."""
+    stuck = faulty(slow_sensor(times), faulty(sticks, recorded(plain_model(), drives(LATER))))
+    assert share(plain_model(), stuck) > least
+
+
 @pytest.mark.parametrize("samples", [9, 10, 65])
 def test_short_and_constant_readings(samples: int) -> None:
     assert not np.any(stick_slip.stuck(np.zeros(samples), np.arange(samples)))
@@ -89,8 +98,10 @@ def test_stillness_is_followed_to_its_beginning() -> None:
 @pytest.mark.parametrize("fault", FAULTS)
 def test_gap_says_that_no_known_effect_is_behind_it(fault: Callable) -> None:
     found = diagnose(commissioned(), faulty(fault, recorded(plain_model(), drives(LATER)))).document
-    assert found.verdict == "unknown" and not found.effects
-    assert sum("stands still while the actuator should move" in note for note in found.notes) >= 2
+    assert found.verdict == "unknown" and not found.effects and found.stuck > 0.5 and found.next_experiment is None
+    why = {sticks: "the stage or its mount sticks and slips", loses: "samples are lost"}[fault]
+    assert sum("stands still while the actuator should move" in note and why in note for note in found.notes) >= 2
+    assert "Mend this first" in words.sentence(found)
 
 
 def test_fit_says_so_and_gap_calls_it_nothing_new_then() -> None:
@@ -103,3 +114,32 @@ def test_fit_says_so_and_gap_calls_it_nothing_new_then() -> None:
     # A model of before does not say how it was then.
     runs = [{key: value for key, value in run.items() if key != "stuck"} for run in model.passport["runs"]]
     assert diagnose(replace(model, passport={**model.passport, "runs": runs}), again).document.verdict == "unknown"
+
+
+@pytest.mark.parametrize("value", ["0.5", -1.0, 1e9, True, [], {}])
+def test_a_share_that_is_none_is_refused(value: object) -> None:
+    model = commissioned()
+    runs = [{**run, "stuck": value} for run in model.passport["runs"]]
+    with pytest.raises(BadInput, match=r"passport\.runs\[0\]\.stuck: must be a number from 0 to 1"):
+        passport.read(replace(model, passport={**model.passport, "runs": runs}))
+
+
+def test_a_sensor_that_has_stopped_is_named() -> None:
+    (run, *_) = recorded(plain_model(), drives(LATER))
+    checks.check_readings(run)
+    stopped = run.displacement_um.copy()
+    stopped[len(run) // 2:] = stopped[len(run) // 2]
+    with pytest.raises(BadInput, match=f"from sample {len(run) // 2} .* the sensor has stopped; cut"):
+        checks.check_readings(changed(run, displacement_um=stopped))
+    (note,) = set(checks.check_against(commissioned(), [changed(run, displacement_um=stopped)])) \
+        - set(checks.check_against(commissioned(), [run]))
+    assert "the sensor has stopped" in note
+    clipped = np.minimum(run.displacement_um, np.median(run.displacement_um))
+    checks.check_readings(changed(run, displacement_um=clipped))
+
+
+def test_a_slow_sensor_is_told() -> None:
+    runs = recorded(plain_model(), drives(LATER))
+    assert not checks.slow_sensors(runs)
+    (note,) = checks.slow_sensors(faulty(slow_sensor(8), runs))
+    assert f"and {len(runs) - 1} more: each reading is repeated for 8 samples" in note and "late by 3.5 ms" in note

@@ -75,7 +75,9 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     notes += map(unseen.remark, unknown)
     found = document.build(selection, decision.gap, verdict, known, axes, unknown, noise, offset, notes)
     spectrum_after = localise.along_frequency(runs, after, decision.coords, known, noise) if state.chosen else None
-    found.promised.tracking = tracked
+    found.promised.tracking, found.stuck = tracked, decision.stuck
+    if decision.sticks:
+        found.next_experiment = None  # what is broken is mended first
     improved = replace(state.model, effects=_entries(model, selection, found, bool(earlier)),
                        offset_um=model.offset_um + offset.added)
     if held:
@@ -217,6 +219,8 @@ class Decision:
     gap: Excess
     coords: list[localise.Coordinates]  # of every recording
     notes: list[str]
+    stuck: float  # share of the gap's energy where readings stand still before they jump
+    sticks: bool  # whether that is why the verdict is "unknown"
     held_back: str = ""  # why the improved model is the given one; "": it has the accepted effects
 
 
@@ -246,13 +250,12 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
         notes.append("the effects that monitor_V shows would make the residual larger, so the monitor is late, "
                      "filtered or wrong; leave its column out")
         verdict = "unknown" if _sure(selection, gap, new) else "none"
-    sticks, said = _sticks(known, runs, selection.before_um, coords)
+    stuck, sticks, said = _stuck(known, runs, selection.before_um, coords)
     if sticks:
         verdict, notes = "unknown", []
-    notes += said
     if verdict in ("unknown", "none"):
         selection = selection.rejecting_all()
-    return Decision(verdict, selection, gap, coords, notes)
+    return Decision(verdict, selection, gap, coords, said + notes, stuck, sticks)
 
 
 def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], earlier: Sequence[Recording]
@@ -267,7 +270,7 @@ def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], ea
     arguments.of_kind(model, Model, "model").validate()
     effects.acting(model)  # before anything else reads them
     notes, known = checks.check_against(model, runs), passport.read(model)
-    notes += checks.read_differently([*runs, *earlier], model)
+    notes += [*checks.read_differently([*runs, *earlier], model), *checks.slow_sensors(runs)]
     if earlier:
         notes += [f"earlier, {note}" for note in checks.check_against(model, earlier) if any(
             note.startswith(run.path) for run in earlier)]
@@ -386,16 +389,16 @@ def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -
     return "ambiguous" if any(selection.rivals(one) for one in selection.rounds) else "effect"
 
 
-def _sticks(known: Passport | None, runs: Sequence[Recording], gap_um: Sequence[np.ndarray],
-            coords: Sequence[localise.Coordinates]) -> tuple[bool, list[str]]:
-    """Whether most of the gap lies where readings stand still before they jump, as it did not at commissioning; and
-    remarks on each recording.
+def _stuck(known: Passport | None, runs: Sequence[Recording], gap_um: Sequence[np.ndarray],
+           coords: Sequence[localise.Coordinates]) -> tuple[float, bool, list[str]]:
+    """Share of the gap's energy where readings stand still before they jump; whether that is most of it, as it was not at
+    commissioning; and remarks on each recording.
     """
     where = [stick_slip.stuck(run.displacement_um, at["position_um"]) for run, at in zip(runs, coords)]
     then = max((run.stuck or 0.0 for run in known.runs), default=0.0) if known else 0.0
     share = stick_slip.share(np.concatenate(gap_um), np.concatenate(where))
-    said = [stick_slip.remark(run.path, left, there) for run, left, there in zip(runs, gap_um, where)]
-    return share > max(thresholds.MOSTLY, thresholds.STUCK_MORE * then), [one for one in said if one]
+    said = [stick_slip.remark(run.path, left, run.displacement_um, there) for run, left, there in zip(runs, gap_um, where)]
+    return share, share > max(thresholds.MOSTLY, thresholds.STUCK_MORE * then), [one for one in said if one]
 
 
 def _may_harm(selection: Selection) -> bool:
@@ -428,7 +431,7 @@ def _remarks(selection: Selection, gap: Excess, verdict: str) -> list[str]:
     left = gap.left(_left(selection))
     if verdict == "unknown" and best is not None:
         notes.append(f"{best.name} explains a part of the gap, but leaves too much to be its cause")
-    elif state.chosen and gap.ratio and left > thresholds.MUCH_LEFT:
+    elif verdict in ("effect", "ambiguous") and state.chosen and gap.ratio and left > thresholds.MUCH_LEFT:
         notes.append(f"with {' and '.join(one.effect.name for one in state.chosen)}, the gap is still {left:.2g} times "
                      f"what {_terms(selection).usual}; the cause may be a similar effect that rdpi does not know")
     top = state.model.rate.identified_um_per_s

@@ -31,7 +31,7 @@ def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport |
                                                           held_out=known.held_out, spread=gap.spread)
     return GapDocument(
         tool=f"rdpi {version()}", verdict=verdict, detection=selection.detection, paired=bool(state.earlier),
-        effects=_effects(selection, final), candidates=_candidates(selection, verdict), gap=_gap(selection, noise_um),
+        effects=_effects(selection, final), candidates=_candidates(selection, verdict, known), gap=_gap(selection, noise_um),
         where=_where(selection, axes), runs=_runs(selection, gap), passport=passport,
         promised=promised(selection, final), refit=Refit(shrink=first.baseline.refit_alone),
         numerics=numerics.compare(selection.given.model, state.recordings), not_excited=_not_excited(selection),
@@ -132,7 +132,7 @@ def _confidence(done: Round) -> float:
     return float(1 / (1 + sum(weights)))
 
 
-def _candidates(selection: Selection, verdict: Verdict) -> list[CandidateEntry]:
+def _candidates(selection: Selection, verdict: Verdict, known: Passport | None) -> list[CandidateEntry]:
     """Every effect that was tried, each at its stage that explains most, as the first round scored it."""
     first, accepted = selection.rounds[0], [one.effect.name for one in selection.accepted.chosen]
     result = {}
@@ -147,6 +147,8 @@ def _candidates(selection: Selection, verdict: Verdict) -> list[CandidateEntry]:
         elif rejected is None and one not in first.rivals:
             more = "more of the gap" if first.best.shrink >= one.shrink else "as much of the gap in a simpler way"
             rejected = f"{first.best.name} explains {more}"
+        elif rejected == NOT_CLEAR and known is None:
+            rejected = "without a passport it is not known how large a gap is usual"
         elif rejected == NOT_CLEAR and verdict == "unknown":  # it is one by its spectrum
             rejected = "explains too little of the gap"
         result[one.name] = CandidateEntry(

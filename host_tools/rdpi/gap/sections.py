@@ -239,6 +239,8 @@ class GapDocument(Document):
     not_known_from_commissioning: list[NotKnown] = json_key(
         "parts of the gap that lie where the recordings of the passport hardly moved: they need not be new",
         default_factory=list)
+    stuck: float = json_key("share of the gap's energy where readings stand still before they catch up in a jump", low=0,
+                            high=1, default=0.0)
     leftover: Leftover | None = json_key("what is left with the effects", default=None)
     matrix: Matrix = json_key("which effects these recordings can tell apart")
     next_experiment: NextExperiment | None = json_key("the recording to make next; null: none would settle anything")

@@ -12,6 +12,7 @@ from .. import firmware
 from ..data import RATE_TOLERANCE, Recording
 from ..errors import BadInput
 from ..model import LARGEST, MAX_OFFSET, Model
+from ..simulate import signals
 from . import passport_file
 from . import thresholds as tuned
 
@@ -53,8 +54,8 @@ def check_run(run: Recording, related: bool = True) -> None:
 
 
 def check_readings(run: Recording) -> None:
-    """Raise BadInput for a disturbed reading: it would pass for stroke."""
-    if (found := _disturbed(run)) is not None:
+    """Raise BadInput for a disturbed reading and for a sensor that has stopped: they would pass for stroke and creep."""
+    if (found := _disturbed(run) or _stopped(run)) is not None:
         raise BadInput(found)
 
 
@@ -67,6 +68,19 @@ def _disturbed(run: Recording) -> str | None:
     return (f"{run.path}: displacement_um is {z[at]:.6g} um in sample {at} (at {run.time_s[at]:.6g} s), "
             f"{abs(z[at] - z[at - 1]):.3g} um from the readings before and after it: a disturbed reading; correct "
             "it, or cut the recording there (`rdpi import --rows`)")
+
+
+def _stopped(run: Recording) -> str | None:
+    """Says from where on no reading changes, amid the range, while the command moves on to the end."""
+    z, changes = run.displacement_um, np.flatnonzero(np.diff(run.displacement_um)) + 1
+    if not len(changes) or z[-1] in (np.min(z), np.max(z)):  # it is clipped, or the amplifier is
+        return None
+    last = int(changes[-1])
+    enough = max(tuned.DEAD_SHARE * len(z), tuned.DEAD_TIMES * signals.repeats(z))
+    if len(z) - last < enough or np.ptp(run.command_V[last:]) < tuned.DEAD * np.ptp(run.command_V):
+        return None
+    return (f"{run.path}: displacement_um stays at {z[-1]:.6g} um from sample {last} (at {run.time_s[last]:.6g} s) to the end "
+            "while the command moves: the sensor has stopped; cut the recording there (`rdpi import --rows`)")
 
 
 def _spikes(values: np.ndarray) -> np.ndarray:
@@ -172,6 +186,17 @@ def read_differently(runs: Sequence[Recording], model: Model | None = None) -> l
             "import them alike"]
 
 
+def slow_sensors(runs: Sequence[Recording]) -> list[str]:
+    """A remark where a sensor is slower than the recording: half of its hold counts as delay."""
+    slow = [(run, times) for run in runs if (times := signals.repeats(run.displacement_um)) > 1]
+    if not slow:
+        return []
+    run, times = slow[0]
+    more = f" and {len(slow) - 1} more" if len(slow) > 1 else ""
+    return [f"{run.path}{more}: each reading is repeated for {times} samples, so the sensor is slower than the recording; its "
+            f"readings are late by {500 * (times - 1) * run.sample_time_s:.3g} ms in the mean, which looks like a delay"]
+
+
 def _mark(run: Recording) -> int:
     """The same for recordings of the same command and displacement."""
     return hash(run.command_V.tobytes() + run.displacement_um.tobytes())
@@ -202,7 +227,7 @@ def check_against(model: Model, runs: Sequence[Recording]) -> list[str]:
         if times > tuned.MODEL_SPREAD and abs(together) > tuned.MIN_CORRELATION:
             notes.append(f"{run.path} moves {gain:.3g} um/V, but the model moves {usual:.3g} um/V; check that it is "
                          "of the same actuator")
-        if (found := _disturbed(run)) is not None:
+        if (found := _disturbed(run) or _stopped(run)) is not None:
             notes.append(found)
         stays = stays_at_an_end(run)
         if stays:

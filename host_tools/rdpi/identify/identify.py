@@ -21,7 +21,7 @@ from . import around, localise, passport, stick_slip
 from . import thresholds as tuned
 from .amplifier import Amplifier, seen_by_monitor
 from .checks import (LARGEST_INPUT, check_drive, check_monitor, check_readings, check_run, check_together, correlation,
-                     late_correlations, read_differently, same_samples, stays_at_an_end)
+                     late_correlations, read_differently, same_samples, slow_sensors, stays_at_an_end)
 from .bands import RateSlopes, slopes_of_bands
 from .choice import Choice
 from .document import FitDocument
@@ -107,7 +107,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
             check_monitor(run, float(np.ptp(run.command_V)))
     check_together(runs, hold_out)
     check_drive(runs, options.min_V, options.max_V)
-    warnings = [*same_samples([*runs, *hold_out]), *read_differently([*runs, *hold_out])]
+    warnings = [remark for told in (same_samples, read_differently, slow_sensors) for remark in told([*runs, *hold_out])]
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
     frame = Frame.of(runs, options, warnings)
 
@@ -507,7 +507,8 @@ def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], prediction
                             "or fit with a longer --rate-window")
         score = chain.score(prediction.predicted_um, run.displacement_um, where=run.path)
         left_um = run.displacement_um - prediction.predicted_um
-        if sticks := stick_slip.remark(run.path, left_um, stick_slip.stuck(run.displacement_um, prediction.predicted_um)):
+        where = stick_slip.stuck(run.displacement_um, prediction.predicted_um)
+        if sticks := stick_slip.remark(run.path, left_um, run.displacement_um, where):
             warnings.append(sticks)
         at = int(np.argmax(np.abs(left_um)))
         if score.max_um > tuned.FAR_OFF * score.rms_um and not _expected_there(run, at, prediction.memory):

@@ -12,6 +12,7 @@ from ..simulate import signals
 from . import thresholds as tuned
 
 LONGEST = 8  # samples that a jump takes at most: 1, 2, 4, … are tried
+FEWEST = 9  # readings that tell their own noise
 FIRST_LOOK = 64  # samples before a jump, and twice as many as long as they stand still
 
 
@@ -19,10 +20,17 @@ def stuck(reading_um: np.ndarray, predicted_um: np.ndarray) -> np.ndarray:
     """Samples of a recording, up to the jump, in which its reading stood still; (samples,) of bool.
 
     `predicted_um` is where a model of the actuator moves meanwhile, (samples,). A sensor that is slower than the recording
-    repeats each reading as often: that is no standing still.
+    repeats each reading about as often: that is no standing still.
     """
+    anew = _read_anew(reading_um)
+    found = _stuck(reading_um[anew], predicted_um[anew])
+    return np.repeat(found, np.diff(np.append(anew, len(reading_um))))
+
+
+def _stuck(reading_um: np.ndarray, predicted_um: np.ndarray) -> np.ndarray:
+    """The same of a sensor that reads every sample."""
     found = np.zeros(len(reading_um), bool)
-    if _slow_sensor(reading_um):
+    if len(reading_um) < FEWEST:
         return found
     still_um = tuned.STILL * max(signals.noise_um(reading_um), signals.grid_step(reading_um),
                                  tuned.LEAST_STILL * float(np.ptp(reading_um)))
@@ -41,21 +49,41 @@ def stuck(reading_um: np.ndarray, predicted_um: np.ndarray) -> np.ndarray:
     return found
 
 
+def _read_anew(reading_um: np.ndarray) -> np.ndarray:
+    """Samples at which the sensor reads anew: every one, or where readings change, and as often while they do not."""
+    every = signals.repeats(reading_um)
+    if every == 1:
+        return np.arange(len(reading_um))
+    starts = np.r_[0, np.flatnonzero(np.diff(reading_um)) + 1]
+    ends = np.r_[starts[1:], len(reading_um)]
+    return np.concatenate([np.arange(start, max(start + 1, end - every // 2), every) for start, end in zip(starts, ends)])
+
+
 def share(residual_um: np.ndarray, where: np.ndarray) -> float:
     """Of the energy of a residual, its mean removed, that lies in these samples; (samples,) both."""
     square = (residual_um - np.mean(residual_um)) ** 2
     return float(np.sum(square[where]) / max(np.sum(square), np.finfo(float).tiny))
 
 
-def remark(path: str, residual_um: np.ndarray, where: np.ndarray) -> str | None:
+def remark(path: str, residual_um: np.ndarray, reading_um: np.ndarray, where: np.ndarray) -> str | None:
     """What to say of a recording whose reading stands still in these samples; None: too little to be told."""
     part = share(residual_um, where)
     if part < tuned.STUCK:
         return None
     times = int(np.count_nonzero(np.diff(where.astype(int), prepend=0) > 0))
     return (f"{path}: the reading stands still while the actuator should move, and then catches up in a jump, "
-            f"{times} time{'s' * (times > 1)}; {100 * part:.0f} % of what is missed lies there; the stage or its mount "
-            "sticks and slips, or samples are lost")
+            f"{times} time{'s' * (times > 1)}; {100 * part:.0f} % of what is missed lies there; "
+            f"{_why(reading_um, where)}")
+
+
+def _why(reading_um: np.ndarray, where: np.ndarray) -> str:
+    """A sensor that is lost repeats its last reading to the last digit; one that reads a stage at rest shows its noise."""
+    same = np.diff(reading_um) == 0
+    moving, resting = (float(np.mean(same[part[1:]])) if np.any(part[1:]) else 0.0 for part in (~where, where))
+    if signals.repeats(reading_um) > 1 or moving > 0.5:
+        return "the stage or its mount sticks and slips, or samples are lost"
+    return "samples are lost: the last one is repeated to the last digit" if resting > 0.5 else \
+        "the stage or its mount sticks and slips"
 
 
 def _still_since(reading_um: np.ndarray, at: int, still_um: float) -> int:
@@ -69,13 +97,3 @@ def _still_since(reading_um: np.ndarray, at: int, still_um: float) -> int:
         if not first:
             return 0
         look *= 2
-
-
-def _slow_sensor(reading_um: np.ndarray) -> bool:
-    """Whether nearly all readings are repeated equally often, or once more or less."""
-    changes = np.flatnonzero(np.diff(reading_um))
-    if len(changes) < 2:
-        return True
-    times = np.diff(changes)
-    usual = np.median(times)
-    return bool(usual > 1 and np.mean(np.abs(times - usual) <= 1) > tuned.SLOW_SENSOR)

@@ -113,6 +113,8 @@ SAME_DRIVE = 0.005  # [range] two commands of the same drive differ at most: a c
 LOST_DRIVE = 0.001  # [range] by which the drive of a thinned copy may differ, well within SAME_DRIVE; judged
 LOST_NOISE = 1.6  # [noise] rms that a thinned copy may lose over a short window: all the noise, and its scatter; judged
 LOST_RANGE = 1e-4  # [range] the same beside it, for recordings without noise; judged
+DEAD = 0.25  # [range] that the command moves at the end while no reading changes; judged
+DEAD_SHARE, DEAD_TIMES = 0.02, 10.0  # [recording], [usual repeats] that this takes at least; judged
 CLIPPED_SHARE = 0.01  # [samples] at the very highest or lowest reading while the command moves; judged
 
 # --- does the reading stand still and jump? (stick_slip.py)
@@ -120,5 +122,4 @@ STILL = 4.0  # [noise] by which readings that stand still lie apart; rigs
 LEAST_STILL = 1e-4  # [movement] the same of readings without noise; judged
 JUMP = 3.0  # [movement] of the prediction at its fastest meanwhile, from which the reading jumps; rigs
 CAUGHT_UP = 0.5  # [jump] that the prediction moves meanwhile; rigs
-SLOW_SENSOR = 0.8  # [readings] repeated equally often, from which the sensor is slower than the recording; judged
 STUCK = 0.1  # [of the energy] that is missed there, from which it is a remark; judged

@@ -11,6 +11,7 @@ from ..data import Recording
 
 RATE_NOISE = 0.02  # noise allowed in a smoothed rate, as a share of the peak rate
 PROBE = 9  # samples of the cubic that separates noise from movement
+SLOW_SENSOR = 0.8  # of all readings, repeated equally often; judged
 GRID_TOLERANCE = 0.05  # of a grid's step: values written with few digits
 PAST_DECAY = 0.3  # [recording] time constant of what goes on creeping in it from before; judged
 
@@ -76,6 +77,18 @@ def grid_step(z_um: np.ndarray) -> float:
     step = float(np.median(gaps[gaps < 1.5 * step]))
     whole = np.round(gaps / step)
     return step if np.mean(np.abs(gaps - whole * step) < GRID_TOLERANCE * step) > 0.95 else 0.0
+
+
+def repeats(z_um: np.ndarray) -> int:
+    """How many samples each reading stands for: 1, or more where nearly all are repeated equally often, as those of a
+    sensor that is slower than the recording; where it is by no whole number, once more or less.
+    """
+    times = np.diff(np.flatnonzero(np.diff(z_um)))
+    if not len(times):
+        return 1
+    usual = int(np.median(times))
+    pairs = [(usual,), *([(usual, usual + 1), (usual - 1, usual)] if usual > 2 else [])]
+    return usual if max(np.mean(np.isin(times, pair)) for pair in pairs) > SLOW_SENSOR else 1
 
 
 def limited(signal: np.ndarray, limit: float) -> np.ndarray:

@@ -21,7 +21,7 @@ TWIN = "gap.json"
 
 VERDICTS = {"effect": "effect found", "ambiguous": "not decided yet", "none": "nothing new",
             "unknown": "no known effect"}
-TOO_LITTLE = "cannot tell"  # in the place of "nothing new"
+CANNOT_TELL = "cannot tell"  # in the place of "nothing new"
 NOTHING_TO_RECORD = {
     **dict.fromkeys(("effect", "none"), "No question is open that another recording would settle."),
     "ambiguous": "None of the drives that rdpi excite makes would tell these effects apart. A column monitor_V (the "
@@ -29,6 +29,7 @@ NOTHING_TO_RECORD = {
     "unknown": "No drive is proposed, because it is not known what to look for. More columns beside the displacement "
                "may show the cause: monitor_V, temperature_degC, the drives of other axes.",
 }
+MEND = "No drive is proposed: what stands still is to be mended first."
 ALIKE, PAIRS = 0.9, 6  # R² from which on an effect is said to look like another, and how many pairs are told
 SHADE = 0.7  # opacity of a cell of the matrix at R² = 1: its number can still be read
 
@@ -54,7 +55,7 @@ def write(document: GapDocument, pictures: Pictures, folder: str | os.PathLike[s
 def page(document: GapDocument, pictures: Pictures) -> str:
     """The page's text; the same for the same document and pictures."""
     verdict = document.verdict
-    badge, tone = (TOO_LITTLE, "ambiguous") if words.too_little(document) else (VERDICTS[verdict], verdict)
+    badge, tone = (CANNOT_TELL, "ambiguous") if words.cannot_tell(document) else (VERDICTS[verdict], verdict)
     return TEMPLATES.get_template("gap.html.j2").render(
         terms=terms(document), paired=document.paired, badge=badge, tone=tone,
         sentence=words.sentence(document), promise=words.promise(document), tiles=_tiles(document),
@@ -63,7 +64,7 @@ def page(document: GapDocument, pictures: Pictures) -> str:
         far=words.far(document), runs=_runs(document), with_ratio=document.passport is not None,
         runs_figure=draw.recordings(document), hidden=_hidden(document), left_out=_left_out(document),
         limits=words.limits(document), next_experiment=words.next_experiment(document),
-        no_experiment=NOTHING_TO_RECORD[verdict], facts=_facts(document), provenance=_provenance(document), twin=TWIN)
+        no_experiment=MEND if words.sticks(document) else NOTHING_TO_RECORD[verdict], facts=_facts(document), provenance=_provenance(document), twin=TWIN)
 
 
 # ---- the terminal ----

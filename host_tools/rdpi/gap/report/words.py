@@ -17,7 +17,7 @@ from ...identify.report import (SAME, bin_names, bracketed, change, drawing, giv
                            plain, quantity, sentence_of, shrinks, sized, times, um, unit_of)
 from ...simulate.effects import CATALOGUE, PARAMETERS
 from .. import thresholds
-from ..sections import AcceptedEffect, CandidateEntry, GapDocument, NextExperiment
+from ..sections import AcceptedEffect, CandidateEntry, GapDocument, NextExperiment, PassportFigures
 
 NOTICED = 0.005  # shrink: less is 0 %
 TWO_SIGMA = 2.0  # standard deviations: within them, a ratio may be chance
@@ -238,6 +238,22 @@ def _cause(document: GapDocument, effect: AcceptedEffect) -> str:
     return f"either {listed([phrase(effect), *others], 'or')}" if others else phrase(effect)
 
 
+def sticks(document: GapDocument) -> bool:
+    """Whether the gap has no name because readings stand still and then jump."""
+    return document.verdict == "unknown" and document.stuck > thresholds.MOSTLY
+
+
+def cannot_tell(document: GapDocument) -> bool:
+    """Whether nothing is named because too little is known of what is usual."""
+    passport = document.passport
+    return document.verdict == "none" and (too_little(document) or passport is None or _doubtful(passport))
+
+
+def _doubtful(passport: PassportFigures) -> bool:
+    """Whether the gap is larger than usual ones, and not clearly."""
+    return passport.ratio > max(1 + SAME, math.exp(TWO_SIGMA * passport.spread))
+
+
 def too_little(document: GapDocument) -> bool:
     """Whether nothing is new as far as recordings tell that move too little to tell much."""
     return document.verdict == "none" and any(one.axis == "movement_um" and one.share > thresholds.MOSTLY
@@ -249,16 +265,23 @@ def _nothing(document: GapDocument) -> str:
     if too_little(document):
         return ("These recordings move less than any of commissioning. What the model misses of such movements is not known, "
                 "so that they cannot tell whether something has changed.")
-    if passport and passport.ratio > 1 + SAME:
-        factor = math.exp(TWO_SIGMA * passport.spread)
-        why = f": {terms(document).known} is known to a factor of {number(factor, 2)} only" if passport.ratio < factor else ""
-        return " ".join(filter(None, (f"This is not clearly more{why}.", terms(document).sharper)))
-    if passport:
-        return f"Nothing goes beyond {terms(document).nothing_beyond}."
-    return f"{_none_tried(document)} reduces it by more than chance would."
+    if passport is None:
+        return "Whether any of it is new cannot be told."
+    if _doubtful(passport):
+        return " ".join(filter(None, ("This is more than usual, but too few recordings tell what is usual to call it new.",
+                                      terms(document).sharper)))
+    if passport.ratio > 1 + SAME:
+        factor = number(math.exp(TWO_SIGMA * passport.spread), 2)
+        return " ".join(filter(None, (f"This is not clearly more: {terms(document).known} is known to a factor of {factor} "
+                                      "only.", terms(document).sharper)))
+    return f"Nothing goes beyond {terms(document).nothing_beyond}."
 
 
 def _unexplained(document: GapDocument) -> str:
+    if sticks(document):
+        return (f"{percent(document.stuck)} of its energy lies where readings stand still while the actuator should move, and "
+                "then catch up in a jump. No effect does that: the stage or its mount sticks and slips, or samples are lost. Mend "
+                "this first, or cut it out (rdpi import --rows), and ask again.")
     lines = [f"{_none_tried(document)} explains it."]
     best = max(tried(document), key=lambda one: one.shrink, default=None)
     if best is not None and best.shrink >= NOTICED:
@@ -366,7 +389,8 @@ def why(document: GapDocument) -> list[str]:
     elif too_little(document):
         lines.append("No effect is named: movements so small may be missed by as much.")
     elif verdict == "none":
-        lines.append("No effect is needed: what is left is not clearly more than was to be expected.")
+        lines.append("No effect is named: it is not known well enough what is usual." if cannot_tell(document) else
+                     "No effect is needed: what is left is not clearly more than was to be expected.")
     else:
         lines.append("Either the cause is not among the effects that rdpi knows, or these recordings do not contain "
                      "what would show it.")
