@@ -71,12 +71,14 @@ def _disturbed(run: Recording) -> str | None:
 
 
 def _stopped(run: Recording) -> str | None:
-    """Says from where on no reading changes, amid the range, while the command moves on to the end."""
+    """Says from where on no reading changes, amid the range and for much longer than before, while the command moves on
+    to the end.
+    """
     z, changes = run.displacement_um, np.flatnonzero(np.diff(run.displacement_um)) + 1
     if not len(changes) or z[-1] in (np.min(z), np.max(z)):  # it is clipped, or the amplifier is
         return None
     last = int(changes[-1])
-    enough = max(tuned.DEAD_SHARE * len(z), tuned.DEAD_TIMES * signals.repeats(z))
+    enough = max(tuned.DEAD_SHARE * len(z), tuned.DEAD_TIMES * float(np.max(np.diff(np.r_[0, changes]))))
     if len(z) - last < enough or np.ptp(run.command_V[last:]) < tuned.DEAD * np.ptp(run.command_V):
         return None
     return (f"{run.path}: displacement_um stays at {z[-1]:.6g} um from sample {last} (at {run.time_s[last]:.6g} s) to the end "
