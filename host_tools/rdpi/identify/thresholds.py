@@ -114,7 +114,8 @@ LOST_DRIVE = 0.001  # [range] by which the drive of a thinned copy may differ, w
 LOST_NOISE = 1.6  # [noise] rms that a thinned copy may lose over a short window: all the noise, and its scatter; judged
 LOST_RANGE = 1e-4  # [range] the same beside it, for recordings without noise; judged
 DEAD = 0.25  # [range] that the command moves at the end while no reading changes; judged
-DEAD_SHARE, DEAD_TIMES = 0.02, 3.0  # [recording], [longest before] that this takes at least; judged
+DEAD_SHARE = 0.02  # [recording] that this takes at least; judged
+DEAD_TIMES = 3.0  # [longest before] during which no reading changed, that this takes at least; judged
 CLIPPED_SHARE = 0.01  # [samples] at the very highest or lowest reading while the command moves; judged
 
 # --- does the reading stand still and jump? (stick_slip.py)
