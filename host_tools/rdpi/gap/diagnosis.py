@@ -21,8 +21,8 @@ from ..simulate.effects import CATALOGUE
 from . import beside, document, promise, spectrum, thresholds, unseen
 from .augmented import AugmentedModel
 from .document import rms
-from .report.words import CHANGE, GAP, Terms
-from .sections import GapDocument, Offset, TrackingPromise, Verdict
+from .report.words import AXES, CHANGE, GAP, Terms
+from .sections import GapDocument, NotKnown, Offset, TrackingPromise, Verdict
 from .selection import Excess, Selection, detection_threshold, equations_of, excess, select, shrink_of, zeros_agree
 from .spectrum import Spectrum
 
@@ -69,10 +69,10 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     state, after = selection.accepted, selection.after_um
     noise = float(np.median([signals.noise_um(run.displacement_um) for run in runs]))
     axes = localise.localise(runs, before, decision.coords, known, noise)
-    notes += [*decision.notes, *_remarks_on_what_is_left(selection, verdict, offset, noise, axes)]
     spectrum = next(axis for axis in axes if axis.name == "frequency_hz")
     unknown = [] if earlier else unseen.not_known(known, runs, before, decision.coords, spectrum, noise)
-    notes += map(unseen.remark, unknown)
+    notes += [*decision.notes, *_remarks_on_what_is_left(selection, verdict, offset, noise, axes, unknown),
+              *map(unseen.remark, unknown)]
     found = document.build(selection, decision.gap, verdict, known, axes, unknown, noise, offset, notes)
     spectrum_after = localise.along_frequency(runs, after, decision.coords, known, noise) if state.chosen else None
     found.promised.tracking, found.stuck = tracked, decision.stuck
@@ -330,7 +330,7 @@ def _offset(selection: Selection) -> Offset:
 
 
 def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Offset, noise_um: float,
-                             axes: Sequence[localise.Axis]) -> list[str]:
+                             axes: Sequence[localise.Axis], unknown: Sequence[NotKnown]) -> list[str]:
     """Zero, noise, and the place where the gap exceeds the passport most."""
     notes, before_um = [], rms(selection.before_um)
     if offset.moved:
@@ -345,7 +345,7 @@ def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Off
     if verdict == "unknown" and noise_um**2 > 0.5 * before_um**2:
         notes.append(f"most of the {_terms(selection).gap} is noise from sample to sample, {noise_um:.3g} um rms; "
                      "check the sensor and its cables")
-    if verdict == "none" and (there := _elsewhere(axes, _terms(selection))):
+    if verdict == "none" and (there := _elsewhere(axes, unknown, _terms(selection))):
         notes.append(there)
     return notes
 
@@ -354,16 +354,21 @@ def _terms(selection: Selection) -> Terms:
     return CHANGE if selection.given.earlier else GAP
 
 
-def _elsewhere(axes: Sequence[localise.Axis], words: Terms) -> str | None:
-    """The bin that exceeds the passport most, where the whole does not."""
+def _elsewhere(axes: Sequence[localise.Axis], unknown: Sequence[NotKnown], words: Terms) -> str | None:
+    """The bin that exceeds the passport most, where the whole does not; none that commissioning does not know."""
+    def is_known(axis: localise.Axis, k: int) -> bool:
+        return not any(one.axis == axis.name and one.low <= (axis.edges[k] + axis.edges[k + 1]) / 2 <= one.high
+                       for one in unknown)
+
     worst = max(((float(axis.ratio[k]), float(axis.share[k]), axis, k) for axis in axes if axis.ratio is not None
-                 for k in range(len(axis.share)) if axis.share[k] > thresholds.BIN_SHARE),
+                 for k in range(len(axis.share)) if axis.share[k] > thresholds.BIN_SHARE and is_known(axis, k)),
                 key=lambda one: one[0], default=None)
     if worst is None or worst[0] < thresholds.BIN_RATIO:
         return None
     ratio, share, axis, k = worst
-    return (f"the {words.gap} as a whole is not clearly more than expected, but {100 * share:.0f} % of it lies at {axis.name} "
-            f"{axis.labels[k]}, {ratio:.2g} times what {words.usual_there}; this is too little to name a cause")
+    return (f"the {words.gap} as a whole is not clearly more than expected, but {100 * share:.0f} % of it lies "
+            f"{AXES[axis.name].place.format(axis.labels[k])}, {ratio:.2g} times what {words.usual_there}; this is too little "
+            "to name a cause")
 
 
 def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -> Verdict:

@@ -33,7 +33,7 @@ DRAWS = 400  # of the bootstrap
 LONG = 25_000  # samples of each recording, from which threads wait for each other less than they work
 MANY = 600_000  # samples of all recordings, beyond which threads would take more memory than there may be
 THREADS = 4  # at most
-NOT_CLEAR = "the gap is not clearly larger than the passport expects"  # why an effect is rejected
+NOT_CLEAR = "the gap is not clearly larger than is usual"  # why an effect is rejected
 Progress = Callable[[float], None]
 
 
@@ -488,7 +488,7 @@ def _why_rejected(one: Score, further: bool, clear: bool, born_in: float) -> str
     if one.follows_drive:
         return "lies at a frequency of the drive itself"
     if one.at_end:
-        return "would go beyond what rigs have"
+        return "its value would lie beyond what rigs have"
     if one.was_there:
         return "was already in the earlier recordings"
     if not clear and min(one.gain, one.refitted_shrink) < born_in:

@@ -106,7 +106,7 @@ def _rows(document: GapDocument) -> list[str]:
                            f"{row['refitted']:>{widths['refitted']}}  {row['verdict']}".rstrip(), hang)
                   for row in table]
         lines.append(_wrapped(f"  shrink: of the residual's rms, on {words.unseen_parts(document)} not fitted to; "
-                              "refitted: beyond the shrink by fitting the model itself again", "  "))
+                              "refitted: what it adds to fitting the model itself again", "  "))
     if others:
         lines.append(_wrapped(f"  {'less' if rows else 'shrink it by less'} than {percent(LITTLE)}: "
                               f"{', '.join(others)}", "  "))

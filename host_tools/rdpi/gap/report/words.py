@@ -206,7 +206,7 @@ def sentence(document: GapDocument) -> str:
         apart = f"The zero lies {um(zero.mean)} off{' since then' if document.paired else ''}; this is not counted."
     elif abs(zero.mean) > gap.rms_um:
         apart = (f"In the mean the recordings lie {um(zero.mean)} off, more than the {words.gap}. This is not counted: creep "
-                 "from before, or the room, may move a zero so far.")
+                 "from before, the room, or a gain about another place may move a zero so far.")
     say = {"effect": _explained, "ambiguous": _explained, "none": _nothing, "unknown": _unexplained}
     return " ".join(filter(None, (f"{text}.", say[document.verdict](document), apart,
                                   "" if passport else words.unjudged)))
