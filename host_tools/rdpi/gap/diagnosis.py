@@ -76,7 +76,7 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     found = document.build(selection, decision.gap, verdict, known, axes, unknown, noise, offset, notes)
     spectrum_after = localise.along_frequency(runs, after, decision.coords, known, noise) if state.chosen else None
     found.promised.tracking, found.stuck = tracked, decision.stuck
-    if decision.sticks:
+    if found.sticks:
         found.next_experiment = None  # what is broken is mended first
     improved = replace(state.model, effects=_entries(model, selection, found, bool(earlier)),
                        offset_um=model.offset_um + offset.added)
@@ -219,8 +219,7 @@ class Decision:
     gap: Excess
     coords: list[localise.Coordinates]  # of every recording
     notes: list[str]
-    stuck: float  # share of the gap's energy where readings stand still before they jump
-    sticks: bool  # whether that is why the verdict is "unknown"
+    stuck: float  # share of the gap's energy where readings stand still before they jump, as they did not before
     held_back: str = ""  # why the improved model is the given one; "": it has the accepted effects
 
 
@@ -250,12 +249,12 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
         notes.append("the effects that monitor_V shows would make the residual larger, so the monitor is late, "
                      "filtered or wrong; leave its column out")
         verdict = "unknown" if _sure(selection, gap, new) else "none"
-    stuck, sticks, said = _stuck(known, runs, selection.before_um, coords)
-    if sticks:
-        verdict, notes = "unknown", []
+    stuck, said = _stuck(known, runs, selection.before_um, coords)
+    if stuck > thresholds.MOSTLY:
+        verdict = "unknown"
     if verdict in ("unknown", "none"):
         selection = selection.rejecting_all()
-    return Decision(verdict, selection, gap, coords, said + notes, stuck, sticks)
+    return Decision(verdict, selection, gap, coords, said + notes, stuck)
 
 
 def _checked(model: Model, runs: Sequence[Recording], without: Sequence[str], earlier: Sequence[Recording]
@@ -395,15 +394,15 @@ def _verdict(selection: Selection, gap: Excess, new: Spectrum, left: Spectrum) -
 
 
 def _stuck(known: Passport | None, runs: Sequence[Recording], gap_um: Sequence[np.ndarray],
-           coords: Sequence[localise.Coordinates]) -> tuple[float, bool, list[str]]:
-    """Share of the gap's energy where readings stand still before they jump; whether that is most of it, as it was not at
-    commissioning; and remarks on each recording.
+           coords: Sequence[localise.Coordinates]) -> tuple[float, list[str]]:
+    """Share of the gap's energy where readings stand still before they jump, 0 if they did at commissioning; and remarks on
+    each recording.
     """
     where = [stick_slip.stuck(run.displacement_um, at["position_um"]) for run, at in zip(runs, coords)]
     then = max((run.stuck or 0.0 for run in known.runs), default=0.0) if known else 0.0
     share = stick_slip.share(np.concatenate(gap_um), np.concatenate(where))
     said = [stick_slip.remark(run.path, left, run.displacement_um, there) for run, left, there in zip(runs, gap_um, where)]
-    return share, share > max(thresholds.MOSTLY, thresholds.STUCK_MORE * then), [one for one in said if one]
+    return share if share > thresholds.STUCK_MORE * then else 0.0, [one for one in said if one]
 
 
 def _may_harm(selection: Selection) -> bool:

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Literal
 
 from ..identify import AxisEntry, BeforeAfter
 from ..model import Document, json_key, records
+from . import thresholds
 
 Interval = tuple[float, float]
 Verdict = Literal["effect", "ambiguous", "none", "unknown"]
@@ -239,8 +240,8 @@ class GapDocument(Document):
     not_known_from_commissioning: list[NotKnown] = json_key(
         "parts of the gap that lie where the recordings of the passport hardly moved: they need not be new",
         default_factory=list)
-    stuck: float = json_key("share of the gap's energy where readings stand still before they catch up in a jump", low=0,
-                            high=1, default=0.0)
+    stuck: float = json_key("share of the gap's energy where readings stand still before they catch up in a jump; 0: they "
+                            "did at commissioning as well", low=0, high=1, default=0.0)
     leftover: Leftover | None = json_key("what is left with the effects", default=None)
     matrix: Matrix = json_key("which effects these recordings can tell apart")
     next_experiment: NextExperiment | None = json_key("the recording to make next; null: none would settle anything")
@@ -249,3 +250,8 @@ class GapDocument(Document):
     gate_failed: bool = json_key("true: the verdict is one of --fail-on, or the gap exceeds --max-gap", default=False)
     model: str | None = json_key("path of the model file", omitted=True)
     model_digest: str | None = json_key("SHA-256 of what the firmware takes from the model", omitted=True)
+
+    @property
+    def sticks(self) -> bool:
+        """Whether readings that stand still may be why the gap has no name."""
+        return self.verdict == "unknown" and self.stuck > thresholds.BIN_SHARE

@@ -238,11 +238,6 @@ def _cause(document: GapDocument, effect: AcceptedEffect) -> str:
     return f"either {listed([phrase(effect), *others], 'or')}" if others else phrase(effect)
 
 
-def sticks(document: GapDocument) -> bool:
-    """Whether the gap has no name because readings stand still and then jump."""
-    return document.verdict == "unknown" and document.stuck > thresholds.MOSTLY
-
-
 def cannot_tell(document: GapDocument) -> bool:
     """Whether nothing is named because too little is known of what is usual."""
     passport = document.passport
@@ -278,7 +273,7 @@ def _nothing(document: GapDocument) -> str:
 
 
 def _unexplained(document: GapDocument) -> str:
-    if sticks(document):
+    if document.sticks:
         return (f"{percent(document.stuck)} of its energy lies where readings stand still while the actuator should move, and "
                 "then catch up in a jump. No effect does that: the stage or its mount sticks and slips, or samples are lost. Mend "
                 "this first, or cut it out (rdpi import --rows), and ask again.")
