@@ -291,7 +291,7 @@ def test_nothing_beyond_the_model() -> None:
 
 @pytest.mark.parametrize(("ratio", "why", "badge"), [
     (1.8, "This is not clearly more: what it missed then is known to a factor of 4.7 only.", "nothing new"),
-    (6.0, "This is more than usual, but too few recordings tell what is usual to call it new.", "cannot tell")])
+    (6.0, "This is more than usual, but single recordings differ by nearly as much.", "cannot tell")])
 def test_nothing_for_certain(ratio: float, why: str, badge: str) -> None:
     """A passport from one recording tells little of the next; "none" beside a ratio of 1.8 says why."""
     content = document("none")

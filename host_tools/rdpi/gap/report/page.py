@@ -64,7 +64,8 @@ def page(document: GapDocument, pictures: Pictures) -> str:
         far=words.far(document), runs=_runs(document), with_ratio=document.passport is not None,
         runs_figure=draw.recordings(document), hidden=_hidden(document), left_out=_left_out(document),
         limits=words.limits(document), next_experiment=words.next_experiment(document),
-        no_experiment=MEND if document.sticks else NOTHING_TO_RECORD[verdict], facts=_facts(document), provenance=_provenance(document), twin=TWIN)
+        no_experiment=MEND if document.sticks else NOTHING_TO_RECORD[verdict], facts=_facts(document),
+        provenance=_provenance(document), twin=TWIN)
 
 
 # ---- the terminal ----

@@ -263,7 +263,7 @@ def _nothing(document: GapDocument) -> str:
     if passport is None:
         return "Whether any of it is new cannot be told."
     if _doubtful(passport):
-        return " ".join(filter(None, ("This is more than usual, but too few recordings tell what is usual to call it new.",
+        return " ".join(filter(None, ("This is more than usual, but single recordings differ by nearly as much.",
                                       terms(document).sharper)))
     if passport.ratio > 1 + SAME:
         factor = number(math.exp(TWO_SIGMA * passport.spread), 2)
