@@ -331,6 +331,18 @@ def test_the_card_of_a_rival_says_what_it_would_be_and_bring() -> None:
                                                 "shrink 74 % in its place"]
 
 
+def test_a_rival_of_a_later_effect_has_no_figures_of_its_own() -> None:
+    """What it brings alone says nothing of what it brings beside the first."""
+    content = document("ambiguous")
+    delay = content["effects"][0]
+    first = copy.deepcopy(delay) | {"name": "gain_change", "stage": "actuator", "confusable_with": [], "parameters": {}}
+    content["effects"] = [first, delay]
+    row = next(row for row in gap_report._candidates(read(content)) if row["id"] == "lag")
+    assert row["verdict"] == "explains these recordings as well, beside gain_change"
+    assert {row["shrink"], row["interval"], row["refitted"], row["size"]} == {gap_report.NONE}
+    assert [card["facts"] for card in gap_report._which(read(content)) if card["rival"]] == [[]]
+
+
 def test_a_constant_that_is_more_than_the_gap_is_told() -> None:
     """No figure counts it, and an actuator that is tracked misses by it."""
     for um, moved, told in ((0.9, False, "In the mean the recordings lie 0.9 um off, more than the gap."),

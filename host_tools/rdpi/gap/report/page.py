@@ -138,7 +138,7 @@ def _tiles(document: GapDocument) -> list[dict[str, str]]:
 def _which(document: GapDocument) -> list[dict[str, Any]]:
     """The accepted effects and what they cannot be told from, for a card each."""
     cards, coarse = [], grid(document)
-    for effect in document.effects:
+    for k, effect in enumerate(document.effects):
         scores, rivals = effect.held_out_rms_um, effect.confusable_with
         facts = _sizes(effect)
         if coarse and words.reading_step_um(effect) > 0:
@@ -149,12 +149,13 @@ def _which(document: GapDocument) -> list[dict[str, Any]]:
         if rivals:
             facts.append(f"cannot be told from {listed([words.rival(document, name) for name in rivals], 'or')}")
         cards.append({**about(effect.name), "stage": effect.stage, "facts": facts, "rival": False})
-        cards += [{**about(name), "stage": "", "facts": _in_its_place(document, name), "rival": True} for name in rivals]
+        cards += [{**about(name), "stage": "", "facts": [] if k else _in_its_place(document, name), "rival": True}
+                  for name in rivals]
     return cards
 
 
 def _in_its_place(document: GapDocument, name: str) -> list[str]:
-    """What a rival would be, and bring."""
+    """What a rival of the first effect would be, and bring. Of others it is known alone, and not beside the first."""
     one = next((one for one in words.tried(document) if one.name == name), None)
     return [] if one is None else [*_sizes(one), f"shrink {shrink(one.shrink)} in its place"]
 
@@ -168,7 +169,8 @@ def _candidates(document: GapDocument) -> list[dict[str, Any]]:
     """Rows of the table of what was tried: accepted, as good, then by shrink."""
     effects = document.effects
     order = [effect.name for effect in effects]
-    rivals, found = words.rivals(document), []
+    rivals = {name: rank for rank, effect in reversed([*enumerate(effects)]) for name in effect.confusable_with}
+    found = []
     for one in words.tried(document):
         name, refitted, best, shown = one.name, one.refitted_shrink, one.shrink, one
         if name in order:
@@ -181,13 +183,17 @@ def _candidates(document: GapDocument) -> list[dict[str, Any]]:
                 verdict += ": read off the values"
         elif name in rivals:
             rank, kind, verdict = len(order), "rival", "explains these recordings as well"
+            if beside := order[:rivals[name]]:  # what it brings alone says nothing of that
+                shown, refitted = None, None
+                verdict += f", beside {listed(beside)}"
         else:
             rank, kind, verdict = len(order) + 1, "rejected", one.rejected_because
         little = kind == "rejected" and max(best, refitted) < LITTLE
-        sizes = {} if little else given(shown.parameters)
-        row = {"id": name, "title": words.title(name), "stage": shown.stage,
-               "size": "; ".join(sized(*item, shown.was) for item in sizes.items()) or NONE,
-               "shrink": shrink(shown.shrink), "interval": shrinks(shown.shrink_ci95),
+        sizes = {} if little or shown is None else given(shown.parameters)
+        row = {"id": name, "title": words.title(name), "stage": (shown or one).stage,
+               "size": "; ".join(sized(*item, (shown or one).was) for item in sizes.items()) or NONE,
+               "shrink": shrink(shown.shrink) if shown else NONE,
+               "interval": shrinks(shown.shrink_ci95) if shown else NONE,
                "refitted": NONE if refitted is None else shrink(refitted), "verdict": verdict, "kind": kind,
                "little": little}
         found.append((rank, -best, row))
