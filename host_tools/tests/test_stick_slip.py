@@ -86,7 +86,7 @@ def test_a_stage_that_sticks_is_seen_by_a_slow_sensor_too(times: float, least: f
 @pytest.mark.parametrize("samples", [9, 10, 65])
 def test_short_and_constant_readings(samples: int) -> None:
     assert not np.any(stick_slip.stuck(np.zeros(samples), np.arange(samples)))
-    stick_slip.stuck(np.arange(samples) % 2 * 1.0, np.zeros(samples))
+    assert not np.any(stick_slip.stuck(np.arange(samples) % 2 * 1.0, np.zeros(samples)))
 
 
 def test_stillness_is_followed_to_its_beginning() -> None:

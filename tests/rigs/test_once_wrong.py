@@ -28,12 +28,8 @@ EFFECTS: dict[str, Callable[[Rig], Rig]] = {
     "rate_dependence": lambda rig: rig.put("rate", **{**rig.put("rate").sins["rate"], "growth": 1.0, "form": SATURATING}),
     "static_nonlinearity": lambda rig: replace(rig, curve=(rig.curve[0] + 0.05, rig.curve[1])),
 }
-
-
 ONCE = {"resonance": {"slew_limit"}, "hysteresis_change": {"backlash", "gain_change"}, "rate_dependence": {"lag"},
         "static_nonlinearity": {"gain_change"}}  # what it was called, alone or beside
-
-
 CASES = [(chain, name) for chain in ("none", "auto") for name in EFFECTS if (chain, name) != ("none", "rate_dependence")]
 Asked = Callable[..., dict[str, Any]]
 

@@ -27,6 +27,7 @@ from .selection import Excess, Selection, detection_threshold, equations_of, exc
 from .spectrum import Spectrum
 
 REFERENCE_COLUMNS = "time_s", "reference_um"
+NAMED = "effect", "ambiguous"  # verdicts
 
 
 @dataclass
@@ -73,11 +74,9 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     unknown = [] if earlier else unseen.not_known(known, runs, before, decision.coords, spectrum, noise)
     notes += [*decision.notes, *_remarks_on_what_is_left(selection, verdict, offset, noise, axes, unknown),
               *map(unseen.remark, unknown)]
-    found = document.build(selection, decision.gap, verdict, known, axes, unknown, noise, offset, notes)
+    found = document.build(selection, decision.gap, verdict, known, axes, unknown, noise, offset, decision.stuck, notes)
     spectrum_after = localise.along_frequency(runs, after, decision.coords, known, noise) if state.chosen else None
-    found.promised.tracking, found.stuck = tracked, decision.stuck
-    if found.sticks:
-        found.next_experiment = None  # what is broken is mended first
+    found.promised.tracking = tracked
     improved = replace(state.model, effects=_entries(model, selection, found, bool(earlier)),
                        offset_um=model.offset_um + offset.added)
     if held:
@@ -238,7 +237,7 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
     verdict = _verdict(selection, gap, new, left)
     notes = _remarks(selection, gap, verdict)
     chosen = selection.accepted.chosen
-    if verdict in ("effect", "ambiguous") and not _sure(selection, gap, new) and _may_harm(selection):
+    if verdict in NAMED and not _sure(selection, gap, new) and _may_harm(selection):
         verdict = "none"
         notes.append(f"{chosen[0].effect.name} explains a part of the gap, but other recordings may as well be predicted "
                      "worse with it")
@@ -334,7 +333,7 @@ def _remarks_on_what_is_left(selection: Selection, verdict: Verdict, offset: Off
     notes, before_um = [], rms(selection.before_um)
     if offset.moved:
         ends_um = dict.fromkeys(f"{end:.3g}" for end in (offset.low, offset.high))
-        named = verdict in ("effect", "ambiguous")  # else a gain that is too small to be named moves the constants as well
+        named = verdict in NAMED  # else a gain that is too small to be named moves the constants as well
         notes.append(f"the recordings also lie {' to '.join(ends_um)} um from "
                      f"{'the earlier ones' if selection.given.earlier else 'the model'}; these constants, one "
                      "a recording, are not counted; "
@@ -435,7 +434,7 @@ def _remarks(selection: Selection, gap: Excess, verdict: str) -> list[str]:
     left = gap.left(_left(selection))
     if verdict == "unknown" and best is not None:
         notes.append(f"{best.name} explains a part of the gap, but leaves too much to be its cause")
-    elif verdict in ("effect", "ambiguous") and state.chosen and gap.ratio and left > thresholds.MUCH_LEFT:
+    elif verdict in NAMED and state.chosen and gap.ratio and left > thresholds.MUCH_LEFT:
         notes.append(f"with {' and '.join(one.effect.name for one in state.chosen)}, the gap is still {left:.2g} times "
                      f"what {_terms(selection).usual}; the cause may be a similar effect that rdpi does not know")
     top = state.model.rate.identified_um_per_s

@@ -23,20 +23,25 @@ from .selection import NOT_CLEAR, Excess, Round, Selection, equations_of, promis
 
 
 def build(selection: Selection, gap: Excess, verdict: Verdict, known: Passport | None, axes: Sequence[localise.Axis],
-          unseen: list[NotKnown], noise_um: float, offset_um: Offset, notes: list[str]) -> GapDocument:
-    """The document, from a selection that has ended; `known` is the passport of the model that was given."""
+          unseen: list[NotKnown], noise_um: float, offset_um: Offset, stuck: float, notes: list[str]) -> GapDocument:
+    """The document, from a selection that has ended; `known` is the passport of the model that was given, `stuck` the share
+    of the gap where readings stand still.
+    """
     state, first = selection.accepted, selection.rounds[0]
     final = equations_of(state) if state.chosen else None  # for what the effects promise
     passport = None if known is None else PassportFigures(ratio=gap.ratio, rms_um=gap.expected_um,
                                                           held_out=known.held_out, spread=gap.spread)
-    return GapDocument(
+    found = GapDocument(
         tool=f"rdpi {version()}", verdict=verdict, detection=selection.detection, paired=bool(state.earlier),
         effects=_effects(selection, final), candidates=_candidates(selection, verdict, known), gap=_gap(selection, noise_um),
         where=_where(selection, axes), runs=_runs(selection, gap), passport=passport,
         promised=promised(selection, final), refit=Refit(shrink=first.baseline.refit_alone),
         numerics=numerics.compare(selection.given.model, state.recordings), not_excited=_not_excited(selection),
         not_known_from_commissioning=unseen, leftover=_leftover(selection, gap), matrix=_matrix(first),
-        next_experiment=experiment.propose(selection, verdict, unseen), notes=notes, offset_um=offset_um)
+        next_experiment=None, notes=notes, offset_um=offset_um, stuck=stuck)
+    if not found.sticks:  # what is broken is mended first
+        found.next_experiment = experiment.propose(selection, verdict, unseen)
+    return found
 
 
 def _finite(value: float) -> float | None:

@@ -164,7 +164,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
                         "would lie at or below zero; check for ringing and delay, and that the range is covered")
     left_out = _leave_out(found, runs, effects.acting(model), predictions)
     drift_um = _half_loop_um(model) if found.sweep.drifts else 0.0
-    model.passport = _passport(runs, hold_out, predictions, left_out, noises, drift_um).to_json()
+    model.passport = _passport(runs, hold_out, predictions, left_out, noises, drift_um, warnings).to_json()
     bands = slopes_of_bands(found.model, found.runs)
     progress(1.0)
     result = Fit(model, (found.plant.residual, found.without.residual), scores, bands,
@@ -470,17 +470,22 @@ def _leave_out(found: Operator, recorded: Sequence[Recording], acting: Sequence[
 
 
 def _passport(runs: Sequence[Recording], hold_out: Sequence[Recording], predictions: Sequence[chain.Prediction],
-              left_out: Sequence[np.ndarray | None], noises: Sequence[float], drift_um: float) -> Passport:
+              left_out: Sequence[np.ndarray | None], noises: Sequence[float], drift_um: float, warnings: list[str]
+              ) -> Passport:
     residuals = []
     for k, (run, prediction) in enumerate(zip([*runs, *hold_out], predictions)):
         left = run.displacement_um - prediction.predicted_um
         coords = localise.coordinates(run, prediction.predicted_um, prediction.rate_um_per_s)
+        stuck = stick_slip.stuck(run.displacement_um, prediction.predicted_um)
+        if sticks := stick_slip.remark(run.path, left, run.displacement_um, stuck):
+            warnings.append(sticks)
         if k >= len(runs):
-            residuals.append(passport.Residual(run, passport.OTHER_RUNS, left, None, coords, noises[k]))
+            how, held_out, fitted = passport.OTHER_RUNS, left, None
         elif left_out[k] is None:
-            residuals.append(passport.Residual(run, passport.FITTED, None, left, coords, noises[k]))
+            how, held_out, fitted = passport.FITTED, None, left
         else:
-            residuals.append(passport.Residual(run, passport.LEFT_OUT, left_out[k], left, coords, noises[k]))
+            how, held_out, fitted = passport.LEFT_OUT, left_out[k], left
+        residuals.append(passport.Residual(run, how, held_out, fitted, coords, noises[k], stuck))
     return passport.build(residuals, drift_um)
 
 
@@ -506,11 +511,7 @@ def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], prediction
             warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care, "
                             "or fit with a longer --rate-window")
         score = chain.score(prediction.predicted_um, run.displacement_um, where=run.path)
-        left_um = run.displacement_um - prediction.predicted_um
-        where = stick_slip.stuck(run.displacement_um, prediction.predicted_um)
-        if sticks := stick_slip.remark(run.path, left_um, run.displacement_um, where):
-            warnings.append(sticks)
-        at = int(np.argmax(np.abs(left_um)))
+        at = int(np.argmax(np.abs(run.displacement_um - prediction.predicted_um)))
         if score.max_um > tuned.FAR_OFF * score.rms_um and not _expected_there(run, at, prediction.memory):
             warnings.append(f"{run.path}: most is missed at {run.time_s[at]:.6g} s, {score.max_um:.3g} um and "
                             f"{tuned.FAR_OFF:g} times the rms or more; if what lies there is none of the actuator's, cut it "

@@ -44,6 +44,7 @@ class Residual(NamedTuple):
     fitted_um: np.ndarray | None  # by one that did
     coords: Coordinates
     noise_um: float
+    stuck: np.ndarray | None = None  # samples in which the reading stood still, of bool; None: not asked
 
 
 class Octaves(NamedTuple):
@@ -358,7 +359,7 @@ def _run(one: Residual) -> records.PassportRun:
         rms_um=_rms(_centred(held_out)), fitted_rms_um=None if one.fitted_um is None else _rms(_centred(one.fitted_um)),
         offset_um=float(np.mean(held_out)), noise_um=one.noise_um, kurtosis=_kurtosis(_centred(held_out)),
         stroke_um=float(np.ptp(measured)), sample_rate_hz=one.run.sample_rate_hz, step_um=signals.grid_step(measured),
-        stuck=stick_slip.share(held_out, stick_slip.stuck(measured, one.coords["position_um"])))
+        stuck=None if one.stuck is None else stick_slip.share(held_out, one.stuck))
 
 
 def _axes(values: Mapping[str, np.ndarray], square: np.ndarray) -> records.PassportAxes:

@@ -172,7 +172,7 @@ def _candidates(document: GapDocument) -> list[dict[str, Any]]:
     rivals = {name: rank for rank, effect in reversed([*enumerate(effects)]) for name in effect.confusable_with}
     found = []
     for one in words.tried(document):
-        name, refitted, best, shown = one.name, one.refitted_shrink, one.shrink, one
+        name, refitted, best, shown, alone = one.name, one.refitted_shrink, one.shrink, one, False
         if name in order:
             rank, kind, own = order.index(name), "accepted", effects[order.index(name)]
             verdict = "explains these recordings best" if own.confusable_with else "accepted"
@@ -183,17 +183,17 @@ def _candidates(document: GapDocument) -> list[dict[str, Any]]:
                 verdict += ": read off the values"
         elif name in rivals:
             rank, kind, verdict = len(order), "rival", "explains these recordings as well"
-            if beside := order[:rivals[name]]:  # what it brings alone says nothing of that
-                shown, refitted = None, None
+            if beside := order[:rivals[name]]:  # its figures are what it brings alone, which says nothing of that
+                alone, refitted = True, None
                 verdict += f", beside {listed(beside)}"
         else:
             rank, kind, verdict = len(order) + 1, "rejected", one.rejected_because
         little = kind == "rejected" and max(best, refitted) < LITTLE
-        sizes = {} if little or shown is None else given(shown.parameters)
-        row = {"id": name, "title": words.title(name), "stage": (shown or one).stage,
-               "size": "; ".join(sized(*item, (shown or one).was) for item in sizes.items()) or NONE,
-               "shrink": shrink(shown.shrink) if shown else NONE,
-               "interval": shrinks(shown.shrink_ci95) if shown else NONE,
+        sizes = {} if little or alone else given(shown.parameters)
+        row = {"id": name, "title": words.title(name), "stage": shown.stage,
+               "size": "; ".join(sized(*item, shown.was) for item in sizes.items()) or NONE,
+               "shrink": NONE if alone else shrink(shown.shrink),
+               "interval": NONE if alone else shrinks(shown.shrink_ci95),
                "refitted": NONE if refitted is None else shrink(refitted), "verdict": verdict, "kind": kind,
                "little": little}
         found.append((rank, -best, row))
