@@ -668,7 +668,7 @@ def test_the_page(verdict: str, tmp_path: Path) -> None:
                  "0.412 → 0.100 µm rms", "On the bench: Shift the reference ahead"]
     if verdict == "ambiguous":
         said += ["or first-order lag", "lag reproduces 97 % of delay", content["next_experiment"]["command"],
-                 "The magnitude at high frequency tells a delay from a lag. It takes 10 s on the bench."]
+                 "The magnitude at high frequency tells a delay from a lag. The drive takes 10 s."]
     else:
         said += [gap_report.NOTHING_TO_RECORD[verdict], "no effect reproduces 90 % or more of another"]
     assert [phrase for phrase in said if phrase not in text] == []

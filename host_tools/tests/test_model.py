@@ -229,6 +229,7 @@ BAD_VALUES = {
     "rate source no text": ("rate.source", ["control"], "rate.source: is "),
     "window negative": ("rate.window_s", -1e-3, "rate.window_s: is -0.001 s; must not be negative"),
     "filter negative": ("rate.filter_s", -1, "rate.filter_s: is -1 s; must not be negative"),
+    "endless smoothing": ("rate.smoothing_s", 1e308, "rate.smoothing_s: is 1e+308 s; must not exceed 1e+07 s"),
     "guard zero": ("rate.max_um_per_s", 0, "rate.max_um_per_s: is 0; must be positive"),
     "guard ratio zero": ("rate.min_slope_ratio", 0, "rate.min_slope_ratio: is 0; must lie between 0 and 1"),
     "guard ratio one": ("rate.min_slope_ratio", 1, "rate.min_slope_ratio: is 1; must lie between 0 and 1"),

@@ -375,11 +375,12 @@ def test_a_malformed_passport_is_refused(path: str, value: object, key: str) -> 
     assert str(error.value).startswith(f"m.json: {key}") and "fit the model again" in str(error.value)
 
 
-@pytest.mark.parametrize("offset_um", ["x", [], 10**400, float("nan"), True])
-def test_an_offset_that_is_no_number(offset_um: object) -> None:
+@pytest.mark.parametrize("name", ["offset_um", "sample_rate_hz"])
+@pytest.mark.parametrize("value", ["x", [], 10**400, float("nan"), True])
+def test_a_value_of_a_run_that_is_no_number(name: str, value: object) -> None:
     known = plain().to_json()
-    known["runs"] = [{**run, "offset_um": offset_um} for run in known["runs"]]
-    with pytest.raises(BadInput, match=r"passport\.runs\[0\]\.offset_um: must be a number"):
+    known["runs"] = [{**run, name: value} for run in known["runs"]]
+    with pytest.raises(BadInput, match=rf"passport\.runs\[0\]\.{name}: must be a number"):
         passport.read(with_passport(known))
 
 

@@ -12,7 +12,7 @@ from plants import changed
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.gap import diagnose
+from rdpi.gap import diagnose, thresholds
 from rdpi.gap.report import words
 from rdpi.identify import Options, checks, fit, passport, stick_slip
 from rdpi.model import Model
@@ -102,6 +102,30 @@ def test_gap_says_that_no_known_effect_is_behind_it(fault: Callable) -> None:
     why = {sticks: "the stage or its mount sticks and slips", loses: "samples are lost"}[fault]
     assert sum("stands still while the actuator should move" in note and why in note for note in found.notes) >= 2
     assert "Mend this first" in words.sentence(found)
+
+
+def test_little_of_it_is_said_where_nothing_has_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside what the model missed all along, the gap is not large enough to be called new by its size."""
+    creeps = entry("creep", percent_per_decade=4.0)
+    model = fit(recorded(plain_model(), drives(COMMISSIONING), creeps), Options(rate_independent=True, effects="none")).model
+    runs = recorded(plain_model(), drives(LATER), creeps)
+    assert diagnose(model, runs).document.verdict == "none"
+    runs[:1] = faulty(lambda z_um, random: loses(z_um, random, 4), runs[:1])
+    found = diagnose(model, runs).document
+    assert found.verdict == "unknown" and 0.05 < found.stuck < 0.5 and "Mend this first" in words.sentence(found)
+    monkeypatch.setattr(thresholds, "STUCK", thresholds.MOSTLY)
+    assert diagnose(model, runs).document.verdict == "none"
+
+
+@pytest.mark.parametrize("effect, verdict", [(entry("backlash", width_um=2.0), "unknown"),
+                                             (entry("gain_change", factor=1.5), "effect")], ids=["backlash", "gain"])
+def test_little_of_it_denies_backlash_and_nothing_else(effect: dict, verdict: str) -> None:
+    """A play follows without a jump, and hides readings that stick."""
+    runs = recorded(plain_model(), drives(LATER), effect)
+    assert [one.name for one in diagnose(commissioned(), runs).document.effects] == [effect["name"]]
+    runs[:1] = faulty(lambda z_um, random: sticks(z_um, random, 1.0), runs[:1])
+    found = diagnose(commissioned(), runs).document
+    assert found.verdict == verdict and 0.05 < found.stuck < 0.5
 
 
 def test_fit_says_so_and_gap_calls_it_nothing_new_then() -> None:

@@ -249,7 +249,8 @@ def decide(given: AugmentedModel, known: Passport | None, without: Sequence[str]
                      "filtered or wrong; leave its column out")
         verdict = "unknown" if _sure(selection, gap, new) else "none"
     stuck, said = _stuck(known, runs, selection.before_um, coords)
-    if stuck > thresholds.MOSTLY:
+    untold = verdict not in NAMED or any(one.effect.stands_still for one in chosen)
+    if stuck > (thresholds.STUCK if untold else thresholds.MOSTLY):
         verdict = "unknown"
     if verdict in ("unknown", "none"):
         selection = selection.rejecting_all()

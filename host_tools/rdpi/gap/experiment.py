@@ -27,7 +27,7 @@ CANNED: tuple[tuple[str, dict[str, Any]], ...] = (
     ("chirp", {"duration_s": 5.0}), ("startup", {}))
 # Where nothing has a name.
 SHOWING: tuple[tuple[str, dict[str, Any], str], ...] = (
-    ("steps", {"levels": 3, "hold_s": 1.0}, "fast edges and holds show what kind of motion is missing"),
+    ("steps", {"levels": 2, "hold_s": 5.0}, "fast edges and long holds show what kind of motion is missing"),
     ("chirp", {"duration_s": 10.0}, "small movements of all frequencies show whether it depends on the amplitude"),
     ("minor-loops", {"levels": 4}, "loops of all sizes show whether it is the hysteresis"))
 SMALL, LEAST_WIDTH = 0.1, 1e-3  # of the drive's range
@@ -72,16 +72,17 @@ def propose(selection: Selection, verdict: Verdict, unseen: Sequence[NotKnown] =
     best = min((one for one in drives if one.contrast >= least), key=lambda one: one.seconds)
     names = " and ".join([truth.effect.name, *dict.fromkeys(rival.name for rival in rivals)])
     why = f"of the canned recordings that are not there yet, this one tells {names} apart best"
-    if best.contrast < enough:
-        again = "the drive of commissioning, played again and given alone, is compared with its copy that was kept" \
-            if state.model.kept else "drives of commissioning, played again and given with --earlier, take off what the " \
-            "model misses"
-        why += ", but hardly beside what the model misses anyway; a column monitor_V separates causes before the actuator " \
-               f"from causes after it, and {again}"
+    weak = best.contrast < enough
+    if weak:
+        why += ", but hardly beside what the model misses anyway"
+    why += ". Give its recording beside these"
     if state.earlier:
-        why += "; no earlier recording has this drive: give its recording beside these without --earlier, with --no-kept"
-    else:
-        why += "; give its recording beside these"
+        why += ", without --earlier and with --no-kept, for no earlier recording has this drive"
+    if weak:
+        why += ". More may be told by the drive of commissioning, played again and given " + (
+            "alone: what its copy that was kept shows is taken off" if state.model.kept else
+            "with --earlier, which takes off what the model misses")
+        why += ". A column monitor_V would separate causes before the actuator from causes after it"
     return NextExperiment(command=excite.command_line(best.kind, _limits(state, best.kind), "next.csv", **best.options), why=why,
                           seconds=best.seconds)
 

@@ -254,4 +254,4 @@ class GapDocument(Document):
     @property
     def sticks(self) -> bool:
         """Whether readings that stand still may be why the gap has no name."""
-        return self.verdict == "unknown" and self.stuck > thresholds.BIN_SHARE
+        return self.verdict == "unknown" and self.stuck > thresholds.STUCK

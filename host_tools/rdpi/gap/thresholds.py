@@ -49,6 +49,7 @@ CONTRADICTS = 2.0  # [1] what is missed driven by a monitor, over that driven by
 FITS_TODAY = 0.2  # [change] rms that a model misses in all: it fits today, and a change is of what was earlier; judged
 NOISE_GRID = 1.5  # [step] times the passport's grid of readings, from which a coarser one is new; tune
 STILL_THERE = 0.5  # [of the energy] of a disturbance in the earlier recordings, from which it is not new; tune
+STUCK = 0.05  # [of the energy] while readings stick, from which that is why nothing else can be named; rigs
 STUCK_MORE = 2.0  # [commissioning] times the share of the energy while readings stick, from which it is new; judged
 OWN_MOTION = 2.0  # [amplitude] of a line, from which a recording moves at its frequency itself; judged
 

@@ -37,6 +37,8 @@ def read(model: Model) -> Passport | None:
         of_run.number("step_um")
         if of_run.get("offset_um") is not None:
             of_run.number("offset_um", -LARGEST)
+        if of_run.get("sample_rate_hz") is not None:
+            of_run.number("sample_rate_hz")
         if of_run.get("stuck") is not None:
             of_run.number("stuck", high=1.0)
     for name in AXES:

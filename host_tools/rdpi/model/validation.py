@@ -92,6 +92,8 @@ def _check_rate(model: Model, refuse: Refuse) -> None:
     for key in ("window_s", "filter_s", "smoothing_s"):
         if getattr(rate, key) < 0:
             refuse(f"rate.{key}", f"is {getattr(rate, key):g} s; must not be negative")
+        if getattr(rate, key) > LARGEST:
+            refuse(f"rate.{key}", f"is {getattr(rate, key):g} s; must not exceed {LARGEST:g} s")
     if rate.identified_um_per_s is not None and not rate.identified_um_per_s >= 1 / LARGEST:
         refuse("rate.identified_um_per_s", f"is {rate.identified_um_per_s:g}; must be positive, or null")
     if not rate.max_um_per_s > 0:

@@ -131,7 +131,7 @@ def _tiles(document: GapDocument) -> list[dict[str, str]]:
     if coarse and coarse.alone:
         tiles.append(("with a finer converter", um(coarse.finer_um), f"the grid's own {um(coarse.own_um)}"))
     elif document.effects:
-        tiles.append(("with the effects added", um(gap.remaining_um), f"explained {um(gap.explained_um)}"))
+        tiles.append(("with the effects added", um(gap.remaining_um), f"on these recordings; explained {um(gap.explained_um)}"))
     return [{"name": name, "value": value, "remark": remark} for name, value, remark in tiles]
 
 

@@ -22,6 +22,7 @@ from ..sections import AcceptedEffect, CandidateEntry, GapDocument, NextExperime
 NOTICED = 0.005  # shrink: less is 0 %
 TWO_SIGMA = 2.0  # standard deviations: within them, a ratio may be chance
 EXPLAINED = 0.9  # of the energy, from where on an effect explains the gap, and not most of it
+MOST = 0.6  # likewise, from where on most of it: its rms falls by more than a third
 
 
 class Terms(NamedTuple):
@@ -295,7 +296,7 @@ def _how_much(document: GapDocument, before: float, after: float) -> str:
     explained = 1 - (after / before)**2 if before > 0 else 0.0
     if explained >= EXPLAINED or (explained > 0 and after <= (1 + SAME) * expected):
         return "it"
-    return "most of it" if explained >= 0.5 else "a part of it"
+    return "most of it" if explained >= MOST else "a part of it"
 
 
 def held_out(document: GapDocument) -> tuple[float, float]:
@@ -440,7 +441,7 @@ def next_experiment(document: GapDocument) -> NextExperiment | None:
     if not experiment:
         return None
     why, seconds = sentence_of(experiment.why), experiment.seconds
-    return replace(experiment, why=why if seconds is None else f"{why} It takes {number(seconds)} s on the bench.")
+    return replace(experiment, why=why if seconds is None else f"{why} The drive takes {number(seconds)} s.")
 
 
 def resemblances(names: Sequence[str], r2: Sequence[Sequence[float | None]], alike: float, most: int) -> str:

@@ -22,6 +22,7 @@ class Backlash(Effect):
     remedy = "preload the joint, or approach every position from the same side"
     needs = "reversals at several amplitudes"
     stages = ("mechanics",)
+    stands_still = True
     parameters = (Parameter("width_um", "um", 0.0, np.inf),)
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:

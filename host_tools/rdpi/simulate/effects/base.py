@@ -92,6 +92,7 @@ class Effect:
     comes_late: ClassVar[bool] = False  # the displacement comes late by it, as it does by others of its kind
     late_by: ClassVar[str | None] = None  # the parameter that is the time by which slow movements come late
     rings: ClassVar[bool] = False  # at a frequency of its own
+    stands_still: ClassVar[bool] = False  # for a while at reversals, and then follows without a jump
     slow: ClassVar[bool] = False  # goes on for seconds, as loops that drift do
     disturbance: ClassVar[bool] = False  # estimated anew in every recording, never carried to another
     differs_anyway: ClassVar[bool] = False  # recordings of an unchanged rig differ by it: by what was before them
