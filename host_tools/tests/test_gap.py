@@ -998,6 +998,15 @@ def test_a_command_beyond_what_the_model_was_fitted_to_is_remarked_on() -> None:
     assert any("V beyond the range that the model was fitted to" in note for note in document.notes)
 
 
+def test_what_is_named_stands_at_one_stage() -> None:
+    """Beside what the model lacks, a delay of the sensor leaves a little less than the one that is named."""
+    play = entry("backlash", width_um=1.0)
+    model = fit(recorded(plain_model(), drives(COMMISSIONING), play), Options(rate_independent=True, effects="none")).model
+    document = diagnose(model, recorded(plain_model(), drives(), play, entry("delay", delay_s=0.01))).document
+    (effect,) = document.effects
+    assert [(one.name, one.stage) for one in document.candidates if one.name == effect.name] == [("delay", effect.stage)]
+
+
 def test_every_stage_lies_in_the_chain() -> None:
     document = diagnosed("effect").document
     assert set(document.where.stage.split(" or ")) <= set(STAGES)

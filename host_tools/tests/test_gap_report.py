@@ -306,7 +306,7 @@ def test_nothing_for_certain(ratio: float, why: str, badge: str) -> None:
 
 def test_readings_that_stand_still_are_to_be_mended_first() -> None:
     content = document("unknown", stuck=0.8, next_experiment=None)
-    assert "80 % of its energy lies where readings stand still" in sentence(content)
+    assert "At least 80 % of its energy lies where readings stand still" in sentence(content)
     text = page_of(content, pictures(samples=2))
     assert "No drive is proposed: what stands still is to be mended first." in text
     content["stuck"] = 0.05

@@ -138,12 +138,15 @@ def _confidence(done: Round) -> float:
 
 
 def _candidates(selection: Selection, verdict: Verdict, known: Passport | None) -> list[CandidateEntry]:
-    """Every effect that was tried, each at its stage that explains most, as the first round scored it."""
+    """Every effect that was tried, as the first round scored it: at the stage that it has a name at, else at the one where
+    it explains most.
+    """
     first, accepted = selection.rounds[0], [one.effect.name for one in selection.accepted.chosen]
     result = {}
     for one in sorted(first.scores, key=lambda one: one.left):
         if one.name in result:
             continue
+        one = next((named for named in (first.best, *first.rivals) if named and named.name == one.name), one)
         rejected = first.why_rejected(one)
         if one.name in accepted:
             rejected = None

@@ -275,9 +275,9 @@ def _nothing(document: GapDocument) -> str:
 
 def _unexplained(document: GapDocument) -> str:
     if document.sticks:
-        return (f"{percent(document.stuck)} of its energy lies where readings stand still while the actuator should move, and "
-                "then catch up in a jump. No effect does that: the stage or its mount sticks and slips, or samples are lost. Mend "
-                "this first, or cut it out (rdpi import --rows), and ask again.")
+        return (f"At least {percent(document.stuck)} of its energy lies where readings stand still while the actuator should "
+                "move, and then catch up in a jump. No effect does that: the stage or its mount sticks and slips, or samples are "
+                "lost. Mend this first, or cut it out (rdpi import --rows), and ask again.")
     lines = [f"{_none_tried(document)} explains it."]
     best = max(tried(document), key=lambda one: one.shrink, default=None)
     if best is not None and best.shrink >= NOTICED:
