@@ -324,6 +324,18 @@ def test_finds_nothing_where_nothing_is() -> None:
         assert f"around the operator: nothing, with a rate law{helps};" in lines(found.choice, found.model)[0]
 
 
+def test_what_is_not_certain_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without it, and with the command that takes it."""
+    for there in ((), ("delay", "creep")):
+        assert not any("may stand around" in remark for remark in fitted(*there).warnings)
+    monkeypatch.setattr(choice.Judged, "beats", lambda *_: False)
+    found = fit(put("delay", "creep"))
+    (remark,) = (remark for remark in found.warnings if "may stand around" in remark)
+    names = remark.partition(" may stand around the operator as well")[0].split(" and ")
+    assert not found.model.effects and {"delay", "creep"} <= set(names)
+    assert remark.endswith(f"take them with --effects {','.join(names)}")
+
+
 def test_a_delay_and_a_rate_law_are_told_apart() -> None:
     """On an actuator that is not the model's own code, with a law by which W_0 reaches zero at 2900 um/s."""
     delay_s = 0.0007

@@ -142,11 +142,13 @@ def _candidates(selection: Selection, verdict: Verdict, known: Passport | None) 
     it explains most.
     """
     first, accepted = selection.rounds[0], [one.effect.name for one in selection.accepted.chosen]
+    named = {one.name: one.candidate.effect.stage for one in (*reversed(first.rivals), first.best) if one}
     result = {}
     for one in sorted(first.scores, key=lambda one: one.left):
         if one.name in result:
             continue
-        one = next((named for named in (first.best, *first.rivals) if named and named.name == one.name), one)
+        one = next((other for other in first.scores if other.name == one.name
+                    and other.candidate.effect.stage == named.get(one.name)), one)
         rejected = first.why_rejected(one)
         if one.name in accepted:
             rejected = None

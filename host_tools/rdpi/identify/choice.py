@@ -120,6 +120,16 @@ class Choice:
     plain: Judged  # the operator alone
     found: Judged
     kept: tuple[Kept, ...]  # in the order of the chain
+    perhaps: Judged | None = None  # all effects together, where they leave far less than what was found, but not for certain
+
+    @property
+    def may_be_there(self) -> list[Acting]:
+        """Of these, what was not found, and is neither nothing nor late by as much as rigs have at most."""
+        if self.perhaps is None:
+            return []
+        state, there = self.perhaps.state, [one.effect for one in self.found.hypothesis.acting]
+        return [one for one in state.hypothesis.acting if one.effect not in there and not one.does_nothing
+                and not (one.effect.comes_late and one in state.at_ends)]
 
     def percent(self, rms_um: float) -> float:
         """Of the stroke."""
@@ -154,7 +164,8 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
         if now is grown or (grown := _grown(now, candidates, rate_law)) is now:
             break
         now, compared = _exchanged(_pruned(grown, rate_law), candidates)
-    return Choice(plain, now, tuple(_kept(now, compared)))
+    matters = max(tuned.TOLD_GAIN * now.left, tuned.CHAIN_LEAST**2 * setting.samples)
+    return Choice(plain, now, tuple(_kept(now, compared)), full if now.left - full.left > matters else None)
 
 
 def forced(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], rate_law: bool) -> Choice:
@@ -185,7 +196,8 @@ def refitted(choice: Choice, setting: Setting) -> Choice:
     plain = found if choice.found is choice.plain else again(choice.plain)
     kept = (one for one in choice.kept if one.acting.effect.name not in idle)
     return Choice(plain, found, tuple(
-        replace(one, acting=acting, without=again(one.without)) for one, acting in zip(kept, found.hypothesis.acting)))
+        replace(one, acting=acting, without=again(one.without)) for one, acting in zip(kept, found.hypothesis.acting)),
+        choice.perhaps)
 
 
 def without_rate_law(choice: Choice, candidates: Sequence[Effect]) -> Choice:

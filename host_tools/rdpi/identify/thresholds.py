@@ -39,6 +39,7 @@ CHAIN_LAW = 0.1  # [1] of the rate law's prior, beside effects: what holds the l
 FIRST_GAIN = 0.25, 2.0  # [of the squares, errors] the first that comes late, or a rate law; rigs
 INSTEAD_GAIN = 0.1, 2.0  # [of the squares, errors] one that comes late, in the place of a rate law; rigs
 FURTHER_GAIN = 0.05, 1.0  # [of the squares, errors] beside one that comes late, and effects of other kinds; rigs
+TOLD_GAIN = 0.3  # [of the squares] all effects together, from which those are told of that are not certain; judged
 REACH = 0.5  # [of what an effect does] by which it moves at most where blocks are left out; judged
 OUT_OF_STEP = 2.0  # [squares] of the best, that a resonance behind what is late leaves, from which more may grow; rigs
 RINGS_FAR = 0.9  # [stroke] that the operator alone makes, below which its thresholds did not fit it; judged
