@@ -123,12 +123,12 @@ class Choice:
     perhaps: Judged | None = None  # all effects together, where they leave far less than what was found, but not for certain
 
     @property
-    def may_be_there(self) -> list[Acting]:
-        """Of these, what was not found, and is neither nothing nor late by as much as rigs have at most."""
+    def may_be_there(self) -> list[str]:
+        """Names of these that were not found, and are neither nothing nor late by as much as rigs have at most."""
         if self.perhaps is None:
             return []
         state, there = self.perhaps.state, [one.effect for one in self.found.hypothesis.acting]
-        return [one for one in state.hypothesis.acting if one.effect not in there and not one.does_nothing
+        return [one.effect.name for one in state.hypothesis.acting if one.effect not in there and not one.does_nothing
                 and not (one.effect.comes_late and one in state.at_ends)]
 
     def percent(self, rms_um: float) -> float:

@@ -133,8 +133,8 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
                             "what was not fitted than the operator alone; leave out what is not there, or use "
                             "--effects auto")
         if (more := chosen.may_be_there):
-            all_of_them = [one.effect.name for one in (*chosen.found.hypothesis.acting, *more)]
-            warnings.append(f"{' and '.join(one.effect.name for one in more)} may stand around the operator as well: parts of "
+            all_of_them = [*(one.effect.name for one in chosen.found.hypothesis.acting), *more]
+            warnings.append(f"{' and '.join(more)} may stand around the operator as well: parts of "
                             f"these recordings, each predicted from the others, would be missed by "
                             f"{chosen.percent(chosen.perhaps.rms_um):.2g} % of the stroke instead of "
                             f"{chosen.percent(chosen.found.rms_um):.2g} %, but too few parts show it; record more, or take "

@@ -35,12 +35,9 @@ def read(model: Model) -> Passport | None:
     for k, run in enumerate(known.item("runs")):
         of_run = _Checked(run, f"{model.where}: passport.runs[{k}]")
         of_run.number("step_um")
-        if of_run.get("offset_um") is not None:
-            of_run.number("offset_um", -LARGEST)
-        if of_run.get("sample_rate_hz") is not None:
-            of_run.number("sample_rate_hz")
-        if of_run.get("stuck") is not None:
-            of_run.number("stuck", high=1.0)
+        for name, low, high in ("offset_um", -LARGEST, LARGEST), ("sample_rate_hz", 0.0, LARGEST), ("stuck", 0.0, 1.0):
+            if of_run.get(name) is not None:
+                of_run.number(name, low, high)
     for name in AXES:
         axis = known.section("axes").section(name)
         edges = axis.numbers("edges", low=-np.inf)
