@@ -89,6 +89,25 @@ def test_of_two_effects_that_help_only_together_both_stay(monkeypatch: pytest.Mo
     assert pruned(than=fitted_ones[""]) is fitted_ones["creep, curve"]
     early.comes_late = True
     assert pruned(than=fitted_ones[""]) is fitted_ones["curve"]
+    assert pruned(than=fitted_ones[""], late_counts=True) is fitted_ones["creep, curve"]
+
+
+@pytest.mark.parametrize(("left", "stays"), [(0.65, True), (0.75, False)])
+def test_what_leaves_far_less_together_stays_although_it_comes_late(left: float, stays: bool,
+                                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lag and a resonance of 700 Hz: each alone was no more than what makes any actuator look a little late."""
+    def standing(left: float) -> SimpleNamespace:
+        return SimpleNamespace(left=left, beats=lambda other: left < other.left, is_better=lambda other: left < other.left)
+
+    plain, full, too_little = standing(1.0), standing(left), standing(1.1)
+    for name, found in {"judged": plain, "_grown": plain, "_late_instead": plain, "_late_first": plain, "_full": full,
+                        "_kept": []}.items():
+        monkeypatch.setattr(choice, name, lambda *arguments, found=found: found)
+    monkeypatch.setattr(choice, "_pruned", lambda now, *rest, late_counts=False, **than:
+                        now if now is plain or late_counts else too_little)
+    monkeypatch.setattr(choice, "_exchanged", lambda now, candidates: (now, []))
+    chosen = choice.choose(SimpleNamespace(samples=1), None, [], False)
+    assert chosen.found is (full if stays else plain) and chosen.perhaps is None
 
 
 @pytest.mark.parametrize("rated", [False, True])

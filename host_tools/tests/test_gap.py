@@ -868,7 +868,8 @@ def test_a_monitor_that_is_itself_filtered_improves_nothing() -> None:
 def test_what_a_gap_without_a_name_must_show(few: bool, ratio: float, shape: float, sure: bool) -> None:
     """A small size hides no shape; with few recordings both together count less than their sum."""
     gap = Excess(total=1.0, floor=0.5, ratio=ratio, spread=0.5, ratios=None, few=few)
-    assert diagnosis._sure(SimpleNamespace(rounds=[SimpleNamespace(shape=shape)]), gap, Spectrum()) == sure
+    found = SimpleNamespace(given=SimpleNamespace(earlier=[]), rounds=[SimpleNamespace(shape=shape)])
+    assert diagnosis._sure(found, gap, Spectrum()) == sure
 
 
 @pytest.mark.parametrize(("now", "usual", "few"), [(4, 4, False), (3, 4, True), (4, 3, True), (1, 1, True)])

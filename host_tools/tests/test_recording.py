@@ -71,6 +71,7 @@ BAD = {
     "NaN": (text(lines=replaced(7, "0.007,1,NaN")), ["run.csv:9", "column displacement_um is NaN", "interpolate"]),
     "infinity": (text(lines=replaced(7, "0.007,-inf,1")), ["run.csv:9", "column command_V is -inf", "finite"]),
     "overflow": (text(lines=replaced(7, "0.007,1e999,1")), ["run.csv:9", "column command_V is 1e999", "finite"]),
+    "digits without end": (text(lines=replaced(7, f"0.007,{1000 * '9'},1")), [f"column command_V is {40 * '9'}…; every"]),
     "short row": (text(lines=replaced(9, "0.009,1")), ["run.csv:11", "2 value(s) instead of 3"]),
     "long row": (text(lines=replaced(9, "0.009,1,5,2,5")), ["run.csv:11", "5 value(s) instead of 3"]),
     "every row short": (text(lines=["0.1,2"] * 20), ["run.csv:2", "2 value(s) instead of 3"]),

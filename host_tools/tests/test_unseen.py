@@ -338,6 +338,14 @@ def test_what_may_as_well_harm_other_recordings(name: str, low: float | None, ha
     assert diagnosis._may_harm(found) == harms
 
 
+@pytest.mark.parametrize("earlier", [False, True])
+def test_what_earlier_recordings_show_as_well_is_known_wherever_commissioning_moved(earlier: bool) -> None:
+    """Creep that had become three times as large was lost when it was compared with earlier recordings."""
+    gap = Excess(total=9.4, floor=1.0, ratio=3.06, spread=0.315, ratios=[3.0, 3.3, 2.0], few=True)
+    found = SimpleNamespace(given=SimpleNamespace(earlier=earlier), rounds=[SimpleNamespace(shape=0.2)])
+    assert diagnosis._sure(found, gap, Spectrum(known=0.24)) == earlier
+
+
 @pytest.mark.parametrize("sure", [False, True])
 def test_what_leaves_too_much_is_unknown_only_if_there_is_a_gap(sure: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(diagnosis, "_sure", lambda *arguments: sure)

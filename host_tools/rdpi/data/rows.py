@@ -77,7 +77,7 @@ def _explain_rows(path: str, body: str, first_line: int, names: Sequence[str], d
 def _explain_field(place: str, value: str) -> None:
     needed = place.endswith(("time_s", "command_V", "displacement_um"))
     if _NOT_FINITE.fullmatch(value) or NUMBER.fullmatch(value) and not np.isfinite(float(value)):
-        raise BadInput(f"{place} is {value}; every sample needs a finite number: cut the recording there"
+        raise BadInput(f"{place} is {shortened(value)}; every sample needs a finite number: cut the recording there"
                        + (" or interpolate" if needed else ", interpolate, or remove the column"))
     if _CLOCK.search(value):
         raise BadInput(f"{place} is {quoted(value)}, a time of day; write seconds, or do not take the column and give --rate HZ")
@@ -94,4 +94,8 @@ def _lines(body: str, first_line: int) -> Iterator[tuple[int, str]]:
 
 
 def quoted(text: str) -> str:
-    return repr(text if len(text) <= 40 else text[:40] + "…")
+    return repr(shortened(text))
+
+
+def shortened(text: str) -> str:
+    return text if len(text) <= 40 else text[:40] + "…"

@@ -418,10 +418,13 @@ def _left(selection: Selection) -> float:
 
 
 def _sure(selection: Selection, gap: Excess, new: Spectrum) -> bool:
-    """Whether the gap is one, whatever its cause. What lies where commissioning hardly moved need not be new."""
+    """Whether the gap is one, whatever its cause. What lies where commissioning hardly moved need not be new, unless earlier
+    recordings moved there as well.
+    """
     if gap.ratio is None:
         return False
-    known = replace(gap, ratio=gap.ratio * float(np.sqrt(max(new.known, 1e-12))))
+    share = 1.0 if selection.given.earlier else max(new.known, 1e-12)
+    known = replace(gap, ratio=gap.ratio * float(np.sqrt(share)))
     detection = known.evidence_with(max(done.shape for done in selection.rounds))
     clear = thresholds.UNKNOWN * detection_threshold(gap)
     spread = max(gap.spread, thresholds.USUAL_SPREAD)

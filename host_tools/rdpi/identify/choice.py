@@ -156,7 +156,9 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
     progress(0.6)
     full = _full(now, candidates)
     if full.beats(now):
-        full = _pruned(full, rate_law, than=now)
+        whole, full = full, _pruned(full, rate_law, than=now)
+        if not full.is_better(now) and now.left - whole.left > tuned.FAR_LESS * now.left:  # more than looks a little late
+            full = _pruned(whole, rate_law, than=now, late_counts=True)
         now = full if full.is_better(now) else now
     progress(0.8)
     now, compared = _exchanged(now, candidates)
@@ -164,7 +166,7 @@ def choose(setting: Setting, unknowns: Unknowns, candidates: Sequence[Effect], r
         if now is grown or (grown := _grown(now, candidates, rate_law)) is now:
             break
         now, compared = _exchanged(_pruned(grown, rate_law), candidates)
-    matters = max(tuned.TOLD_GAIN * now.left, tuned.CHAIN_LEAST**2 * setting.samples)
+    matters = max(tuned.FAR_LESS * now.left, tuned.CHAIN_LEAST**2 * setting.samples)
     return Choice(plain, now, tuple(_kept(now, compared)), full if now.left - full.left > matters else None)
 
 
@@ -393,17 +395,18 @@ def _smaller(state: Linearised, rate_law: bool) -> Iterator[Hypothesis]:
             yield replace(less, rated=True)
 
 
-def _pruned(now: Judged, rate_law: bool, than: Judged | None = None, whole: Judged | None = None) -> Judged:
+def _pruned(now: Judged, rate_law: bool, than: Judged | None = None, late_counts: bool = False,
+            whole: Judged | None = None) -> Judged:
     """Without what does not help, neither beside the others nor all that is left out together: `whole` has it. What is left
     stays better `than` something: of two effects that only help together, one may leave no trace of that. What comes late
-    is no reason to stay: beside others, any actuator looks a little late.
+    is no reason to stay, unless it counts: beside others, any actuator looks a little late.
     """
     whole = whole or now
     for hypothesis in _smaller(now.state, rate_law):
         less = now.trying(hypothesis)
         if not now.beats(less) and not whole.beats(less) and (
-                than is None or now.hypothesis.comes_late or less.is_better(than)):
-            return _pruned(less, rate_law, than, whole)
+                than is None or now.hypothesis.comes_late and not late_counts or less.is_better(than)):
+            return _pruned(less, rate_law, than, late_counts, whole)
     return now
 
 
