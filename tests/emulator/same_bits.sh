@@ -38,7 +38,8 @@ compare() { # of all that were started since
 }
 
 host() { # host COMPILER FLAGS...
-    "$@" "${common[@]}" "${sources[@]}" -lm -o "$built" && "$built"
+    "$@" "${common[@]}" "${sources[@]}" -lm -o "$built" || return
+    "$built" || { [ $? = 126 ] && qemu-i386 "$built"; } # 126: the kernel runs no 32-bit programs
 }
 
 core() { # core MACHINE FLASH RAM FLAGS...

@@ -71,6 +71,7 @@ tests)
     gcc-riscv64-unknown-elf  command  riscv64-unknown-elf-gcc
     picolibc-riscv64-unknown-elf  header  stdio.h riscv64-unknown-elf-gcc --specs=picolibc.specs
     qemu-system-misc    command  qemu-system-riscv32
+    qemu-user           command  qemu-i386
     gcc-avr             command  avr-gcc
     avr-libc            header   avr/io.h avr-gcc
     arduino-core-avr    file     /usr/share/arduino/hardware/arduino/avr/boards.txt
