@@ -23,6 +23,7 @@ from rdpi.identify import Options, fit, localise, passport
 from rdpi.gap import Diagnosis, diagnose, diagnosis, experiment, thresholds
 from rdpi.gap.augmented import AugmentedModel
 from rdpi.gap.candidates import Candidate, bounded
+from rdpi.gap.dataset import model_runs
 from rdpi.gap.selection import Excess, Selection, excess
 from rdpi.gap.spectrum import Spectrum
 from rdpi.model import Memory, Model
@@ -484,6 +485,20 @@ def test_recordings_that_cannot_tell_and_the_one_that_can() -> None:
     assert both.document.verdict == "effect" and name_of(both) == "delay"
 
 
+def test_a_drive_that_moves_less_than_commissioning_counts_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What its recording shows would be "not known from commissioning", beside those that are there."""
+    monkeypatch.setattr(passport, "level_um", lambda known, coords: 2.0)
+    known = passport.read(commissioned())
+    columns, _ = excite.make_drive("chirp", excite.Limits(45.0, 55.0, sample_rate_hz=RATE_HZ), duration_s=2.0)
+    drive = recording(columns["command_V"], None, RATE_HZ, "next.csv")
+    state = AugmentedModel.given(commissioned(), later(), [])
+    (one,) = model_runs(commissioned(), [drive], False)
+    moved_um = np.std(localise.coordinates(drive, one.predict(()), one.rate_um_per_s)["position_um"])
+    counts = [experiment._trusted(state, replace(known, level=replace(known.level, least_std_um=times * moved_um)), drive)
+              for times in (0.5, 4.0)]
+    assert counts == pytest.approx([1 / 2.0**2, 0.25 / 2.0**2])
+
+
 def proposed_drive(command: str) -> Recording:
     """Without its sweep, as it is recorded."""
     _, _, kind, *words = command.split()
@@ -879,6 +894,17 @@ def test_few_recordings_show_a_gap_less_surely_and_so_does_a_passport_of_few(now
     given = AugmentedModel.given(commissioned(), runs, [])
     coords = [localise.coordinates(one.recording, one.predict(()), one.rate_um_per_s) for one in given.dataset.model_runs]
     assert excess(given, known, coords).few == few
+
+
+@pytest.mark.parametrize(("count", "compared", "least", "less"), [
+    (1, False, thresholds.DETECTION_ONE, True), (1, True, thresholds.DETECTION_FEW, False),
+    (2, False, thresholds.DETECTION_FEW, True), (2, True, thresholds.DETECTION_FEW, False),
+    (3, False, thresholds.DETECTION_FEW, False)])
+def test_one_or_two_recordings_show_a_gap_least_surely(count: int, compared: bool, least: float, less: bool) -> None:
+    """What is smaller than usual may have the shape of an effect there. Earlier recordings take off what the model misses."""
+    gap = Excess(total=1.0, floor=0.8, ratio=0.8, spread=0.5, ratios=[0.8] * count, few=True, compared=compared)
+    assert gap.threshold == least
+    assert gap.evidence_with(0.4) == pytest.approx(0.4 + less * gap.evidence) and gap.evidence < 0
 
 
 def test_what_few_recordings_do_not_agree_on_is_less_sure() -> None:

@@ -22,8 +22,8 @@ A fresh recording is one of the kinds that `rdpi gap` saw, with other random num
 as high, which changes what a delay brings. Beside the promise for these stands that for the same drives once more.
 An effect may hide what the model missed all along; then the right one makes a prediction worse. The row below leaves
 these out: they were predicted as badly before the effect.
-`--poor` shows a tracked profile and a sine only, `--fine` movements of a tenth of the range only. `--nones` lets nothing
-happen several times, with other drives.
+`--poor` shows a tracked profile and a sine only, `--fine` movements of a tenth of the range only, `--one` a single
+recording. `--nones` lets nothing happen several times, with other drives.
 `--follow` plays the recording that an "ambiguous" verdict proposes, on the rig as it is then, from any past, and asks
 again with it beside the first ones; so many times. Settled: the first name is right and has no rival left.
 
@@ -418,6 +418,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                        help="`rdpi gap` sees a tracked profile and a sine only")
     shown.add_argument("--fine", dest="shown", action="store_const", const=tuple(waves.FINE),
                        help="`rdpi gap` sees movements of a tenth of the range only")
+    shown.add_argument("--one", choices=waves.FIELD, help="`rdpi gap` sees one recording only, of this field waveform")
     parser.add_argument("--follow", type=int, default=0, metavar="N", help="proposed recordings to play (default 0)")
     parser.add_argument("--excite", type=float, default=0.0, metavar="S",
                         help="commission with one recording of `rdpi excite commission`, so long")
@@ -432,8 +433,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"no effect {', '.join(sorted(wrong))}: {'; '.join(APPEARS)}")
     jobs = [(family, seed) for family in families for seed in range(options.seed, options.seed + options.rigs)]
     work = partial(cases, effects=effects, rate_hz=options.rate, scale=options.scale, options=options.options,
-                   chain=options.chain, shown=options.shown, nones=options.nones, follow=options.follow,
-                   excite_s=options.excite)
+                   chain=options.chain, shown=(options.one,) if options.one else options.shown, nones=options.nones,
+                   follow=options.follow, excite_s=options.excite)
     found = sum(measure.run_all(work, jobs, options.jobs), [])
     print(table(found))
     if options.output:

@@ -6,6 +6,7 @@ from the first day what the rig has around it; beside that, a rate law that satu
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -16,7 +17,7 @@ import appears
 import measure
 import numpy as np
 import pytest
-from rigs import RATE_FORMS, Rig, make_rig
+from rigs import RATE_FORMS, Rig, make_rig, record
 
 RATE_HZ, SCALE, SEED = 5000.0, 0.2, 5
 UNKNOWN_START = 2  # of the generator that says whether a recording starts from any past
@@ -79,3 +80,15 @@ def test_what_acts_ahead_of_the_operator_may_move_the_first_sample(asked: Asked)
     found = asked("none", lambda rig: rig.put("input_curve", **{name: value + 0.1 for name, value in rig.sins[
         "input_curve"].items()}), UNKNOWN_START)
     assert found["verdict"] in ("effect", "ambiguous")
+
+
+def test_one_multisine_of_an_unchanged_rig_shows_nothing_new(tmp_path: Path) -> None:
+    """Once a gain of 2 %: in one recording, most of what a model misses may have the shape of some effect."""
+    rig = make_rig("duhem", 150_001)
+    model = measure.commission(rig, tmp_path, RATE_HZ, 0.5, [])
+    measure.rdpi("excite", "multisine", "--seed", 9, "--duration", 4, "--min-V", rig.low_V, "--max-V", rig.high_V,
+                 "--sample-rate", RATE_HZ, "--no-sweep", "-o", tmp_path / "drive.csv")
+    record(rig, tmp_path / "run.csv", measure.columns_of(tmp_path / "drive.csv")["command_V"], RATE_HZ)
+    measure.rdpi("gap", model, tmp_path / "run.csv", "--json", tmp_path / "gap.json")
+    found = json.loads((tmp_path / "gap.json").read_text())
+    assert found["verdict"] == "none"

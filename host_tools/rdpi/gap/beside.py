@@ -22,8 +22,7 @@ from ..errors import BadInput
 from . import thresholds
 from .augmented import AugmentedModel
 from .candidates import Candidate
-from .selection import (Excess, Round, Score, Selection, detection_threshold, equations_of, one_round, shrink_interval,
-                        shrink_of)
+from .selection import (Excess, Round, Score, Selection, equations_of, one_round, shrink_interval, shrink_of)
 
 PAIRS = 4  # of effects, those that leave least to first order, that are fitted
 ASKED = 9  # times that an effect is searched beside the others at most
@@ -115,7 +114,7 @@ def _hopeless(selection: Selection, others: AugmentedModel) -> tuple[str, ...]:
 def _asked_for_pairs(selection: Selection, gap: Excess) -> AugmentedModel:
     """What was reached, or two effects together that leave clearly less."""
     given, first, reached = selection.given, selection.rounds[0], selection.reached
-    clear = gap.ratio and first.evidence > detection_threshold(gap)
+    clear = gap.ratio and first.evidence > gap.threshold
     if not clear or any(gap.is_left_little(state.squares) for state in selection.states[1:2]):
         return reached
     for one, other in _promising(first):

@@ -23,7 +23,7 @@ from .augmented import AugmentedModel
 from .document import rms
 from .report.words import AXES, CHANGE, GAP, Terms
 from .sections import GapDocument, NotKnown, Offset, TrackingPromise, Verdict
-from .selection import Excess, Selection, detection_threshold, equations_of, excess, select, shrink_of, zeros_agree
+from .selection import Excess, Selection, equations_of, excess, select, shrink_of, zeros_agree
 from .spectrum import Spectrum
 
 REFERENCE_COLUMNS = "time_s", "reference_um"
@@ -426,7 +426,7 @@ def _sure(selection: Selection, gap: Excess, new: Spectrum) -> bool:
     share = 1.0 if selection.given.earlier else max(new.known, 1e-12)
     known = replace(gap, ratio=gap.ratio * float(np.sqrt(share)))
     detection = known.evidence_with(max(done.shape for done in selection.rounds))
-    clear = thresholds.UNKNOWN * detection_threshold(gap)
+    clear = thresholds.UNKNOWN * gap.threshold
     spread = max(gap.spread, thresholds.USUAL_SPREAD)
     return bool(detection > clear or np.log(known.ratio) > thresholds.SPREADS * spread
                 or new.evidence * new.breadth * gap.trust > (

@@ -43,7 +43,8 @@ class Drive:
     kind: str
     options: dict[str, Any]
     seconds: float
-    contrast: float  # squares that the nearest rival leaves of what the effect shows, over those that the model misses
+    contrast: float  # squares that the nearest rival leaves of what the effect shows, over those that the model misses;
+    # less of those whose shape may be the model's own
 
 
 def propose(selection: Selection, verdict: Verdict, unseen: Sequence[NotKnown] = ()) -> NextExperiment | None:
@@ -103,7 +104,7 @@ def _drives(state: AugmentedModel, truth: Candidate, rivals: Sequence[Score]) ->
             drive = Recording("next.csv", {"memory": "reset", "sample_rate_hz": f"{limits.sample_rate_hz:.12g}"}, columns)
             dataset = Dataset(state.model, [_shown(state, truth, drive), at_hand], monitored=False)
             apart = min(_apart(dataset, state.known, rival.effect) for rival in rivals)
-            contrast = apart / (_missed_um(state, known, drive) ** 2 if known else 1.0)
+            contrast = apart * (_trusted(state, known, drive) if known else 1.0)
         except BadInput:  # this drive is not to be had, or not to be simulated
             continue
         found.append(Drive(kind, options, seconds, contrast))
@@ -202,7 +203,10 @@ def _shown(state: AugmentedModel, truth: Candidate, run: Recording) -> Recording
     return replace(run, columns={**run.columns, "displacement_um": shown})
 
 
-def _missed_um(state: AugmentedModel, known: Passport, drive: Recording) -> float:
-    """rms in um that the model is expected to miss in this drive anyway."""
+def _trusted(state: AugmentedModel, known: Passport, drive: Recording) -> float:
+    """What a square that this drive shows counts: over those that the model is expected to miss in it anyway, and less
+    where it moves less than commissioning, as `Excess.little` will.
+    """
     (one,) = model_runs(state.model, [drive], False)
-    return passport.level_um(known, localise.coordinates(drive, one.predict(state.known), one.rate_um_per_s))
+    at = localise.coordinates(drive, one.predict(state.known), one.rate_um_per_s)
+    return (1 - passport.too_small(known, at)) / passport.level_um(known, at) ** 2

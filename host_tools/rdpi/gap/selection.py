@@ -207,6 +207,7 @@ class Excess:
     ratios: list[float] | None  # per recording
     expected_um: float | None = None  # rms by the passport
     few: bool = False  # recordings that say what is usual, or what is now
+    compared: bool = False  # with earlier recordings, which take off what the model misses anyway
     little: float = 0.0  # share of the gap whose shape may be the model's own, because so little moved; 0 to 1
     wanders: float = 0.0  # share that loops which drift may make by what they remember, 0 to 1
 
@@ -221,10 +222,23 @@ class Excess:
 
     def evidence_with(self, shape: float) -> float:
         """That for a gap by its size, by a shape that shrinks it by as much, or by both together. Few recordings tell little
-        of what size is usual, so that a small one must not hide a shape, and a large one adds less to it.
+        of what size is usual, so that a small one must not hide a shape, and a large one adds less to it. In one or two,
+        what is less than usual may have the shape of an effect.
         """
         together = thresholds.TOGETHER_FEW if self.few else 1.0
-        return max(self.evidence, shape, together * (self.evidence + shape))
+        less = min(self.evidence, 0.0) if self.is_of(thresholds.FEWEST) else 0.0
+        return max(self.evidence, shape + less, together * (self.evidence + shape))
+
+    @property
+    def threshold(self) -> float:
+        """Evidence from which there is a gap."""
+        if self.is_of(1):
+            return thresholds.DETECTION_ONE
+        return thresholds.DETECTION_FEW if self.few else thresholds.DETECTION
+
+    def is_of(self, count: int) -> bool:
+        """Whether so many recordings at most show it, and none from before take off what the model misses anyway."""
+        return not self.compared and self.ratios is not None and len(self.ratios) <= count
 
     @property
     def untold(self) -> float:
@@ -265,7 +279,8 @@ def excess(given: AugmentedModel, known: Passport | None, coords: Sequence[local
     little, wanders = (float(np.average([share(known, at) for at in coords], weights=squares))
                        for share in (passport.too_small, passport.remembered))
     return Excess(total, min(floor, total), found.overall, spread, found.ratio.tolist(),
-                  float(np.sqrt(floor / sum(lengths))), few, little, wanders if known.level.drift_um else 0.0)
+                  float(np.sqrt(floor / sum(lengths))), few, bool(given.earlier), little,
+                  wanders if known.level.drift_um else 0.0)
 
 
 # ---- rounds ----
@@ -426,17 +441,14 @@ def _shrink_from_command(state: AugmentedModel, one: Candidate) -> float:
 # ---- rules ----
 
 
-def detection_threshold(gap: Excess) -> float:
-    """Evidence from which there is a gap."""
-    return thresholds.DETECTION_FEW if gap.few else thresholds.DETECTION
-
-
 def _choose(state: AugmentedModel, scores: Sequence[Score], baseline: Baseline, gap: Excess, evidence: float,
             misplaced: Collection[Score]) -> tuple[Score | None, bool, tuple[str | None, ...]]:
     """The score to accept, if any, whether the model was refitted beside it, and why each of the others was not."""
     born_in = thresholds.BORN_IN_FEW if len(state.recordings) < thresholds.FEW else thresholds.BORN_IN
     born_in += min(1.0, gap.untold / thresholds.TOO_SMALL) ** 2 * (1 - born_in)
-    clear = bool(gap.ratio and evidence > detection_threshold(gap))
+    clear = bool(gap.ratio and evidence > gap.threshold)
+    if gap.is_of(1) and not clear:  # a model that is refitted to one recording fits that one
+        born_in = 1.0
     rejected = ["the recordings do not lie where it would take them" if one in misplaced else
                 _why_rejected(one, bool(state.chosen), clear, born_in) for one in scores]
     open_ = [one for one, why in zip(scores, rejected) if why is None]
