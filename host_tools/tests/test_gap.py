@@ -1025,6 +1025,17 @@ def test_a_command_beyond_what_the_model_was_fitted_to_is_remarked_on() -> None:
     assert any("V beyond the range that the model was fitted to" in note for note in document.notes)
 
 
+def test_loops_that_are_fitted_anew_are_told() -> None:
+    """A lag that was there at commissioning has bent them; one that is new has not."""
+    lag = entry("lag", time_constant_s=0.004)
+    model = fit(recorded(plain_model(), drives(COMMISSIONING), lag), Options(rate_independent=True, effects="none")).model
+    there, new = diagnose(model, later(lag)), diagnose(commissioned(), later(lag))
+    assert name_of(there) == name_of(new) == "lag"
+    assert not np.allclose(there.improved.slopes, model.slopes) and np.allclose(new.improved.slopes, commissioned().slopes)
+    told = [any("loops were fitted anew" in note for note in found.document.notes) for found in (there, new)]
+    assert told == [True, False]
+
+
 def test_what_is_named_stands_at_one_stage() -> None:
     """Beside what the model lacks, a delay of the sensor leaves a little less than the one that is named."""
     play = entry("backlash", width_um=1.0)

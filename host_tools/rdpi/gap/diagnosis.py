@@ -441,6 +441,10 @@ def _remarks(selection: Selection, gap: Excess, verdict: str) -> list[str]:
     elif verdict in NAMED and state.chosen and gap.ratio and left > thresholds.MUCH_LEFT:
         notes.append(f"with {' and '.join(one.effect.name for one in state.chosen)}, the gap is still {left:.2g} times "
                      f"what {_terms(selection).usual}; the cause may be a similar effect that rdpi does not know")
+    if verdict in NAMED and best is not None and selection.rounds[0].refitted:
+        notes.append(f"beside {best.name} the improved model's loops were fitted anew to these recordings (column refitted): "
+                     f"{best.name} may have been there at commissioning as well; `rdpi fit` of these recordings together "
+                     "with those of commissioning takes both into account")
     top = state.model.rate.identified_um_per_s
     fastest = max(float(np.percentile(one.rate_um_per_s, 99.9)) for one in state.dataset.model_runs)
     far = top and fastest > thresholds.OTHER_RATE * top

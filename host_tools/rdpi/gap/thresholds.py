@@ -17,7 +17,7 @@ from __future__ import annotations
 # --- is there a gap?
 DETECTION = 0.32  # [1] evidence from which there is a gap; tune
 DETECTION_FEW = 0.36  # [1] the same with few recordings, or a passport of few; rigs
-DETECTION_ONE = 0.5  # [1] the same with one recording: the model's own error has the shape of something in it; rigs
+DETECTION_ONE = 0.55  # [1] the same with one recording: the model's own error has the shape of something in it; rigs
 TOGETHER_FEW = 0.65  # [1] of the evidence by size and by shape together, with few recordings; rigs
 FEW = 4  # [recordings] fewer are few; tune
 FEWEST = 2  # [recordings] in which a gap smaller than usual may have the shape of an effect; rigs
