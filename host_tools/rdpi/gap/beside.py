@@ -22,7 +22,7 @@ from ..errors import BadInput
 from . import thresholds
 from .augmented import AugmentedModel
 from .candidates import Candidate
-from .selection import (Excess, Round, Score, Selection, equations_of, one_round, shrink_interval, shrink_of)
+from .selection import Excess, Round, Score, Selection, equations_of, one_round, shrink_interval, shrink_of
 
 PAIRS = 4  # of effects, those that leave least to first order, that are fitted
 ASKED = 9  # times that an effect is searched beside the others at most

@@ -82,6 +82,8 @@ def diagnose(model: Model, runs: Sequence[Recording], without: Sequence[str] = (
     if held:
         found.notes.append(held)
         improved = model
+    elif state.model is not selection.given.model:
+        found.notes.append(_fitted_anew(selection))
     progress(1.0)
     return Diagnosis(found, improved, list(runs), before, after, localise.table(before, decision.coords),
                      spectrum_after)
@@ -113,6 +115,15 @@ def _contradicted(given: AugmentedModel) -> str | None:
         "the displacement follows the command and not the monitor: check its gain and time"
     return (f"monitor_V is left out of all recordings: driven by it, the model misses {by_monitor:.3g} um rms of {path}, "
             f"instead of {by_command:.3g} driven by the command; {why}")
+
+
+def _fitted_anew(selection: Selection) -> str:
+    """That the improved model is not the given one with an effect beside it, and what to make of that."""
+    name = selection.accepted.chosen[0].effect.name
+    said = f"beside {name} the improved model's loops were fitted anew to these recordings (column refitted)"
+    return said if selection.given.earlier else (
+        f"{said}: {name} may have been there at commissioning as well; `rdpi fit` of these recordings together with those of "
+        "commissioning takes both into account")
 
 
 def _spoils(selection: Selection) -> str | None:
@@ -441,10 +452,6 @@ def _remarks(selection: Selection, gap: Excess, verdict: str) -> list[str]:
     elif verdict in NAMED and state.chosen and gap.ratio and left > thresholds.MUCH_LEFT:
         notes.append(f"with {' and '.join(one.effect.name for one in state.chosen)}, the gap is still {left:.2g} times "
                      f"what {_terms(selection).usual}; the cause may be a similar effect that rdpi does not know")
-    if verdict in NAMED and best is not None and selection.rounds[0].refitted:
-        notes.append(f"beside {best.name} the improved model's loops were fitted anew to these recordings (column refitted): "
-                     f"{best.name} may have been there at commissioning as well; `rdpi fit` of these recordings together "
-                     "with those of commissioning takes both into account")
     top = state.model.rate.identified_um_per_s
     fastest = max(float(np.percentile(one.rate_um_per_s, 99.9)) for one in state.dataset.model_runs)
     far = top and fastest > thresholds.OTHER_RATE * top
