@@ -107,14 +107,28 @@ static inline void rdpi_q31_creep_settle(rdpi_q31_creep_t *creep, const rdpi_q31
     creep->settled = rdpi_q31_mul(constant, creep->h);
 }
 
-/* The displacement of the operator with which the one behind creep is `z`. */
-static inline int32_t rdpi_q31_creep_solve(const rdpi_q31_creep_t *creep, int32_t z)
+/* `total`, times 2^30, less what all poles and h_0 add. */
+static inline int64_t rdpi_q31_creep_less(const rdpi_q31_creep_t *creep, int64_t total)
 {
     const rdpi_q31_lag_t *end = &creep->lag[creep->fast];
-    int64_t left = z * (int64_t)RDPI_Q31_ONE - creep->settled - creep->slow;
+    int64_t left = total - creep->settled - creep->slow;
     for (const rdpi_q31_lag_t *lag = creep->lag; lag != end; lag++) {
         left -= rdpi_q31_creep_adds(lag);
     }
+    return left;
+}
+
+/* The displacement behind creep, with creep->h as that of the operator. */
+static inline int32_t rdpi_q31_creep_behind(const rdpi_q31_creep_t *creep)
+{
+    int64_t within = (int64_t)(((uint64_t)1 << 58) / (uint32_t)creep->per_direct); /* <= 2^31 */
+    return rdpi_q31_clamp(-rdpi_q31_creep_less(creep, -within * creep->h) >> 30, -INT32_MAX, INT32_MAX);
+}
+
+/* The displacement of the operator with which the one behind creep is `z`. */
+static inline int32_t rdpi_q31_creep_solve(const rdpi_q31_creep_t *creep, int32_t z)
+{
+    int64_t left = rdpi_q31_creep_less(creep, z * (int64_t)RDPI_Q31_ONE);
     int32_t whole = rdpi_q31_clamp(left >> 30, -INT32_MAX, INT32_MAX);
     return rdpi_q31_clamp(rdpi_q31_mul(creep->per_direct, whole) >> 28, -MAX_H, MAX_H);
 }

@@ -244,10 +244,15 @@ static RDPI_F32_SELDOM rdpi_real_t step_after_clip(rdpi_f32_chain_t *self, rdpi_
     return move_and_step(self, z_um, has_lag(self));
 }
 
+/* Whether the latest call has not output what it was asked for. */
+static inline bool was_clipped(const rdpi_f32_t *axis)
+{
+    return (axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW | RDPI_FLAG_INPUT)) != 0u;
+}
+
 static RDPI_F32_HOT rdpi_real_t move_or_clip(rdpi_f32_chain_t *self, rdpi_real_t z_um, const bool lags)
 {
-    bool clipped = (self->axis.flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW | RDPI_FLAG_INPUT)) != 0u;
-    return clipped ? step_after_clip(self, z_um) : move_and_step(self, z_um, lags);
+    return was_clipped(&self->axis) ? step_after_clip(self, z_um) : move_and_step(self, z_um, lags);
 }
 
 static RDPI_F32_SELDOM rdpi_real_t step_creep(rdpi_f32_chain_t *self, rdpi_real_t z_um)
@@ -429,6 +434,47 @@ void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks)
     if (has_creep(self)) {
         rdpi_f32_creep_wait(&self->creep, (rdpi_real_t)ticks, output_um(self));
     }
+}
+
+rdpi_real_t rdpi_f32_chain_forward(rdpi_f32_chain_t *self, rdpi_real_t drive_V)
+{
+    rdpi_f32_t *axis = &self->axis;
+    rdpi_f32_creep_t *creep = &self->creep;
+    rdpi_real_t adds_um = 0;
+    if (has_creep(self)) { /* as a step: to the sample before, and to what it has really output */
+        if (was_clipped(axis)) {
+            creep->h_um = output_um(self);
+        }
+        adds_um = rdpi_f32_creep_move(creep);
+    }
+    rdpi_real_t displacement_um = rdpi_f32_forward(axis, drive_V, 0);
+    if ((axis->flags & RDPI_FLAG_INPUT) == 0u) {
+        rdpi_f32_unlag_settle(&self->unlag, axis);
+        self->first = true;
+    } else {
+        displacement_um = output_um(self) + creep->settled_um;
+    }
+    end_usual(self);
+    if (has_creep(self)) {
+        creep->h_um = displacement_um - creep->settled_um;
+        displacement_um = creep->h_um / creep->per_direct + adds_um;
+    }
+    return displacement_um;
+}
+
+uint32_t rdpi_f32_chain_block(rdpi_f32_chain_t *self, const rdpi_real_t *reference_um, uint32_t *codes, uint32_t n)
+{
+    uint32_t flags = 0;
+    if (self == NULL || reference_um == NULL || codes == NULL) {
+        return RDPI_FLAG_INPUT;
+    }
+    const rdpi_real_t *ahead_um = &reference_um[self->preview_samples];
+    for (uint32_t k = 0; k < n; k++) {
+        (void)rdpi_f32_chain_step(self, ahead_um[k]);
+        codes[k] = self->axis.dac_code;
+        flags |= self->axis.flags;
+    }
+    return flags;
 }
 
 bool rdpi_f32_chain_sweep(rdpi_f32_chain_t *self)

@@ -205,6 +205,39 @@ void rdpi_q31_chain_missed(rdpi_q31_chain_t *self, uint32_t ticks)
     }
 }
 
+int32_t rdpi_q31_chain_forward(rdpi_q31_chain_t *self, int32_t drive)
+{
+    rdpi_q31_t *axis = &self->axis;
+    rdpi_q31_creep_t *creep = &self->creep;
+    int32_t displacement = rdpi_q31_forward(axis, drive, 0);
+    bool refused = (axis->flags & RDPI_FLAG_INPUT) != 0u;
+    if (!refused) {
+        rdpi_q31_unlag_settle(&self->unlag, axis);
+        self->first = true;
+    }
+    if (creep->poles > 0u) {
+        creep->h = refused ? creep->h : rdpi_q31_clamp(displacement, -MAX_H, MAX_H);
+        displacement = rdpi_q31_creep_behind(creep);
+        rdpi_q31_creep_move(creep);
+    }
+    return displacement;
+}
+
+uint32_t rdpi_q31_chain_block(rdpi_q31_chain_t *self, const int32_t *reference, uint32_t *codes, uint32_t n)
+{
+    uint32_t flags = 0;
+    if (self == NULL || reference == NULL || codes == NULL) {
+        return RDPI_FLAG_INPUT;
+    }
+    const int32_t *ahead = &reference[self->preview_samples];
+    for (uint32_t k = 0; k < n; k++) {
+        (void)rdpi_q31_chain_step(self, ahead[k]);
+        codes[k] = self->axis.dac_code;
+        flags |= self->axis.flags;
+    }
+    return flags;
+}
+
 bool rdpi_q31_chain_sweep(rdpi_q31_chain_t *self)
 {
     if (self->axis.sweep_turns == 0u) { /* it begins, at what was output */

@@ -183,6 +183,28 @@ rdpi_real_t rdpi_f32_chain_step(rdpi_f32_chain_t *self, rdpi_real_t ahead_um);
  * safe. */
 void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks);
 
+/** Tells the chain that another source applied `drive_V` in this sample. Call it once per sample in place of
+ * rdpi_f32_chain_step, with each drive that the other source outputs. Plays and creep follow. The amplifier's lag counts
+ * as settled, and the lead forgets its history.
+ *
+ * @return the displacement in um that the chain predicts, creep included. As the first reference of rdpi_f32_chain_step
+ * it goes on from the same drive.
+ *
+ * A drive is refused as rdpi_f32_forward does: the drive is held, creep goes on, and RDPI_FLAG_INPUT is set and counted.
+ * O(n + m + poles). ISR safe. */
+rdpi_real_t rdpi_f32_chain_forward(rdpi_f32_chain_t *self, rdpi_real_t drive_V);
+
+/** `n` samples at once, for a DMA that fetches codes. `reference_um` holds the references of these samples and of the
+ * preview_samples that follow: n + preview_samples numbers. The code of each sample goes to `codes`, so the parameters
+ * must have DAC codes. The results in `axis` are those of the last sample. The block gives the same as n calls of
+ * rdpi_f32_chain_step.
+ *
+ * @return the flags of all samples, OR-ed. RDPI_FLAG_INPUT alone if a pointer is NULL: then nothing else has happened.
+ *
+ * n times the amortised cost of a step, and once its O(n + m + poles): a block is dear only where x turns round or plays
+ * engage, and a play that has engaged cannot do so again before x turns round. ISR safe. */
+uint32_t rdpi_f32_chain_block(rdpi_f32_chain_t *self, const rdpi_real_t *reference_um, uint32_t *codes, uint32_t n);
+
 /** As rdpi_f32_sweep. With its last sample comes rdpi_f32_forget_sweep. Creep counts as settled in the middle of the
  * range when the sweep begins, and follows it. O(n + m + poles). */
 bool rdpi_f32_chain_sweep(rdpi_f32_chain_t *self);

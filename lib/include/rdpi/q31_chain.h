@@ -172,6 +172,14 @@ int32_t rdpi_q31_chain_step(rdpi_q31_chain_t *self, int32_t ahead);
 /** As rdpi_f32_chain_missed. Nothing is divided. */
 void rdpi_q31_chain_missed(rdpi_q31_chain_t *self, uint32_t ticks);
 
+/** As rdpi_f32_chain_forward. It refuses what rdpi_q31_forward refuses. With poles it divides 64 bits by 32.
+ *
+ * Scaling and overflow: the displacement saturates at +-INT32_MAX. */
+int32_t rdpi_q31_chain_forward(rdpi_q31_chain_t *self, int32_t drive);
+
+/** As rdpi_f32_chain_block. */
+uint32_t rdpi_q31_chain_block(rdpi_q31_chain_t *self, const int32_t *reference, uint32_t *codes, uint32_t n);
+
 /** As rdpi_f32_chain_sweep. */
 bool rdpi_q31_chain_sweep(rdpi_q31_chain_t *self);
 

@@ -109,9 +109,30 @@ typedef enum {
                                      noise shaping (RDPI_NOISE_SHAPING 0) */
     RDPI_ERR_CHAIN = -19,       /**< a number of the chain is outside what its field says, or its delay is longer than
                                      2^24 samples */
-    RDPI_ERR_CURVE = -20        /**< the input curve does not have 1 to RDPI_MAX_CURVE_PIECES pieces, or these are out of
+    RDPI_ERR_CURVE = -20,       /**< the input curve does not have 1 to RDPI_MAX_CURVE_PIECES pieces, or these are out of
                                      order, leave a gap, do not all rise or all fall, or do not end at codes */
+    RDPI_ERR_STATE = -22,       /**< the state of a chain is torn or damaged, or belongs to other parameters or another
+                                     sample time */
+    RDPI_ERR_MODE = -23         /**< the axis does not take this call in its present mode: see rdpi/f32_axis.h */
 } rdpi_status_t;
+
+/** The caller must look at the result. */
+#if defined(__GNUC__)
+#define RDPI_MUST_CHECK __attribute__((warn_unused_result))
+#else
+#define RDPI_MUST_CHECK
+#endif
+
+/** What an axis does: see rdpi/f32_axis.h. */
+typedef enum {
+    RDPI_AXIS_OFF = 0, /**< init has not accepted it: the output is what it was before */
+    RDPI_AXIS_STOPPED, /**< the drive is held */
+    RDPI_AXIS_SWEEP,   /**< the start-up sweep */
+    RDPI_AXIS_RAMP,    /**< on the way to the reference, or to the drive of a stop, at a limited speed */
+    RDPI_AXIS_RUN,     /**< follows the reference */
+    RDPI_AXIS_MANUAL,  /**< another source drives the actuator; the chain follows it */
+    RDPI_AXIS_FAULT    /**< the drive is held; only a start with its sweep leads on */
+} rdpi_axis_mode_t;
 
 /** What happened in the latest step. The bits are OR-ed. */
 enum {
