@@ -109,6 +109,8 @@ typedef struct {
     int32_t drive_per_code;     /**< its inverse, times 2^drive_shift */
     int32_t sweep_end;          /**< the drive at which the start-up sweep ends */
     int32_t sweep_forgotten;    /**< see sweep_forgotten in rdpi/f32.h; times 2^30 */
+    uint32_t min_sample_time_ns; /**< see min_sample_time_s in rdpi/f32.h */
+    uint32_t max_sample_time_ns; /**< see max_sample_time_s; 0: unlimited */
     const rdpi_q31_play_t *play;                   /**< [plays] */
     const rdpi_q31_deadzone_t *saturation;         /**< [deadzones], S (eq. 8), from v to reference units */
     const rdpi_q31_deadzone_t *inverse_saturation; /**< [deadzones], S^-1 (eq. 13), from reference units to v */
