@@ -241,6 +241,7 @@ rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi
  *
  * @return RDPI_OK, or the first fault found; each kind of fault has a value of its own (rdpi_status_t). After a fault,
  * `self` must not be used. */
+RDPI_MUST_CHECK
 static inline rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
 {
     return rdpi_f32_init_layout(RDPI_F32_LAYOUT, self, params, sample_time_s);

@@ -212,6 +212,7 @@ rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi
  * - saturation weights whose magnitudes add up to more than 2^31 (RDPI_ERR_SATURATION);
  * - a guard of less than one reference unit per window, or of 2^63 and more (RDPI_ERR_RATE);
  * - a window of 4.29 s and more (RDPI_ERR_WINDOW). */
+RDPI_MUST_CHECK
 static inline rdpi_status_t rdpi_q31_init(rdpi_q31_t *self, const rdpi_q31_params_t *params, uint32_t sample_time_ns)
 {
     return rdpi_q31_init_layout(RDPI_Q31_LAYOUT, self, params, sample_time_ns);
