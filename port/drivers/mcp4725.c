@@ -57,13 +57,12 @@ bool rdpi_mcp4725_start(rdpi_mcp4725_t *self, uint32_t code)
     if ((self->config.address & ~ADDRESS_PINS) != FIRST_ADDRESS) {
         return false;
     }
-    bool first_sent = self->sent;
+    bool was_sent = self->sent;
     rdpi_i2c_state_t state = outcome(self);
-    if (!first_sent && state != RDPI_I2C_BUSY) {
+    if (!was_sent && state != RDPI_I2C_BUSY) {
         state = send(self, code);
-        first_sent = true;
     }
-    self->ready = first_sent && state == RDPI_I2C_DONE;
+    self->ready = state == RDPI_I2C_DONE;
     return self->ready;
 }
 
