@@ -29,7 +29,7 @@
 #define DMA_LINE 32u /* bytes of a line of the cache */
 #define DMA_BUFFER __attribute__((aligned(32)))
 
-/* Makes a DMA that reads from now on see what was written to these bytes. Any context; 2 instructions or so per line. */
+/* Makes a DMA that reads from now on see what was written to these bytes. Any context. The time grows with the lines; on a core without a cache it is none. */
 static inline void dma_publish(const void *start, size_t bytes)
 {
 #if defined(__DCACHE_PRESENT) && __DCACHE_PRESENT == 1U
