@@ -31,7 +31,8 @@ def build(libraries: Path, sketch: Path, board: str, folder: Path) -> Path:
     folder.mkdir()
     done = subprocess.run([
         "arduino-builder", "-compile", "-hardware", "/usr/share/arduino/hardware", "-hardware",
-        "/usr/share/arduino-builder", "-tools", "/usr/bin", "-built-in-libraries", BUILT_IN, "-libraries", libraries, "-fqbn", board, "-build-path", folder,
+        "/usr/share/arduino-builder", "-tools", "/usr/bin", "-built-in-libraries", BUILT_IN, "-libraries", libraries,
+        "-fqbn", board, "-build-path", folder,
         # The core of Debian 12 needs it, and its avr-gcc 5.4 defines it for C only.
         "-prefs", "compiler.cpp.extra_flags=-DDECIMAL_DIG=__DECIMAL_DIG__",
         sketch], capture_output=True, text=True)
@@ -71,7 +72,8 @@ def prints(program: Path, chip: str) -> list[str]:
 @pytest.mark.parametrize("engine", SKETCHES)
 def test_a_sketch_outputs_the_codes_of_the_host(libraries: Path, codes: dict[str, list[int]], tmp_path: Path, engine: str,
                                                 chip: str) -> None:
-    program = build(libraries, libraries / f"rdpi/examples/{SKETCHES[engine]}/{SKETCHES[engine]}.ino", BOARDS[chip], tmp_path / "build")
+    name = SKETCHES[engine]
+    program = build(libraries, libraries / f"rdpi/examples/{name}/{name}.ino", BOARDS[chip], tmp_path / "build")
     status, *said = prints(program, chip)
     assert status == "status 0"
     assert [int(line) for line in said] == codes[engine]
