@@ -56,15 +56,20 @@ class Build:
                 f"-I{ROOT / 'lib' / 'include'}"]
 
     @property
+    def number(self) -> str:
+        """The number type: f32 or q31."""
+        return self.library[:3]
+
+    @property
     def folder(self) -> Path:
-        """Of the objects, which the libraries share."""
+        """Of the objects, which operator, chain and axis share."""
         quick = "" if self.quick is None else f"-quick{self.quick}"
-        return WORK / f"{self.core}{self.level}{quick}{'-least' * self.least}-{self.plays}-{self.window}"
+        return WORK / f"{self.number}-{self.core}{self.level}{quick}{'-least' * self.least}-{self.plays}-{self.window}"
 
     def objects(self) -> list[Path]:
-        """The library, compiled once per run."""
+        """The library in this number type, compiled once per run."""
         with lock(self.folder):
-            return compiled(self.folder, tuple(self.compiler))
+            return compiled(self.folder, tuple(self.compiler), "q31" if self.number == "f32" else "f32")
 
 
 @cache
@@ -73,10 +78,11 @@ def lock(folder: Path) -> threading.Lock:
 
 
 @cache
-def compiled(folder: Path, compiler: tuple[str, ...]) -> list[Path]:
+def compiled(folder: Path, compiler: tuple[str, ...], other: str) -> list[Path]:
+    """All sources but those of the other number type."""
     folder.mkdir(parents=True, exist_ok=True)
     objects = []
-    for source in sorted((ROOT / "lib" / "src").glob("*.c")):
+    for source in sorted(path for path in (ROOT / "lib" / "src").glob("*.c") if other not in path.name):
         objects.append(folder / f"{source.stem}.o")
         run(*compiler, "-c", source, "-o", objects[-1])
     return objects
