@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import re
+import shutil
 import subprocess
+import sys
 import threading
 import zipfile
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+from triangle import PARAMS, host_codes, run
 
 BOARDS = {"atmega328p": "arduino:avr:uno", "atmega2560": "arduino:avr:mega:cpu=atmega2560"}
 SKETCHES = {"f32": "Track", "q31": "TrackFixedPoint"}
@@ -63,6 +68,22 @@ def test_a_sketch_outputs_the_codes_of_the_host(libraries: Path, codes: dict[str
     status, *said = prints(program, chip)
     assert status == "status 0"
     assert [int(line) for line in said] == codes[engine]
+
+
+def test_the_sketch_is_right_for_a_sensor_whose_zero_is_elsewhere(libraries: Path, tmp_path: Path) -> None:
+    params = tmp_path / "params"
+    params.mkdir()
+    model = json.loads((PARAMS / "model.json").read_text()) | {"offset_um": -3.75}
+    (params / "model.json").write_text(json.dumps(model))
+    run(sys.executable, "-m", "rdpi", "header", params / "model.json", "-o", params / "rdpi_params.h")
+    shutil.copytree(libraries, tmp_path / "libraries")
+    shutil.copy(params / "rdpi_params.h", tmp_path / "libraries/rdpi/examples/TrackFixedPoint")
+    program = build(tmp_path / "libraries", "TrackFixedPoint", BOARDS["atmega2560"], tmp_path / "build")
+    status, *said = prints(program, "atmega2560")
+    assert status == "status 0"
+    codes = host_codes("q31", tmp_path / "host", params=params)
+    assert max(abs(int(line) - code) for line, code in zip(said, codes, strict=True)) <= 1  # its double has 32 bits
+    assert len(set(codes)) > 100
 
 
 def test_the_library_tells_the_ide_what_it_asks_for(package: ModuleType, libraries: Path) -> None:
