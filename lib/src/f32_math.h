@@ -13,6 +13,27 @@
 #include "crc.h"
 #include "rdpi/f32.h"
 
+/* Options that change what the equations mean. Sums that carry what rounding leaves lose all of it when a compiler takes
+ * sums for associative: a pole of creep is then wrong by 7 % after ten hours. */
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "rdpi tells NaN from numbers: compile it without -ffast-math and -ffinite-math-only"
+#endif
+#if defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__)
+#error "rdpi needs sums and quotients as written: compile it without -funsafe-math-optimizations and -freciprocal-math"
+#endif
+#if defined(__clang__) /* does not say which options it was given, but leaves them out on request */
+#if __clang_major__ >= 11
+#pragma clang diagnostic push
+#pragma clang diagnostic ignored "-Wignored-pragmas" /* some targets know the last one only */
+#pragma float_control(precise, on)
+#pragma STDC FP_CONTRACT DEFAULT /* as the options say: the line above turned it on */
+#pragma clang fp reassociate(off)
+#pragma clang diagnostic pop
+#endif
+#elif defined(__GNUC__) && __GNUC__ < 12 /* likewise */
+#pragma GCC optimize("no-associative-math,no-reciprocal-math")
+#endif
+
 #if defined(__AVR__) && __SIZEOF_DOUBLE__ != __SIZEOF_FLOAT__
 #error "compile it without -mdouble=64: fabs of math.h would compute in double precision"
 #endif

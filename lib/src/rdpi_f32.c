@@ -1,9 +1,5 @@
 #include "rdpi/f32.h"
 
-#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
-#error "rdpi tells NaN from numbers: compile it without -ffast-math and -ffinite-math-only"
-#endif
-
 #include "f32_check.h"
 #include "f32_bank.h"
 #include "f32_drive.h"
