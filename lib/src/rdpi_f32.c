@@ -322,8 +322,9 @@ static RDPI_F32_HOT void set_edge(rdpi_f32_t *self, rdpi_real_t side)
 
 /* Whether x turns round, but is still rounded to the code that is output. That code must not be at an end of the range
  * or between two pieces, and x must be before the first corner on the way back, which is 2 r_1 off. rdpi_f32_bank_walk
- * and `output` would then give the same code. */
-static inline bool turns_within_code(const rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
+ * and `output` would then give the same code. `asks`: keeps the drive of x, as in rdpi_f32_step_asking. Behind the turn
+ * no play is engaged, so that x is not the one for which `step` has kept the drive. */
+static inline bool turns_within_code(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s, const bool asks)
 {
     const rdpi_f32_params_t *params = self->params;
     const rdpi_f32_line_t *line = line_of_code(self);
@@ -338,7 +339,18 @@ static inline bool turns_within_code(const rdpi_f32_t *self, rdpi_real_t climb_u
     }
     rdpi_real_t x_um = climb_um / slope + bank->y_um[0], code = (rdpi_real_t)self->dac_code;
     rdpi_real_t beyond = rdpi_f32_fma(x_um, line->codes_per_um, line->code_of_x_0) - code;
+    if (asks) {
+        self->ramp_V = rdpi_f32_drive_of_x(line, x_um);
+    }
     return beyond >= 0 && beyond < 1 && code > 1 && code > line->from_code && code < params->last_code - 1;
+}
+
+/* The drive of an x on the quick way. At a code where a piece begins, rounding can leave x on the piece before it. */
+static inline rdpi_real_t drive_before_edge(const rdpi_f32_t *self, rdpi_real_t x_um)
+{
+    const rdpi_f32_line_t *line = line_of_code(self);
+    bool begins = (rdpi_real_t)self->dac_code <= line->from_code;
+    return rdpi_f32_drive_of_x(begins ? rdpi_f32_line_of_x(self->params, x_um) : line, x_um);
 }
 
 /* The end of any step: finds the x where the output of the bank has climbed by `climb_um`, and outputs it. `quick` is
@@ -396,7 +408,7 @@ static RDPI_F32_HOT rdpi_real_t finish_quickly(rdpi_f32_t *self, rdpi_real_t cli
 static RDPI_F32_HOT rdpi_real_t step_over_edge(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s,
                                                const bool asks)
 {
-    if (turns_within_code(self, climb_um, rate_um_per_s)) {
+    if (turns_within_code(self, climb_um, rate_um_per_s, asks)) {
         return self->drive_V;
     }
     return finish_quickly(self, climb_um, rate_um_per_s, asks);
@@ -507,8 +519,8 @@ static RDPI_F32_HOT rdpi_real_t step(rdpi_f32_t *self, rdpi_real_t reference_um,
     self->flags = 0;
     self->rate_estimator.z_um[0] = reference_um;
     self->rate_um_per_s = rate_um_per_s;
-    if (asks) { /* to a part of a code, if x turns within one */
-        self->ramp_V = rdpi_f32_drive_of_x(line_of_code(self), x_um);
+    if (asks) {
+        self->ramp_V = drive_before_edge(self, x_um);
     }
     if (!(before_edge > 0)) {
         return asks ? step_over_edge_asking(self, climb_um, rate_um_per_s)
