@@ -502,6 +502,9 @@ static RDPI_F32_HOT rdpi_real_t step(rdpi_f32_t *self, rdpi_real_t reference_um,
     const rdpi_f32_piece_t *piece = self->latest_piece;
     rdpi_f32_bank_t *bank = &self->bank;
     rdpi_real_t rate_um_per_s = rdpi_f32_rate_direct(&self->rate_estimator, reference_um);
+    if (!RDPI_F32_WHOLE_QUICK_WAY && !(rate_um_per_s <= params->max_um_per_s && rdpi_f32_piece_holds(piece, reference_um))) {
+        return step_without_quick(self, reference_um);
+    }
     if (!(rate_um_per_s <= params->max_um_per_s)) {
         return asks ? step_over_any_asking(self, reference_um, rate_um_per_s)
                     : step_over_any(self, reference_um, rate_um_per_s);
@@ -516,15 +519,22 @@ static RDPI_F32_HOT rdpi_real_t step(rdpi_f32_t *self, rdpi_real_t reference_um,
     rdpi_real_t x_um = way_um + bank->y_um[0];
     rdpi_real_t before_edge = RDPI_F32_RARE(bank->engaged == 0u) ? bank->edge_um - fabs(x_um - middle_um(bank))
                                                   : way_um * (bank->edge_um - x_um); /* > 0: x stays before it */
+    bool goes_on = before_edge > 0;
+    if (!RDPI_F32_WHOLE_QUICK_WAY && !goes_on && !turns_within_code(self, climb_um, rate_um_per_s, asks)) {
+        return step_without_quick(self, reference_um);
+    }
     self->flags = 0;
     self->rate_estimator.z_um[0] = reference_um;
     self->rate_um_per_s = rate_um_per_s;
-    if (asks) {
-        self->ramp_V = drive_before_edge(self, x_um);
-    }
-    if (!(before_edge > 0)) {
+    if (!goes_on) {
+        if (!RDPI_F32_WHOLE_QUICK_WAY) {
+            return self->drive_V;
+        }
         return asks ? step_over_edge_asking(self, climb_um, rate_um_per_s)
                     : step_over_edge_only(self, climb_um, rate_um_per_s);
+    }
+    if (asks) {
+        self->ramp_V = drive_before_edge(self, x_um);
     }
     const rdpi_f32_line_t *line = line_of_code(self);
     self->dac_code = (uint32_t)rdpi_f32_fma(x_um, line->codes_per_um, line->code_of_x_0);
