@@ -14,17 +14,17 @@
 #error "compile it without -mdouble=64: fabs of math.h would compute in double precision"
 #endif
 
-/* Whether the quick way of the step is compiled: see rdpi/f32.h. */
+/* How much of the quick way of the step is compiled: see rdpi/f32.h.
+ *
+ * - 0: none.
+ * - 1: a step that the quick way does not serve takes the long way, as if there were no other.
+ * - 2: such a step goes on from what is known already, in functions of its own. */
 #if !defined(RDPI_QUICK_STEP)
+#if defined(__OPTIMIZE_SIZE__)
 #define RDPI_QUICK_STEP 1
-#endif
-
-/* How much of the quick way is compiled. Where size counts, a step that the quick way does not serve takes the long way
- * as if there were no other. Where time counts, it goes on from what is known already, in functions of its own. */
-#if RDPI_QUICK_STEP && !defined(__OPTIMIZE_SIZE__)
-#define RDPI_F32_WHOLE_QUICK_WAY 1
 #else
-#define RDPI_F32_WHOLE_QUICK_WAY 0
+#define RDPI_QUICK_STEP 2
+#endif
 #endif
 
 /* How a function is compiled:
@@ -36,7 +36,7 @@
 #define RDPI_F32_SELDOM
 #define RDPI_F32_HOT inline
 #define RDPI_F32_SHARED inline
-#elif RDPI_F32_WHOLE_QUICK_WAY
+#elif RDPI_QUICK_STEP > 1
 #define RDPI_F32_SELDOM __attribute__((noinline))
 #define RDPI_F32_HOT inline __attribute__((always_inline))
 #define RDPI_F32_SHARED RDPI_F32_HOT

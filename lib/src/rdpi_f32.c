@@ -18,6 +18,9 @@
 /* How many codes x = 0 may be away from code 0 for the quick way. Beyond, single precision can be a code wrong. */
 #define MAX_CODE_0 (2L << RDPI_MAX_DAC_BITS)
 
+/* Whether steps that the quick way does not serve have ways of their own. */
+#define WHOLE_QUICK_WAY (RDPI_QUICK_STEP > 1)
+
 uint32_t rdpi_f32_digest_layout(uint64_t layout, const rdpi_f32_params_t *params)
 {
     rdpi_f32_scan_t scan = {0, true};
@@ -483,12 +486,25 @@ static RDPI_F32_SELDOM rdpi_real_t step_over_any_asking(rdpi_f32_t *self, rdpi_r
     return step_over_guard_or_piece(self, reference_um, rate_um_per_s, true);
 }
 
+/* From the quick way to the one for any reference. Nothing has been stored yet. */
+static RDPI_F32_HOT rdpi_real_t leave_quick_way(rdpi_f32_t *self, rdpi_real_t reference_um, rdpi_real_t rate_um_per_s,
+                                                const bool asks)
+{
+    if (!WHOLE_QUICK_WAY) {
+        return step_without_quick(self, reference_um);
+    }
+    return asks ? step_over_any_asking(self, reference_um, rate_um_per_s)
+                : step_over_any(self, reference_um, rate_um_per_s);
+}
+
 /* There are four ways into the step, and this function chooses between them:
  *
  * - step_without_quick, while `quick` is false;
  * - step_over_guard_or_piece, if the rate is above the guard or the reference is not inside latest_piece;
  * - step_over_edge, if x would leave bank.edge_um;
  * - the quick way otherwise, which is nearly always: the rest of this function.
+ *
+ * Without WHOLE_QUICK_WAY, step_without_quick is also the second, and the third unless x turns within its code.
  *
  * All four give the same bits as step_without_quick. Why the quick way may be so short stands at `quick` in rdpi_f32_t.
  * NaN fails every comparison here. Nothing is stored before the reference is known to be usable. `asks` is that of
@@ -502,16 +518,11 @@ static RDPI_F32_HOT rdpi_real_t step(rdpi_f32_t *self, rdpi_real_t reference_um,
     const rdpi_f32_piece_t *piece = self->latest_piece;
     rdpi_f32_bank_t *bank = &self->bank;
     rdpi_real_t rate_um_per_s = rdpi_f32_rate_direct(&self->rate_estimator, reference_um);
-    if (!RDPI_F32_WHOLE_QUICK_WAY && !(rate_um_per_s <= params->max_um_per_s && rdpi_f32_piece_holds(piece, reference_um))) {
-        return step_without_quick(self, reference_um);
-    }
     if (!(rate_um_per_s <= params->max_um_per_s)) {
-        return asks ? step_over_any_asking(self, reference_um, rate_um_per_s)
-                    : step_over_any(self, reference_um, rate_um_per_s);
+        return leave_quick_way(self, reference_um, rate_um_per_s, asks);
     }
     if (!rdpi_f32_piece_holds(piece, reference_um)) {
-        return asks ? step_over_any_asking(self, reference_um, rate_um_per_s)
-                    : step_over_any(self, reference_um, rate_um_per_s);
+        return leave_quick_way(self, reference_um, rate_um_per_s, asks);
     }
     rdpi_real_t v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
     rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
@@ -520,14 +531,14 @@ static RDPI_F32_HOT rdpi_real_t step(rdpi_f32_t *self, rdpi_real_t reference_um,
     rdpi_real_t before_edge = RDPI_F32_RARE(bank->engaged == 0u) ? bank->edge_um - fabs(x_um - middle_um(bank))
                                                   : way_um * (bank->edge_um - x_um); /* > 0: x stays before it */
     bool goes_on = before_edge > 0;
-    if (!RDPI_F32_WHOLE_QUICK_WAY && !goes_on && !turns_within_code(self, climb_um, rate_um_per_s, asks)) {
+    if (!WHOLE_QUICK_WAY && !goes_on && !turns_within_code(self, climb_um, rate_um_per_s, asks)) {
         return step_without_quick(self, reference_um);
     }
     self->flags = 0;
     self->rate_estimator.z_um[0] = reference_um;
     self->rate_um_per_s = rate_um_per_s;
     if (!goes_on) {
-        if (!RDPI_F32_WHOLE_QUICK_WAY) {
+        if (!WHOLE_QUICK_WAY) { /* x turns within its code */
             return self->drive_V;
         }
         return asks ? step_over_edge_asking(self, climb_um, rate_um_per_s)

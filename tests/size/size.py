@@ -33,7 +33,7 @@ CORES = {
 }
 CALLS = ("init_layout", "step", "sweep")  # the first is what init, inline, calls
 COLUMNS = ("code", "libgcc, libc", "state", "stack of init", "of step", "of sweep")
-LEAST = "-DRDPI_MAX_CURVE_PIECES=1 -DRDPI_NOISE_SHAPING=0"
+LEAST = "-DRDPI_MAX_CURVE_PIECES=1 -DRDPI_NOISE_SHAPING=0 -DRDPI_QUICK_STEP=0"
 ROWS = (("f32", LEAST), ("f32", ""), ("f32_chain", ""), ("q31", LEAST), ("q31", ""), ("q31_chain", ""))
 LIMITS = {("f32", LEAST, "M4F"): {"code": 3072, "state": 128, "of step": 128}}
 
