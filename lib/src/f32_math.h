@@ -38,13 +38,16 @@
 #error "compile it without -mdouble=64: fabs of math.h would compute in double precision"
 #endif
 
-/* Whether the quick way of the step is compiled: see rdpi/f32.h. It takes a third of the instructions, and adds 2 to 3
- * kB of code. */
+/* How much of the quick way of the step is compiled: see rdpi/f32.h.
+ *
+ * - 0: none.
+ * - 1: a step that the quick way does not serve takes the long way, as if there were no other.
+ * - 2: such a step goes on from what is known already, in functions of its own. */
 #if !defined(RDPI_QUICK_STEP)
 #if defined(__OPTIMIZE_SIZE__)
-#define RDPI_QUICK_STEP 0
-#else
 #define RDPI_QUICK_STEP 1
+#else
+#define RDPI_QUICK_STEP 2
 #endif
 #endif
 
@@ -57,12 +60,16 @@
 #define RDPI_F32_SELDOM
 #define RDPI_F32_HOT inline
 #define RDPI_F32_SHARED inline
-#elif RDPI_QUICK_STEP
+#elif RDPI_QUICK_STEP > 1
 #define RDPI_F32_SELDOM __attribute__((noinline))
 #define RDPI_F32_HOT inline __attribute__((always_inline))
 #define RDPI_F32_SHARED RDPI_F32_HOT
 #else
+#if RDPI_QUICK_STEP
+#define RDPI_F32_SELDOM __attribute__((noinline))
+#else
 #define RDPI_F32_SELDOM
+#endif
 #define RDPI_F32_HOT inline
 #define RDPI_F32_SHARED __attribute__((noinline, unused))
 #endif

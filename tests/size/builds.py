@@ -36,20 +36,20 @@ class Build:
     core: str
     level: str  # of optimisation
     quick: int | None = None  # RDPI_QUICK_STEP; None: what the library makes of the level
-    least: bool = False  # neither input curve nor noise shaping
+    least: bool = False  # no input curve, noise shaping or quick way
     plays: int = 10  # the identity included
     window: int = 1
 
     @property
     def name(self) -> str:
-        way = {None: "", 0: ", no quick way", 1: ", quick way"}[self.quick]
+        way = {None: "", 0: ", no quick way", 2: ", whole quick way"}[self.quick]
         return f"rdpi_{self.library}, {self.core}, {self.level}{way}{', least' * self.least}"
 
     @property
     def compiler(self) -> list[str]:
         """The command and the options that every part of a program shares."""
         settings = {"RDPI_MAX_PLAYS": self.plays, "RDPI_MAX_WINDOW": self.window, "RDPI_MAX_POLES": 5}
-        settings |= {"RDPI_MAX_CURVE_PIECES": 1, "RDPI_NOISE_SHAPING": 0} if self.least else {}
+        settings |= {"RDPI_MAX_CURVE_PIECES": 1, "RDPI_NOISE_SHAPING": 0, "RDPI_QUICK_STEP": 0} if self.least else {}
         settings |= {} if self.quick is None else {"RDPI_QUICK_STEP": self.quick}
         return ["arm-none-eabi-gcc", "-std=c99", self.level, "-mthumb", "-ffunction-sections", "-fdata-sections",
                 *CORES[self.core].split(), *(f"-D{name}={number}" for name, number in settings.items()),
@@ -113,7 +113,7 @@ def _rows() -> tuple[Build, ...]:
             for level in wanted.split():
                 rows.append(Build(library, core, level))
                 if library in ("f32", "f32_chain") and core == "M4F" and level != "-O0":
-                    rows.append(Build(library, core, level, quick=1 if level == "-Os" else 0))
+                    rows.append(Build(library, core, level, quick=2 if level == "-Os" else 0))
             if (library, core) in (("f32", "M4F"), ("q31", "M0")):
                 rows.append(Build(library, core, "-Os", least=True))
     return tuple(rows)
@@ -124,7 +124,7 @@ ALL = tuple(
     Build(library, core, level, quick, least)
     for library, core, level, least in itertools.product(("f32", "f32_chain", "f32_axis", "q31", "q31_chain", "q31_axis"), CORES,
                                                          ("-O2", "-Os", "-O0"), (False, True))
-    for quick in ((None, 1 if level == "-Os" else 0) if library.startswith("f32") else (None,)))  # fmt: skip
+    for quick in ((None, 2 if level == "-Os" else 0) if library.startswith("f32") else (None,)))  # fmt: skip
 ALL_IN_ORDER = tuple(dict.fromkeys((*ROWS, *ALL)))
 
 
