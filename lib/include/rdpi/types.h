@@ -13,11 +13,10 @@
 extern "C" {
 #endif
 
-/** The version of the library: major, minor, patch; as text. */
-#define RDPI_VERSION_MAJOR 0
-#define RDPI_VERSION_MINOR 1
-#define RDPI_VERSION_PATCH 0
-#define RDPI_VERSION "0.1.0"
+#define RDPI_VERSION_MAJOR 0 /**< of the version of the library, the first number; ... */
+#define RDPI_VERSION_MINOR 1 /**< ... the second; parameters of another minor version may have another schema */
+#define RDPI_VERSION_PATCH 0 /**< ... and the third */
+#define RDPI_VERSION "0.1.0" /**< all three as text */
 
 /** The version of the layout of rdpi_f32_params_t and rdpi_q31_params_t. It changes whenever one of the layouts does.
  * init refuses parameters of another version. */
