@@ -97,11 +97,12 @@ static inline uint32_t rdpi_f32_crc32(uint32_t crc, rdpi_real_t value)
 {
     uint32_t word;
     uint64_t words = 0;
+    const void *bits = &value;
     if (sizeof value == sizeof word) {
-        memcpy(&word, &value, sizeof word);
+        (void)memcpy(&word, bits, sizeof word);
         return rdpi_crc32(crc, word);
     }
-    memcpy(&words, &value, sizeof value < sizeof words ? sizeof value : sizeof words);
+    (void)memcpy(&words, bits, sizeof value < sizeof words ? sizeof value : sizeof words);
     return rdpi_crc32_wide(crc, words);
 }
 

@@ -164,9 +164,11 @@ typedef struct {
     int32_t most;      /**< ... and counts above this one for this */
 } rdpi_q31_sensor_t;
 
-/** What RDPI_Q31_SENSOR is made of: a number that fits 32 bits, and the integer nearest to it. */
+/** Part of RDPI_Q31_SENSOR: the nearest number that fits 32 bits. Single precision holds these ends, too. */
 #define RDPI_Q31_WITHIN(x) ((x) > 2147483520.0 ? 2147483520.0 : ((x) < -2147483520.0 ? -2147483520.0 : (x)))
+/** Part of RDPI_Q31_SENSOR: the integer nearest to that. */
 #define RDPI_Q31_NEAREST(x) ((int32_t)(RDPI_Q31_WITHIN(x) + ((x) < 0 ? -0.5 : 0.5)))
+/** Part of RDPI_Q31_SENSOR. */
 #define RDPI_Q31_MAGNITUDE(x) ((x) < 0 ? -(x) : (x))
 
 /** An rdpi_q31_sensor_t as an initialiser, of constants in double: reference units per count, below 2^29 in magnitude and
