@@ -398,6 +398,26 @@ void test_nothing_is_carried_over_a_clip(void)
     EQUAL(0, chain.unlag.carried_V);
 }
 
+void test_what_is_settled_carries_nothing(void)
+{
+    with_codes(8, RDPI_NOISE_SHAPING != 0); /* 0.5 V */
+    start_with_lag(1);
+    (void)step(0.1);
+    TEST_ASSERT_TRUE(RDPI_NOISE_SHAPING == 0 || fabs((double)chain.unlag.carried_V) > 0.05);
+    rdpi_f32_chain_settle(&chain);
+    EQUAL(0, chain.unlag.carried_V);
+}
+
+void test_the_operator_keeps_a_slew_limit_of_its_own(void)
+{
+    given.params.slew_V_per_s = given.params.sweep_V_per_s = 1024 * 3; /* 3 V a sample */
+    start_with_lag(1);
+    for (int k = 1; k < 8; k++) {
+        (void)step(40);
+        EQUAL(3 * k, chain.unlag.followed_V); /* what is output is a sample behind that */
+    }
+}
+
 void test_init_refuses_a_lag_that_is_none(void)
 {
     params.lag_s = -T_S;
