@@ -302,10 +302,10 @@ void test_quick_and_long_way_ask_for_the_same_drive(void)
     }
 }
 
-#if RDPI_MAX_CURVE_PIECES > 1
 /* There a code begins a piece, and rounding leaves some of these codes on the piece before it. */
 void test_quick_and_long_way_ask_for_the_same_drive_between_two_pieces_of_the_input_curve(void)
 {
+#if RDPI_MAX_CURVE_PIECES > 1
     with_codes(13, false);
     given.params.curve_pieces = 2;
     given.play[1] = (rdpi_f32_play_t){.r_um = (rdpi_real_t)0.125, .slope = (rdpi_real_t)1.25};
@@ -326,8 +326,8 @@ void test_quick_and_long_way_ask_for_the_same_drive_between_two_pieces_of_the_in
             }
         }
     }
-}
 #endif
+}
 
 void test_resonances_and_creep_stand_ahead_of_it(void)
 {
