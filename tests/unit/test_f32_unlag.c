@@ -302,10 +302,10 @@ void test_quick_and_long_way_ask_for_the_same_drive(void)
     }
 }
 
-#if RDPI_MAX_CURVE_PIECES > 1
 /* There a code begins a piece, and rounding leaves some of these codes on the piece before it. */
 void test_quick_and_long_way_ask_for_the_same_drive_between_two_pieces_of_the_input_curve(void)
 {
+#if RDPI_MAX_CURVE_PIECES > 1
     with_codes(13, false);
     given.params.curve_pieces = 2;
     given.play[1] = (rdpi_f32_play_t){.r_um = (rdpi_real_t)0.125, .slope = (rdpi_real_t)1.25};
@@ -326,8 +326,8 @@ void test_quick_and_long_way_ask_for_the_same_drive_between_two_pieces_of_the_in
             }
         }
     }
-}
 #endif
+}
 
 void test_resonances_and_creep_stand_ahead_of_it(void)
 {
@@ -396,6 +396,26 @@ void test_nothing_is_carried_over_a_clip(void)
     (void)step(40.1);
     TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_LEAD, chain.axis.flags);
     EQUAL(0, chain.unlag.carried_V);
+}
+
+void test_what_is_settled_carries_nothing(void)
+{
+    with_codes(8, RDPI_NOISE_SHAPING != 0); /* 0.5 V */
+    start_with_lag(1);
+    (void)step(0.1);
+    TEST_ASSERT_TRUE(RDPI_NOISE_SHAPING == 0 || fabs((double)chain.unlag.carried_V) > 0.05);
+    rdpi_f32_chain_settle(&chain);
+    EQUAL(0, chain.unlag.carried_V);
+}
+
+void test_the_operator_keeps_a_slew_limit_of_its_own(void)
+{
+    given.params.slew_V_per_s = given.params.sweep_V_per_s = 1024 * 3; /* 3 V a sample */
+    start_with_lag(1);
+    for (int k = 1; k < 8; k++) {
+        (void)step(40);
+        EQUAL(3 * k, chain.unlag.followed_V); /* what is output is a sample behind that */
+    }
 }
 
 void test_init_refuses_a_lag_that_is_none(void)
