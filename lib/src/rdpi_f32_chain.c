@@ -174,6 +174,7 @@ void rdpi_f32_chain_settle(rdpi_f32_chain_t *self)
 void rdpi_f32_chain_reset(rdpi_f32_chain_t *self)
 {
     rdpi_f32_reset(&self->axis);
+    self->creep.poles = self->params->poles; /* whatever has become of it: the poles are as many as are settled */
     rdpi_f32_chain_settle(self);
 }
 
