@@ -134,8 +134,8 @@ rdpi_status_t rdpi_f32_axis_hand_over(rdpi_f32_axis_t *self);
 rdpi_status_t rdpi_f32_axis_take_back(rdpi_f32_axis_t *self);
 
 /** Something else, such as a watchdog or an emergency stop, has brought the output to `drive_V`. The chain follows it,
- * the drive is held there, and only rdpi_f32_axis_start with its whole sweep leads back to RUN. @return RDPI_OK, RDPI_ERR_NULL, RDPI_ERR_MODE in OFF,
- * RDPI_ERR_MEMORY for a drive that is not finite or outside the range. */
+ * the drive is held there, and only rdpi_f32_axis_start with its whole sweep leads back to RUN. @return RDPI_OK,
+ * RDPI_ERR_NULL, RDPI_ERR_MODE in OFF, RDPI_ERR_MEMORY for a drive that is not finite or outside the range. */
 rdpi_status_t rdpi_f32_axis_fault(rdpi_f32_axis_t *self, rdpi_real_t drive_V);
 
 /** Exchanges the parameters while the axis runs. `spare` is a chain that rdpi_f32_chain_init has accepted with the new
