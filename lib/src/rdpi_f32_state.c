@@ -361,8 +361,17 @@ static play_state_t play_elsewhere(const rdpi_f32_params_t *to, const rdpi_f32_t
     return play;
 }
 
-/* The states of the plays of `to`, at the places of its thresholds between those of `from`; beyond the last, its own. No
- * two of them are further apart than their thresholds. */
+/* The x of `to`, or the end of its range that it is beyond. */
+static rdpi_real_t x_in_range(const rdpi_f32_params_t *to, rdpi_real_t x_um)
+{
+    const rdpi_f32_line_t *last = &to->curve[rdpi_f32_pieces(to) - 1u];
+    rdpi_real_t one_um = rdpi_f32_x_of_drive(to->curve, to->min_V), other_um = rdpi_f32_x_of_drive(last, to->max_V);
+    return one_um < other_um ? rdpi_f32_clamp(x_um, one_um, other_um) : rdpi_f32_clamp(x_um, other_um, one_um);
+}
+
+/* The states of the plays of `to`, at the places of its thresholds between those of `from`; beyond the last, its own.
+ * Another source may have left x outside the range, and what is output is the end of it: x comes back to there, and each
+ * play with the one before it. So no two of them are further apart than their thresholds. */
 static void project_plays(const rdpi_f32_params_t *to, const rdpi_f32_t *from, rdpi_real_t *y_um)
 {
     size_t i = 0;
@@ -377,13 +386,23 @@ static void project_plays(const rdpi_f32_params_t *to, const rdpi_f32_t *from, r
         rdpi_real_t apart_um = above.r_um - below.r_um;
         rdpi_real_t share = apart_um > 0 ? rdpi_f32_clamp((r_um - below.r_um) / apart_um, 0, 1) : 1;
         y_um[k] = rdpi_f32_fma(share, above.y_um - below.y_um, below.y_um);
+        if (k > 0u) {
+            rdpi_real_t gap_um = r_um - to->play[k - 1u].r_um;
+            y_um[k] = rdpi_f32_clamp(y_um[k], y_um[k - 1u] - gap_um, y_um[k - 1u] + gap_um);
+        } else {
+            y_um[k] = x_in_range(to, y_um[k]);
+        }
     }
 }
+
+/* More of its time constants in a sample than a pole can tell; the quotient may be infinite. */
+#define FASTEST ((rdpi_real_t)1e9)
 
 /* log2 of a number > 0, straight between powers of 2: poles are compared by it. */
 static rdpi_real_t about_log2(rdpi_real_t number)
 {
     rdpi_real_t whole = 0;
+    number = number < FASTEST ? number : FASTEST;
     while (number >= 2) {
         number /= 2;
         whole += 1;

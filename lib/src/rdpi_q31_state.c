@@ -306,9 +306,11 @@ static void project_plays(const rdpi_q31_params_t *to, const rdpi_q31_t *from, i
         int64_t part = (r < above.r ? r : above.r) - below.r, apart = above.r - below.r;
         int64_t twice = apart > 0 ? below.y + proportion(part, above.y - below.y, apart) : above.y;
         y[k] = rdpi_q31_clamp(twice / 2, -RDPI_Q31_MAX_DRIVE, RDPI_Q31_MAX_DRIVE);
-        if (k > 0u) { /* rounding must not take them further apart than one history does */
+        if (k > 0u) {
             int32_t gap = to->play[k].r - to->play[k - 1u].r;
             y[k] = rdpi_q31_clamp(y[k], y[k - 1u] - gap, y[k - 1u] + gap);
+        } else {
+            y[k] = rdpi_q31_x_in_range(to, y[k]);
         }
     }
 }
@@ -425,16 +427,13 @@ rdpi_status_t rdpi_q31_chain_inherit(rdpi_q31_chain_t *self, const rdpi_q31_chai
         return RDPI_ERR_SAMPLE_TIME;
     }
     project_plays(params, &from->axis, y);
-    y[0] = rdpi_q31_x_in_range(params, y[0]); /* to rounding, it is */
-    rdpi_status_t status = rdpi_q31_set_memory(axis, y);
-    if (status == RDPI_OK) {
-        rdpi_q31_chain_settle(self);
-        project_creep(self, from);
-        take_output(self, from);
-        axis->guard_count = from->axis.guard_count;
-        axis->clip_count = from->axis.clip_count;
-        axis->input_count = from->axis.input_count;
-        axis->missed_count = from->axis.missed_count;
-    }
-    return status;
+    (void)rdpi_q31_set_memory(axis, y); /* it takes what project_plays makes: integers are not rounded */
+    rdpi_q31_chain_settle(self);
+    project_creep(self, from);
+    take_output(self, from);
+    axis->guard_count = from->axis.guard_count;
+    axis->clip_count = from->axis.clip_count;
+    axis->input_count = from->axis.input_count;
+    axis->missed_count = from->axis.missed_count;
+    return RDPI_OK;
 }

@@ -37,3 +37,69 @@ void test_another_number_of_poles_goes_on_from_nearly_the_same_drive(void);
 void test_creep_that_begins_or_ends_with_the_new_parameters_has_settled(void);
 void test_creep_is_inherited_from_what_was_really_output(void);
 #include "chain_inherit.inc"
+
+void test_inherit_refuses_a_drive_outside_the_range_and_changes_nothing(void)
+{
+    wander(0);
+    (void)rdpi_f32_chain_forward(&chain, 20);
+    for (int kind = 0; kind < 2; kind++) {
+        given_model(&other);
+        other.max_V = kind == 0 ? (double)19.9 : 28;
+        chain.axis.drive_V = kind == 0 ? 20 : NAN;
+        made(&spare, &other);
+        memcpy(&twin, &spare, sizeof spare);
+        TEST_ASSERT_EQUAL_INT(RDPI_ERR_MEMORY, rdpi_f32_chain_inherit(&spare, &chain));
+        TEST_ASSERT_EQUAL_MEMORY(&twin, &spare, sizeof spare);
+    }
+    chain.axis.drive_V = 20;
+    other.min_V = (double)20.1;
+    for (size_t i = 0; i < 3; i++) {
+        other.actuator.memory_um[i] = 25;
+    }
+    other.actuator.params.sweep_end_V = 25;
+    made(&spare, &other);
+    TEST_ASSERT_EQUAL_INT(RDPI_ERR_MEMORY, rdpi_f32_chain_inherit(&spare, &chain));
+}
+
+/* x of some 300000 um in a range of 60 V: what single precision makes of its ends may lie outside. */
+void test_what_rounding_takes_out_of_the_range_is_refused_and_changes_nothing(void)
+{
+    int taken = 0, left = 0;
+    wander(0);
+    (void)rdpi_f32_chain_forward(&chain, 28);
+    for (int k = 0; k < 40; k++) {
+        other.gain = 0.3 + 0.001 * k;
+        other.offset_V = 1e6;
+        for (size_t i = 0; i < 3; i++) {
+            other.actuator.memory_um[i] = (rdpi_real_t)(other.gain * -1e6);
+        }
+        made(&spare, &other);
+        memcpy(&twin, &spare, sizeof spare);
+        rdpi_status_t status = rdpi_f32_chain_inherit(&spare, &chain);
+        if (status == RDPI_OK) {
+            taken++;
+        } else {
+            TEST_ASSERT_EQUAL_INT(RDPI_ERR_MEMORY, status);
+            TEST_ASSERT_EQUAL_MEMORY(&twin, &spare, sizeof spare);
+            left++;
+        }
+    }
+    TEST_ASSERT_GREATER_THAN_INT(0, taken);
+    TEST_ASSERT_GREATER_THAN_INT(0, left);
+}
+
+/* T / time_constant of 1e30 is infinite for some; the pole follows at once. */
+void test_a_time_constant_of_next_to_nothing_is_inherited(void)
+{
+    add_pole(&model, 0.25, 16);
+    wander(100);
+    add_pole(&other, 0.25, 1e-42);
+    made(&spare, &other);
+    inherits();
+    TEST_ASSERT_TRUE(rdpi_f32_chain_is_sane(&spare));
+    wander(0);
+    chain = spare;
+    other = model;
+    made(&spare, &other);
+    inherits();
+}

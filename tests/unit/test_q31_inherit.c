@@ -37,3 +37,75 @@ void test_another_number_of_poles_goes_on_from_nearly_the_same_drive(void);
 void test_creep_that_begins_or_ends_with_the_new_parameters_has_settled(void);
 void test_creep_is_inherited_from_what_was_really_output(void);
 #include "chain_inherit.inc"
+
+void test_inherit_refuses_another_range_in_V_and_changes_nothing(void)
+{
+    wander(100);
+    for (int kind = 0; kind < 4; kind++) {
+        const uint32_t mantissa = model.actuator.params.unit_mantissa;
+        given_model(&other);
+        other.min_V = kind == 0 ? -31 : -32;
+        other.max_V = kind == 1 ? 27 : 28;
+        made(&spare, &other);
+        other.actuator.params.unit_mantissa = kind == 2 ? INT32_MAX : mantissa; /* parameters that say no units */
+        model.actuator.params.unit_mantissa = kind == 3 ? 0 : mantissa;
+        memcpy(&twin, &spare, sizeof spare);
+        TEST_ASSERT_EQUAL_INT(RDPI_ERR_DRIVE, rdpi_q31_chain_inherit(&spare, &chain));
+        TEST_ASSERT_EQUAL_MEMORY(&twin, &spare, sizeof spare);
+        model.actuator.params.unit_mantissa = mantissa;
+    }
+}
+
+/* The same actuator, whose displacement is counted in units of 2^-21 um, 2^-19 um, ...: slopes of the stages make up. */
+void test_creep_is_inherited_in_other_units_of_displacement(void)
+{
+    with_creep(&model);
+    with_creep(&other);
+    wander(0);
+    for (int k = 0; k < 30; k++) {
+        (void)rdpi_q31_chain_forward(&chain, drive_of(&model, 12));
+    }
+    for (int shift = -1; shift < 3; shift++) {
+        other.um_per_reference = ldexp(1, shift);
+        other.actuator.params.saturation_shift = (uint8_t)(29 + shift);
+        made(&spare, &other);
+        inherits();
+        for (size_t i = 0; i < 3; i++) {
+            NEAR(0.001, creep_behind_um(&chain, i), creep_behind_um(&spare, i));
+        }
+        NEAR(0.001, ldexp((double)chain.creep.settled, -30) / U, ldexp((double)spare.creep.settled, -30 + shift) / U);
+    }
+}
+
+/* What does not fit the units saturates. */
+void test_creep_in_units_that_have_nothing_in_common_saturates(void)
+{
+    with_creep(&model);
+    with_creep(&other);
+    for (int sign = -1; sign <= 1; sign += 2) {
+        wander(0);
+        (void)rdpi_q31_chain_forward(&chain, drive_of(&model, 12));
+        other.um_per_reference = ldexp(1, 100 * sign);
+        made(&spare, &other);
+        inherits();
+        for (size_t i = 0; i < 3; i++) {
+            int64_t expected = sign > 0 ? spare.creep.h : -(RDPI_Q31_ONE - 1);
+            TEST_ASSERT_EQUAL_INT64(expected, spare.creep.lag[i].state >> 32);
+        }
+    }
+}
+
+/* Shares that add up to 1: what h_0 adds is nothing, wherever it was. */
+void test_creep_without_a_share_of_where_it_had_settled_is_inherited(void)
+{
+    other = model;
+    add_pole(&model, 0.25, 16);
+    wander(0);
+    TEST_ASSERT_EQUAL_INT64(0, chain.creep.settled);
+    (void)rdpi_q31_chain_forward(&chain, drive_of(&model, 12));
+    add_pole(&other, -0.25, 16); /* has one */
+    made(&spare, &other);
+    inherits();
+    TEST_ASSERT_TRUE(spare.creep.settled != 0);
+    NEAR(CLOSE, creep_behind_um(&chain, 0), creep_behind_um(&spare, 0));
+}
