@@ -263,7 +263,7 @@ def test_a_straight_input_curve_fits_a_library_without_the_curve(model: Model, c
 @pytest.mark.parametrize("seed", range(5))
 def test_the_digest_is_the_crc_of_the_fields_in_their_order(seed: int) -> None:
     single = parameters.f32(random_model(seed, plays=seed, deadzones=seed % 3))
-    data = struct.pack("<H4BH13f", single.plays, single.deadzones, single.dac_bits, single.curve_pieces,
+    data = struct.pack("<H4BH15f", single.plays, single.deadzones, single.dac_bits, single.curve_pieces,
                        single.noise_shaping, single.sweep_cycles, *(getattr(single, field) for field in SCALARS))
     data += b"".join(getattr(single, field).astype("<f4").tobytes() for field in TABLES)
     assert firmware.digest(single) == zlib.crc32(data)

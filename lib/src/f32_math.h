@@ -8,6 +8,9 @@
 #include <tgmath.h> /* fabs, isfinite and fma of whichever type rdpi_real_t is; compilers inline them */
 #endif
 
+#include <string.h>
+
+#include "crc.h"
 #include "rdpi/f32.h"
 
 #if defined(__AVR__) && __SIZEOF_DOUBLE__ != __SIZEOF_FLOAT__
@@ -59,6 +62,19 @@ static inline rdpi_real_t rdpi_f32_fma(rdpi_real_t a, rdpi_real_t b, rdpi_real_t
 #else
     return a * b + c;
 #endif
+}
+
+/* Continues the checksum `crc` over the bits of a number, the lowest first. */
+static inline uint32_t rdpi_f32_crc32(uint32_t crc, rdpi_real_t value)
+{
+    uint32_t word;
+    uint64_t words = 0;
+    if (sizeof value == sizeof word) {
+        memcpy(&word, &value, sizeof word);
+        return rdpi_crc32(crc, word);
+    }
+    memcpy(&words, &value, sizeof value < sizeof words ? sizeof value : sizeof words);
+    return rdpi_crc32_wide(crc, words);
 }
 
 static RDPI_F32_SHARED rdpi_real_t rdpi_f32_clamp(rdpi_real_t value, rdpi_real_t low, rdpi_real_t high)

@@ -20,11 +20,8 @@
 
 uint32_t rdpi_f32_digest_layout(uint64_t layout, const rdpi_f32_params_t *params)
 {
-    rdpi_f32_scan_t scan = {0, true};
-    if (layout == RDPI_F32_LAYOUT) {
-        rdpi_f32_scan(&scan, params);
-    }
-    return scan.digest;
+    rdpi_f32_scan_t scan;
+    return layout == RDPI_F32_LAYOUT ? rdpi_f32_scan(&scan, params) : 0u;
 }
 
 rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi_f32_params_t *params,

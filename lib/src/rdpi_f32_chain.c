@@ -15,16 +15,21 @@
 /* The largest magnitude of a number, as in f32_check.h. */
 #define MAX_NUMBER ((rdpi_real_t)1e7)
 
-/* The part that the digest covers: counts and numbers. */
-#define DIGEST_BEGIN offsetof(rdpi_f32_chain_params_t, poles)
-#define DIGEST_END (offsetof(rdpi_f32_chain_params_t, direct) + sizeof(rdpi_real_t))
-
 /* ---- init ---- */
 
 static uint32_t checksum(const rdpi_f32_chain_params_t *params)
 {
-    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, DIGEST_END - DIGEST_BEGIN);
-    return rdpi_crc32(crc, params->pole, params->poles * sizeof *params->pole);
+    const rdpi_real_t numbers[] = {params->delay_s, params->lag_s,       params->lead_s,
+                                   params->lead_s2, params->max_lead_um, params->direct};
+    uint32_t crc = rdpi_crc32(0, params->poles | (uint32_t)params->preview << 16);
+    for (size_t k = 0; k < sizeof numbers / sizeof *numbers; k++) {
+        crc = rdpi_f32_crc32(crc, numbers[k]);
+    }
+    for (size_t i = 0; i < params->poles; i++) {
+        crc = rdpi_f32_crc32(crc, params->pole[i].share);
+        crc = rdpi_f32_crc32(crc, params->pole[i].time_constant_s);
+    }
+    return crc;
 }
 
 uint32_t rdpi_f32_chain_digest_layout(uint64_t layout, const rdpi_f32_chain_params_t *params)

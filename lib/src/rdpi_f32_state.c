@@ -72,14 +72,13 @@
 static uint32_t identity(const rdpi_f32_chain_t *self)
 {
     const rdpi_f32_rate_t *rate = &self->axis.rate_estimator;
-    const uint32_t digests[] = {self->params->axis->digest, self->params->digest, rate->window};
-    uint32_t crc = rdpi_crc32(0, digests, sizeof digests);
-    return rdpi_crc32(crc, &rate->per_window_s, sizeof rate->per_window_s);
+    uint32_t crc = rdpi_crc32(rdpi_crc32(0, self->params->axis->digest), self->params->digest);
+    return rdpi_crc32_block(rdpi_crc32(crc, rate->window), &rate->per_window_s, sizeof rate->per_window_s);
 }
 
 static uint32_t check_of(const rdpi_f32_chain_state_t *state)
 {
-    return rdpi_crc32(rdpi_crc32(0, state->count, sizeof state->count), state->number, sizeof state->number);
+    return rdpi_crc32_block(rdpi_crc32_block(0, state->count, sizeof state->count), state->number, sizeof state->number);
 }
 
 rdpi_status_t rdpi_f32_chain_get_state(const rdpi_f32_chain_t *self, rdpi_f32_chain_state_t *state)

@@ -57,15 +57,15 @@
 /* CRC-32 of what tells this chain from another. */
 static uint32_t identity(const rdpi_q31_chain_t *self)
 {
-    const uint32_t numbers[] = {self->params->axis->digest, self->params->digest, self->sample_time_ns};
-    return rdpi_crc32(0, numbers, sizeof numbers);
+    uint32_t crc = rdpi_crc32(rdpi_crc32(0, self->params->axis->digest), self->params->digest);
+    return rdpi_crc32(crc, self->sample_time_ns);
 }
 
 static uint32_t check_of(const rdpi_q31_chain_state_t *state)
 {
-    uint32_t crc = rdpi_crc32(0, state->wide, sizeof state->wide);
-    crc = rdpi_crc32(crc, state->number, sizeof state->number);
-    return rdpi_crc32(crc, state->count, sizeof state->count);
+    uint32_t crc = rdpi_crc32_block(0, state->wide, sizeof state->wide);
+    crc = rdpi_crc32_block(crc, state->number, sizeof state->number);
+    return rdpi_crc32_block(crc, state->count, sizeof state->count);
 }
 
 rdpi_status_t rdpi_q31_chain_get_state(const rdpi_q31_chain_t *self, rdpi_q31_chain_state_t *state)

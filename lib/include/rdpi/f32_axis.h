@@ -77,9 +77,9 @@ rdpi_status_t rdpi_f32_axis_init_layout(uint64_t layout, rdpi_f32_axis_t *self, 
  *
  * @return RDPI_OK; what rdpi_f32_chain_init returns; or RDPI_ERR_MEMORY if `drive_V` is not finite or outside the range.
  * After a fault the mode is OFF, and drive_V and dac_code of `self` are as before: steps hold them. Not for an ISR. */
-RDPI_MUST_CHECK static inline rdpi_status_t rdpi_f32_axis_init(rdpi_f32_axis_t *self,
-                                                               const rdpi_f32_chain_params_t *params,
-                                                               rdpi_real_t sample_time_s, rdpi_real_t drive_V)
+RDPI_MUST_CHECK
+static inline rdpi_status_t rdpi_f32_axis_init(rdpi_f32_axis_t *self, const rdpi_f32_chain_params_t *params,
+                                               rdpi_real_t sample_time_s, rdpi_real_t drive_V)
 {
     return rdpi_f32_axis_init_layout(RDPI_F32_CHAIN_LAYOUT, self, params, sample_time_s, drive_V);
 }

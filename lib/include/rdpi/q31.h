@@ -109,6 +109,8 @@ typedef struct {
     int32_t drive_per_code;     /**< its inverse, times 2^drive_shift */
     int32_t sweep_end;          /**< the drive at which the start-up sweep ends */
     int32_t sweep_forgotten;    /**< see sweep_forgotten in rdpi/f32.h; times 2^30 */
+    uint32_t min_sample_time_ns; /**< see min_sample_time_s in rdpi/f32.h */
+    uint32_t max_sample_time_ns; /**< see max_sample_time_s; 0: unlimited */
     const rdpi_q31_play_t *play;                   /**< [plays] */
     const rdpi_q31_deadzone_t *saturation;         /**< [deadzones], S (eq. 8), from v to reference units */
     const rdpi_q31_deadzone_t *inverse_saturation; /**< [deadzones], S^-1 (eq. 13), from reference units to v */
@@ -210,6 +212,7 @@ rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi
  * - saturation weights whose magnitudes add up to more than 2^31 (RDPI_ERR_SATURATION);
  * - a guard of less than one reference unit per window, or of 2^63 and more (RDPI_ERR_RATE);
  * - a window of 4.29 s and more (RDPI_ERR_WINDOW). */
+RDPI_MUST_CHECK
 static inline rdpi_status_t rdpi_q31_init(rdpi_q31_t *self, const rdpi_q31_params_t *params, uint32_t sample_time_ns)
 {
     return rdpi_q31_init_layout(RDPI_Q31_LAYOUT, self, params, sample_time_ns);
