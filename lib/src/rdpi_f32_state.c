@@ -431,7 +431,7 @@ static rdpi_real_t behind_um(const rdpi_f32_creep_t *from, rdpi_real_t h_um, rdp
         }
     }
     if (!isfinite(under) || !isfinite(over)) {
-        return isfinite(under) ? under_um : (isfinite(over) ? over_um : 0);
+        return isfinite(under) ? under_um : over_um;
     }
     return over > under ? under_um + (place - under) / (over - under) * (over_um - under_um) : under_um;
 }

@@ -33,6 +33,7 @@ void test_plays_from_outside_the_range_come_back_into_it(void);
 void test_other_codes_output_the_nearest_one(void);
 void test_a_lag_keeps_what_is_output_and_what_the_plays_follow(void);
 void test_a_pole_is_behind_as_those_with_the_next_time_constants(void);
+void test_poles_in_any_order_are_compared(void);
 void test_another_number_of_poles_goes_on_from_nearly_the_same_drive(void);
 void test_creep_that_begins_or_ends_with_the_new_parameters_has_settled(void);
 void test_creep_is_inherited_from_what_was_really_output(void);
@@ -102,4 +103,18 @@ void test_a_time_constant_of_next_to_nothing_is_inherited(void)
     other = model;
     made(&spare, &other);
     inherits();
+}
+
+/* As many codes over another range. */
+void test_another_range_outputs_the_nearest_code(void)
+{
+    model.bits = other.bits = 12;
+    for (int kind = 0; kind < 2; kind++) {
+        other.min_V = kind == 0 ? -30 : -32;
+        other.max_V = kind == 1 ? 30 : 28;
+        wander(100);
+        double volts = V_in(&model, &chain), span_V = other.max_V - other.min_V;
+        inherits();
+        TEST_ASSERT_EQUAL_UINT32((uint32_t)((volts - other.min_V) * 4095 / span_V + 0.5), spare.axis.dac_code);
+    }
 }

@@ -116,6 +116,16 @@ static void damage_each(void)
     DAMAGE(preview_samples, (uint32_t)1 << 25)
 }
 
+void test_damage_of_a_play_that_is_not_engaged_is_found(void)
+{
+    made(&chain, &model);
+    TEST_ASSERT_EQUAL_UINT16(0, chain.axis.bank.engaged);
+    memcpy(&twin, &chain, sizeof chain);
+    NOT_A_NUMBER(axis.bank.y_um[0])
+    NOT_A_NUMBER(axis.bank.y_um[1])
+    NOT_A_NUMBER(axis.bank.y_um[2])
+}
+
 static bool sane(void)
 {
     return rdpi_f32_chain_is_sane(&chain);
@@ -128,6 +138,8 @@ void test_damage_of_the_quick_way_is_found(void)
     const rdpi_f32_piece_t piece = {.slope = 1};
     model.bits = 12;
     model.bent = true;
+    model.actuator.params.deadzones = 2;
+    model.actuator.saturation[1] = (rdpi_f32_deadzone_t){.d_um = 20, .weight = (rdpi_real_t)-0.5};
     made(&chain, &model);
     (void)rdpi_f32_chain_step(&chain, 3);
     (void)rdpi_f32_chain_step(&chain, 2); /* no play is engaged */

@@ -86,6 +86,7 @@ static void damage_each(void)
     DAMAGE(creep.fast, 4)
     DAMAGE(creep.turn, 0)
     DAMAGE(creep.turn, 3)
+    DAMAGE(creep.turn, 4)
     for (size_t i = 0; i < 3u; i++) {
         WIDE(creep.lag[i].state, RDPI_Q31_ONE)
         DAMAGE(creep.lag[i].blend, -1)
@@ -106,4 +107,14 @@ static void damage_each(void)
     DAMAGE(unlag.shift, 64)
     DAMAGE(preview_samples, (uint32_t)1 << 30)
     DAMAGE(sample_time_ns, 0)
+}
+
+void test_damage_of_a_play_that_is_not_engaged_is_found(void)
+{
+    made(&chain, &model);
+    TEST_ASSERT_EQUAL_UINT16(0, chain.axis.bank.engaged);
+    memcpy(&twin, &chain, sizeof chain);
+    BOTH(axis.bank.y[0], RDPI_Q31_MAX_DRIVE)
+    BOTH(axis.bank.y[1], RDPI_Q31_MAX_DRIVE)
+    BOTH(axis.bank.y[2], RDPI_Q31_MAX_DRIVE)
 }
