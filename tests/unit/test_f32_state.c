@@ -46,7 +46,9 @@ static void damage_each(void)
     NEGATIVE(axis.rate_um_per_s)
     DAMAGE(axis.rate_um_per_s, 4097)
     NOT_A_NUMBER(axis.ramp_V)
+#if RDPI_NOISE_SHAPING
     NOT_A_NUMBER(axis.carried_um)
+#endif
     DAMAGE(axis.dac_code, 4096)
     DAMAGE(axis.sweep_turns, 6)
     NEGATIVE(axis.rate_estimator.filtered_um_per_s)
@@ -134,10 +136,9 @@ static bool sane(void)
 /* The places and the edge of the quick way, where it is compiled. */
 void test_damage_of_the_quick_way_is_found(void)
 {
-    const rdpi_f32_line_t line = {.gain_um_per_V = 1};
     const rdpi_f32_piece_t piece = {.slope = 1};
     model.bits = 12;
-    model.bent = true;
+    model.bent = CURVES > 1;
     model.actuator.params.deadzones = 2;
     model.actuator.saturation[1] = (rdpi_f32_deadzone_t){.d_um = 20, .weight = (rdpi_real_t)-0.5};
     made(&chain, &model);
@@ -149,9 +150,12 @@ void test_damage_of_the_quick_way_is_found(void)
     }
     memcpy(&twin, &chain, sizeof chain);
     NOT_A_NUMBER(axis.bank.edge_um)
+#if RDPI_MAX_CURVE_PIECES > 1
+    const rdpi_f32_line_t line = {.gain_um_per_V = 1};
     NOT_A_NUMBER(axis.bank.middle_um)
     DAMAGE(axis.line, NULL)
     DAMAGE(axis.line, &line)
+#endif
     DAMAGE(axis.latest_piece, NULL)
     DAMAGE(axis.latest_piece, &piece)
 }

@@ -47,7 +47,9 @@ static void damage_each(void)
     WIDE(axis.ramp, RDPI_Q31_MAX_DRIVE)
     DAMAGE(axis.slew, -1)
     DAMAGE(axis.sweep_step, 0)
+#if RDPI_NOISE_SHAPING
     WIDE(axis.carried, 1 << 29)
+#endif
     DAMAGE(axis.rate_estimator.filtered, -1)
     DAMAGE(axis.rate_estimator.guard, INT32_MAX)
     DAMAGE(axis.rate_estimator.per_guard, ((uint32_t)1 << 30) - 1u)
