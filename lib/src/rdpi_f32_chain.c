@@ -183,7 +183,7 @@ static RDPI_F32_SELDOM rdpi_real_t output_um(const rdpi_f32_chain_t *self)
 }
 
 /* The displacement after a sweep that ended in the middle of the range: all plays are there. */
-static rdpi_real_t middle_um(const rdpi_f32_params_t *params)
+static rdpi_real_t swept_um(const rdpi_f32_params_t *params)
 {
     const rdpi_f32_line_t *last = &params->curve[rdpi_f32_pieces(params) - 1u];
     rdpi_real_t ends_um =
@@ -198,7 +198,7 @@ void rdpi_f32_chain_swept(rdpi_f32_chain_t *self, uint32_t ticks)
     self->way = self->usual;
     forget_references(self);
     rdpi_f32_unlag_settle(&self->unlag, &self->axis);
-    rdpi_f32_creep_settle(creep, middle_um(self->axis.params));
+    rdpi_f32_creep_settle(creep, swept_um(self->axis.params));
     if (ticks > 0u) { /* the last of them is moved by the next step */
         creep->h_um = output_um(self);
         creep->mean_um = creep->h_um;

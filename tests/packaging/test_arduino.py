@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import re
+import shutil
 import subprocess
+import sys
 import threading
 import zipfile
 from pathlib import Path
@@ -11,7 +14,7 @@ from types import ModuleType
 
 import pytest
 
-from triangle import PARAMS, ROOT
+from triangle import PARAMS, ROOT, host_codes, run
 
 BOARDS = {"atmega328p": "arduino:avr:uno", "atmega2560": "arduino:avr:mega:cpu=atmega2560"}
 BUILT_IN = "/usr/share/arduino/hardware/arduino/avr/libraries"
@@ -185,6 +188,22 @@ def test_wire_in_loop_returns_and_tells_that_no_dac_answers(libraries: Path, tmp
 def test_a_driver_on_the_spi_sends_from_a_sketch(libraries: Path, tmp_path: Path) -> None:
     sketch = sketch_of(tmp_path, SPI, DAC_ON_THE_SPI)
     assert prints(build(libraries, sketch, BOARDS["atmega328p"], tmp_path / "build"), "atmega328p") == ["1", "0", "1"]
+
+
+def test_the_sketch_is_right_for_a_sensor_whose_zero_is_elsewhere(libraries: Path, tmp_path: Path) -> None:
+    params = tmp_path / "params"
+    params.mkdir()
+    model = json.loads((PARAMS / "model.json").read_text()) | {"offset_um": -3.75}
+    (params / "model.json").write_text(json.dumps(model))
+    run(sys.executable, "-m", "rdpi", "header", params / "model.json", "-o", params / "rdpi_params.h")
+    shutil.copytree(libraries, tmp_path / "libraries")
+    shutil.copy(params / "rdpi_params.h", tmp_path / "libraries/rdpi/examples/TrackFixedPoint")
+    program = build(tmp_path / "libraries", "TrackFixedPoint", BOARDS["atmega2560"], tmp_path / "build")
+    status, *said = prints(program, "atmega2560")
+    assert status == "status 0"
+    codes = host_codes("q31", tmp_path / "host", params=params)
+    assert max(abs(int(line) - code) for line, code in zip(said, codes, strict=True)) <= 1  # its double has 32 bits
+    assert len(set(codes)) > 100
 
 
 def test_the_library_tells_the_ide_what_it_asks_for(package: ModuleType, libraries: Path) -> None:

@@ -148,12 +148,25 @@ static const rdpi_f32_chain_params_t rdpi_chain = {
 /* Whether there are parameters in fixed point: rdpi_params_q31, at the end. */
 #define RDPI_PARAMS_Q31 1
 
-/* Displacement in um to a reference and back; -36.6844 to 36.6844 um fit, which
+/* Displacement in um to a reference; -36.6844 to 36.6844 um fit, which
  * is not checked: beyond them, and for NaN, the result is undefined (see RDPI_Q31_NO_REFERENCE). Constant expressions
  * for constant arguments; others are evaluated twice, in double precision. */
 #define RDPI_PARAMS_Q31_REFERENCE(um) \
     ((int32_t)(((double)(um) - (0.0)) * (58539463.95434022) \
                + ((double)(um) < (0.0) ? -0.5 : 0.5)))
+
+/* A difference of displacements in um to one of references: an amplitude, a step, a distance per sample. The offset, which
+ * RDPI_PARAMS_Q31_REFERENCE takes off, cancels. Multiply this one, and add it to a reference. */
+#define RDPI_PARAMS_Q31_DIFFERENCE(um) ((int32_t)((double)(um) * (58539463.95434022) + ((double)(um) < 0 ? -0.5 : 0.5)))
+
+/* Counts of a sensor to references in integers, for a reference that is measured: of constants, initialises
+ *     static const rdpi_q31_sensor_t sensor = RDPI_PARAMS_Q31_SENSOR(um per count, um at count 0);
+ * and then `rdpi_q31_of_counts(&sensor, counts)` is the reference. */
+#define RDPI_PARAMS_Q31_SENSOR(um_per_count, um_at_count_0) \
+    RDPI_Q31_SENSOR((double)(um_per_count) * (58539463.95434022), \
+                    ((0.0) - (double)(um_at_count_0)) / (double)(um_per_count))
+
+/* A reference to displacement in um. */
 #define RDPI_PARAMS_Q31_UM(reference) ((double)(reference) * (1.7082493286579852e-08) + (0.0))
 
 /* Drive in V, and back. */

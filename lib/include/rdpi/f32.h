@@ -29,9 +29,10 @@
  * is the cost without them.
  *
  * The quick way: most steps take some 70 instructions if DAC codes are output, the rate window is one sample, and there
- * is no rate filter, no slew limit and no noise shaping. The macro RDPI_QUICK_STEP, defined as 0 or 1 for lib/src, leaves the quick
- * way out or compiles it. Its default is 0 with -Os and 1 otherwise, because the quick way adds 2 to 3 kB of code.
- * Codes, drives, flags and counts are the same with and without it, bit for bit. */
+ * is no rate filter, no slew limit and no noise shaping. The macro RDPI_QUICK_STEP, defined as 0, 1 or 2 for lib/src,
+ * leaves the quick way out (0), or compiles half of it (1) or all of it (2). Half of it adds 1 kB of code: steps that
+ * the quick way does not serve cost what they cost without it. All of it adds 2 to 3 kB. The default is 1 with -Os and 2
+ * otherwise. Codes, drives, flags and counts are the same with each of them, bit for bit. */
 #ifndef RDPI_F32_H
 #define RDPI_F32_H
 

@@ -215,8 +215,8 @@ rdpi_real_t rdpi_f32_chain_forward(rdpi_f32_chain_t *self, rdpi_real_t drive_V);
  *
  * @return the flags of all samples, OR-ed. RDPI_FLAG_INPUT alone if a pointer is NULL: then nothing else has happened.
  *
- * n times the amortised cost of a step, and once its O(n + m + poles): a block is dear only where x turns round or plays
- * engage, and a play that has engaged cannot do so again before x turns round. ISR safe. */
+ * n times the amortised cost of a step, and O(n + m + poles) more for each sample in which x turns round or a play
+ * engages: lib/README.md has figures. ISR safe. */
 uint32_t rdpi_f32_chain_block(rdpi_f32_chain_t *self, const rdpi_real_t *reference_um, uint32_t *codes, uint32_t n);
 
 /** Reads all that the chain remembers. Between this and rdpi_f32_chain_set_state the chain goes on to the bit: steps

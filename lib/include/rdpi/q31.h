@@ -155,6 +155,32 @@ typedef struct {
     uint32_t length;   /**< how many references are on it; 0: none found yet, or its numbers do not fit */
 } rdpi_q31_piece_t;
 
+/** How the counts of a sensor become references. RDPI_PARAMS_Q31_SENSOR of a generated header fills it in. */
+typedef struct {
+    int64_t per_count; /**< reference units per count, times 2^32 */
+    int64_t rest;      /**< the reference at count_0, times 2^32, and 2^31, so that cutting rounds to the nearest */
+    int32_t count_0;   /**< the count nearest to reference 0 */
+    int32_t least;     /**< counts below this one are taken for it, ... */
+    int32_t most;      /**< ... and counts above this one for this */
+} rdpi_q31_sensor_t;
+
+/** What RDPI_Q31_SENSOR is made of: a number that fits 32 bits, and the integer nearest to it. */
+#define RDPI_Q31_WITHIN(x) ((x) > 2147483520.0 ? 2147483520.0 : ((x) < -2147483520.0 ? -2147483520.0 : (x)))
+#define RDPI_Q31_NEAREST(x) ((int32_t)(RDPI_Q31_WITHIN(x) + ((x) < 0 ? -0.5 : 0.5)))
+#define RDPI_Q31_MAGNITUDE(x) ((x) < 0 ? -(x) : (x))
+
+/** An rdpi_q31_sensor_t as an initialiser, of constants in double: reference units per count, below 2^29 in magnitude and
+ * not 0, and the count at reference 0, a fraction, within 32 bits. Least and most are where the reference reaches 1.5
+ * times 2^30, beyond all that an actuator reaches. */
+#define RDPI_Q31_SENSOR(per_count, count)                                                                             \
+    {                                                                                                                 \
+        (int64_t)((per_count) * 4294967296.0 + ((per_count) < 0 ? -0.5 : 0.5)),                                       \
+            (int64_t)(((double)RDPI_Q31_NEAREST(count) - RDPI_Q31_WITHIN(count)) * (per_count) * 4294967296.0) +      \
+                ((int64_t)1 << 31),                                                                                   \
+            RDPI_Q31_NEAREST(count), RDPI_Q31_NEAREST((count) - 1610612736.0 / RDPI_Q31_MAGNITUDE(per_count)),        \
+            RDPI_Q31_NEAREST((count) + 1610612736.0 / RDPI_Q31_MAGNITUDE(per_count))                                  \
+    }
+
 /** One actuator at work. Read the fields under "result"; the others are private. */
 typedef struct {
     /* result */
@@ -189,6 +215,14 @@ typedef struct {
 
 /** RDPI_LAYOUT of this header. */
 #define RDPI_Q31_LAYOUT RDPI_LAYOUT(rdpi_q31_t, rdpi_q31_params_t)
+
+/** The reference for the counts of a sensor, in integers: one multiplication of 64 bits. Any counts are usable. Within
+ * least to most, the reference is within 0.75 units of the exact one if double has 64 bits. O(1). ISR safe. */
+static inline int32_t rdpi_q31_of_counts(const rdpi_q31_sensor_t *sensor, int32_t counts)
+{
+    int32_t usable = counts < sensor->least ? sensor->least : (counts > sensor->most ? sensor->most : counts);
+    return (int32_t)((((int64_t)usable - sensor->count_0) * sensor->per_count + sensor->rest) >> 32);
+}
 
 /** As rdpi_f32_digest_layout. */
 uint32_t rdpi_q31_digest_layout(uint64_t layout, const rdpi_q31_params_t *params);
