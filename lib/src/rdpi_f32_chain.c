@@ -10,16 +10,7 @@
 #include "f32_saturation.h"
 #include "f32_step.h"
 #include "f32_unlag.h"
-
-/* The ways of a step. One of the first four is the usual way of a chain. */
-enum {
-    PLAIN,      /* the operator alone */
-    LEAD,       /* the lead before it */
-    CREEP,      /* creep^-1 before it */
-    LEAD_CREEP, /* both */
-    GENERAL,    /* as LEAD or LEAD_CREEP, with no preview, no history, missed samples, or no resonances */
-    LAG         /* any of these, in unlag.way, with lag^-1 behind it */
-};
+#include "f32_way.h"
 
 /* The largest magnitude of a number, as in f32_check.h. */
 #define MAX_NUMBER ((rdpi_real_t)1e7)
@@ -179,6 +170,7 @@ void rdpi_f32_chain_settle(rdpi_f32_chain_t *self)
 void rdpi_f32_chain_reset(rdpi_f32_chain_t *self)
 {
     rdpi_f32_reset(&self->axis);
+    self->creep.poles = self->params->poles; /* whatever has become of it: the poles are as many as are settled */
     rdpi_f32_chain_settle(self);
 }
 

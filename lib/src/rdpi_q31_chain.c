@@ -105,6 +105,7 @@ void rdpi_q31_chain_settle(rdpi_q31_chain_t *self)
 void rdpi_q31_chain_reset(rdpi_q31_chain_t *self)
 {
     rdpi_q31_reset(&self->axis);
+    self->creep.poles = self->params->poles; /* whatever has become of it: the poles are as many as are settled */
     rdpi_q31_chain_settle(self);
 }
 

@@ -102,7 +102,8 @@ def varies(source: Path) -> bool:
 def sources(test: Path) -> list[Path]:
     """The test, what it uses of the library, and the drivers that it names."""
     headers = {path.stem for path in parts(test) if path.parent == Path("lib/include/rdpi")}
-    used = [path for path in LIBRARY if path.stem.removeprefix("rdpi_") in headers | {"status"}]
+    stems = headers | {name.replace("chain", "state") for name in headers} | {"status"}  # f32_chain.h has two sources
+    used = [path for path in LIBRARY if path.stem.removeprefix("rdpi_") in stems]
     drivers = re.findall(r'^TEST_SOURCE_FILE\("(port/.*)"\)', test.read_text("utf-8"), re.MULTILINE)
     return [test, *used, *(ROOT / driver for driver in drivers)]
 

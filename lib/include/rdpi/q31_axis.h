@@ -41,6 +41,7 @@ typedef struct {
     bool own_direct_output;  /**< as init has set it in the chain */
     bool to_drive;           /**< the ramp goes to a drive, and the axis stops there */
     bool sane;               /**< reset by check: the next sample goes to FAULT */
+    bool known;              /**< where the plays are: there was no fault after the latest sweep */
     volatile uint8_t posted; /**< counts requests; the latest is request[posted % 2] */
     uint8_t taken;           /**< the request that was obeyed last */
     volatile rdpi_q31_request_t request[2]; /**< two, so that no sample reads one that is being written */

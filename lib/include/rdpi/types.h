@@ -139,7 +139,7 @@ typedef enum {
     RDPI_AXIS_RAMP,    /**< on the way to the reference, or to the drive of a stop, at a limited speed */
     RDPI_AXIS_RUN,     /**< follows the reference */
     RDPI_AXIS_MANUAL,  /**< another source drives the actuator; the chain follows it */
-    RDPI_AXIS_FAULT    /**< the drive is held; only a start with its sweep leads on */
+    RDPI_AXIS_FAULT    /**< the drive is held; only a start with its sweep leads back to RUN */
 } rdpi_axis_mode_t;
 
 /** What happened in the latest step. The bits are OR-ed. */
