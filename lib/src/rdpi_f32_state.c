@@ -86,7 +86,7 @@ rdpi_status_t rdpi_f32_chain_get_state(const rdpi_f32_chain_t *self, rdpi_f32_ch
     if (self == NULL || state == NULL) {
         return RDPI_ERR_NULL;
     }
-    memset(state, 0, sizeof *state);
+    (void)memset(state, 0, sizeof *state);
     rdpi_real_t *number = state->number;
     uint32_t *count = state->count;
 #define SAVE_NUMBER(field) *number++ = self->field;

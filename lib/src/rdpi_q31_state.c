@@ -74,7 +74,7 @@ rdpi_status_t rdpi_q31_chain_get_state(const rdpi_q31_chain_t *self, rdpi_q31_ch
         return RDPI_ERR_NULL;
     }
     const rdpi_q31_rate_t *rate = &self->axis.rate_estimator;
-    memset(state, 0, sizeof *state);
+    (void)memset(state, 0, sizeof *state);
     int64_t *wide = state->wide;
     int32_t *number = state->number;
     uint32_t *count = state->count;
