@@ -129,9 +129,11 @@ static void obey(AXIS(t) *self)
     case FAULT:
         enter_fault(self, request->DRIVE);
         break;
-    default:
-        exchange(self, request->spare);
+    default: {
+        CHAIN(t) *spare = request->spare;
+        exchange(self, spare);
         break;
+    }
     }
 }
 

@@ -86,16 +86,17 @@ rdpi_status_t rdpi_f32_chain_get_state(const rdpi_f32_chain_t *self, rdpi_f32_ch
     if (self == NULL || state == NULL) {
         return RDPI_ERR_NULL;
     }
-    memset(state, 0, sizeof *state);
+    (void)memset(state, 0, sizeof *state);
     rdpi_real_t *number = state->number;
     uint32_t *count = state->count;
-#define SAVE_NUMBER(field) *number++ = self->field;
-#define SAVE_COUNT(type, field) *count++ = self->field;
+#define SAVE_NUMBER(field) *number = self->field; number++;
+#define SAVE_COUNT(type, field) *count = self->field; count++;
     NUMBERS(SAVE_NUMBER)
     COUNTS(SAVE_COUNT)
     *count = (self->first ? FIRST : 0u) | (self->unlag.first ? UNLAG_FIRST : 0u);
 #if RDPI_NOISE_SHAPING
-    *number++ = self->axis.carried_um;
+    *number = self->axis.carried_um;
+    number++;
 #endif
     for (size_t k = 0; k < self->axis.rate_estimator.window; k++) {
         number[k] = self->axis.rate_estimator.z_um[k];
@@ -123,14 +124,15 @@ rdpi_status_t rdpi_f32_chain_set_state(rdpi_f32_chain_t *self, const rdpi_f32_ch
     rdpi_f32_chain_t next = *self;
     const rdpi_real_t *number = state->number;
     const uint32_t *count = state->count;
-#define LOAD_NUMBER(field) next.field = *number++;
-#define LOAD_COUNT(type, field) next.field = (type)*count++;
+#define LOAD_NUMBER(field) next.field = *number; number++;
+#define LOAD_COUNT(type, field) next.field = (type)*count; count++;
     NUMBERS(LOAD_NUMBER)
     COUNTS(LOAD_COUNT)
     next.first = (*count & FIRST) != 0u;
     next.unlag.first = (*count & UNLAG_FIRST) != 0u;
 #if RDPI_NOISE_SHAPING
-    next.axis.carried_um = *number++;
+    next.axis.carried_um = *number;
+    number++;
 #endif
     for (size_t k = 0; k < self->axis.rate_estimator.window; k++) {
         next.axis.rate_estimator.z_um[k] = number[k];
@@ -156,7 +158,7 @@ rdpi_status_t rdpi_f32_chain_set_state(rdpi_f32_chain_t *self, const rdpi_f32_ch
 /* ---- whether a state is one that a chain can have ---- */
 
 /* NaN is not within anything. */
-static bool within(rdpi_real_t value, rdpi_real_t limit)
+static bool is_within(rdpi_real_t value, rdpi_real_t limit)
 {
     return fabs(value) <= limit;
 }
@@ -215,10 +217,10 @@ static bool is_bank_sane(const rdpi_f32_bank_t *bank, const rdpi_f32_params_t *p
     rdpi_real_t most_v_um = largest_v_um(params);
     uint16_t engaged = bank->engaged;
     bool sane = engaged < params->plays && is_a_play(params, bank->last_engaged) &&
-                within(bank->y_um[0], most_um) && within(bank->remainder_um, most_v_um) &&
-                within(bank->remainder_rate_s, most_v_um);
+                is_within(bank->y_um[0], most_um) && is_within(bank->remainder_um, most_v_um) &&
+                is_within(bank->remainder_rate_s, most_v_um);
     for (size_t i = engaged + 1u; i < params->plays; i++) {
-        sane = sane && within(bank->y_um[i], most_um + r_um);
+        sane = sane && is_within(bank->y_um[i], most_um + r_um);
     }
     return sane;
 }
@@ -227,7 +229,7 @@ static bool is_bank_sane(const rdpi_f32_bank_t *bank, const rdpi_f32_params_t *p
 static bool is_quick_way_sane(const rdpi_f32_t *axis, const rdpi_f32_params_t *params)
 {
     rdpi_real_t most_um = largest_x_um(params);
-    bool found = false, sane = within(axis->bank.edge_um, most_um);
+    bool found = false, sane = is_within(axis->bank.edge_um, most_um);
     const rdpi_f32_piece_t *piece = axis->latest_piece;
     for (size_t j = 0; j < params->deadzones; j++) {
         found = found || piece == &params->inverse_saturation[j];
@@ -238,7 +240,7 @@ static bool is_quick_way_sane(const rdpi_f32_t *axis, const rdpi_f32_params_t *p
     for (size_t i = 0; i < params->curve_pieces; i++) {
         on_line = on_line || line == &params->curve[i];
     }
-    sane = sane && on_line && (axis->bank.engaged > 0u || within(axis->bank.middle_um, most_um));
+    sane = sane && on_line && (axis->bank.engaged > 0u || is_within(axis->bank.middle_um, most_um));
 #endif
     return sane && found;
 }
@@ -252,7 +254,7 @@ static bool is_rate_sane(const rdpi_f32_rate_t *rate)
                 rate->filtered_um_per_s <= 4 * RDPI_MAX_REFERENCE_UM / RDPI_MIN_SAMPLE_TIME_S;
     if (sane && oldest < window) {
         for (size_t k = 0; k < window; k++) {
-            sane = sane && within(rate->z_um[k], 2 * RDPI_MAX_REFERENCE_UM);
+            sane = sane && is_within(rate->z_um[k], 2 * RDPI_MAX_REFERENCE_UM);
         }
     }
     return sane;
@@ -266,12 +268,12 @@ static uint32_t last_code(const rdpi_f32_params_t *params)
 static bool is_axis_sane(const rdpi_f32_t *axis, const rdpi_f32_params_t *params)
 {
     rdpi_real_t drive_V = axis->drive_V, most_V = fabs(params->min_V) + fabs(params->max_V);
-    bool sane = drive_V >= params->min_V && drive_V <= params->max_V && within(axis->ramp_V, 2 * most_V) &&
+    bool sane = drive_V >= params->min_V && drive_V <= params->max_V && is_within(axis->ramp_V, 2 * most_V) &&
                 axis->rate_um_per_s >= 0 && axis->rate_um_per_s <= params->max_um_per_s &&
                 axis->dac_code <= last_code(params) && axis->sweep_turns <= 2u * params->sweep_cycles + 1u &&
                 (!axis->quick || is_quick_way_sane(axis, params));
 #if RDPI_NOISE_SHAPING
-    sane = sane && within(axis->carried_um, largest_v_um(params));
+    sane = sane && is_within(axis->carried_um, largest_v_um(params));
 #endif
     return sane;
 }
@@ -291,14 +293,14 @@ static bool is_creep_sane(const rdpi_f32_creep_t *creep, const rdpi_f32_chain_pa
     bool sane = creep->per_turn <= MAX_PER_TURN && creep->wait <= creep->per_turn && creep->round >= 0 &&
                 creep->round <= MAX_PER_TURN * RDPI_MAX_POLES && creep->per_direct > 0 &&
                 creep->per_direct <= 2 / MIN_DIRECT && (fast == poles || (turn >= fast && turn < poles)) &&
-                within(creep->settled_um, most_um) && within(creep->mean_um, most_um) &&
-                within(creep->slow_um, most_added_um) && within(creep->next_um, most_added_um) &&
-                within(creep->sum_um, MAX_PER_TURN * RDPI_MAX_POLES * most_um) &&
-                within(creep->h_um, 2 / MIN_DIRECT * (2 * MAX_NUMBER + most_added_um)); /* if it is refused, too */
+                is_within(creep->settled_um, most_um) && is_within(creep->mean_um, most_um) &&
+                is_within(creep->slow_um, most_added_um) && is_within(creep->next_um, most_added_um) &&
+                is_within(creep->sum_um, MAX_PER_TURN * RDPI_MAX_POLES * most_um) &&
+                is_within(creep->h_um, 2 / MIN_DIRECT * (2 * MAX_NUMBER + most_added_um)); /* if it is refused, too */
     for (size_t i = 0; i < poles; i++) {
         const rdpi_f32_lag_t *lag = &creep->lag[i];
-        sane = sane && within(lag->state_um, most_um) && within(lag->rest_um, most_um) && lag->blend >= 0 &&
-               lag->blend <= 1 && within(lag->weight, weights) && within(lag->weight_ahead, 2 * weights) &&
+        sane = sane && is_within(lag->state_um, most_um) && is_within(lag->rest_um, most_um) && lag->blend >= 0 &&
+               lag->blend <= 1 && is_within(lag->weight, weights) && is_within(lag->weight_ahead, 2 * weights) &&
                creep->per_sample[i] > 0;
     }
     return sane;
@@ -307,18 +309,18 @@ static bool is_creep_sane(const rdpi_f32_creep_t *creep, const rdpi_f32_chain_pa
 static bool is_lead_sane(const rdpi_f32_lead_t *lead, bool first)
 {
     return isfinite(lead->per_before) && isfinite(lead->per_step) && lead->max_um > 0 && lead->max_um <= MAX_NUMBER &&
-           (first || (within(lead->latest_um, RDPI_MAX_REFERENCE_UM) &&
-                      within(lead->before_um, 2 * RDPI_MAX_REFERENCE_UM)));
+           (first || (is_within(lead->latest_um, RDPI_MAX_REFERENCE_UM) &&
+                      is_within(lead->before_um, 2 * RDPI_MAX_REFERENCE_UM)));
 }
 
 static bool is_unlag_sane(const rdpi_f32_unlag_t *unlag, const rdpi_f32_params_t *params)
 {
     const rdpi_real_t most_V = 4 * (fabs(params->min_V) + fabs(params->max_V));
-    return within(unlag->followed_V, most_V) && within(unlag->ramp_V, most_V) && within(unlag->carried_V, most_V) &&
+    return is_within(unlag->followed_V, most_V) && is_within(unlag->ramp_V, most_V) && is_within(unlag->carried_V, most_V) &&
            unlag->per_step >= 0 && unlag->per_step <= MAX_QUOTIENT && unlag->codes_per_V >= 0 &&
            unlag->codes_per_V <= MAX_QUOTIENT && unlag->max_step_V >= 0 && unlag->max_step_V <= MAX_QUOTIENT &&
            unlag->dac_code <= last_code(params) && unlag->way <= LAG &&
-           (unlag->first || (within(unlag->asked_V, most_V) && within(unlag->before_V, most_V)));
+           (unlag->first || (is_within(unlag->asked_V, most_V) && is_within(unlag->before_V, most_V)));
 }
 
 bool rdpi_f32_chain_is_sane(const rdpi_f32_chain_t *self)
@@ -415,7 +417,7 @@ static rdpi_real_t about_log2(rdpi_real_t number)
 
 /* How far a pole that moves by `per_sample` of its distance would be behind h: between the two poles of `from` next to
  * it, or as the last of them. */
-static rdpi_real_t behind_um(const rdpi_f32_creep_t *from, rdpi_real_t h_um, rdpi_real_t per_sample)
+static rdpi_real_t behind_of_um(const rdpi_f32_creep_t *from, rdpi_real_t h_um, rdpi_real_t per_sample)
 {
     const rdpi_real_t place = about_log2(per_sample);
     rdpi_real_t under = -INFINITY, over = INFINITY, under_um = 0, over_um = 0;
@@ -446,7 +448,7 @@ static void project_creep(rdpi_f32_creep_t *self, const rdpi_f32_creep_t *from, 
     self->settled_um -= h_um;
     self->h_um = h_um;
     for (size_t i = 0; i < self->poles; i++) {
-        self->lag[i].state_um = h_um + behind_um(from, h_um, self->per_sample[i]);
+        self->lag[i].state_um = h_um + behind_of_um(from, h_um, self->per_sample[i]);
     }
     self->mean_um = from->mean_um;
     rdpi_f32_creep_wait(self, 0, h_um); /* what the slow ones add follows from their states */

@@ -74,18 +74,20 @@ rdpi_status_t rdpi_q31_chain_get_state(const rdpi_q31_chain_t *self, rdpi_q31_ch
         return RDPI_ERR_NULL;
     }
     const rdpi_q31_rate_t *rate = &self->axis.rate_estimator;
-    memset(state, 0, sizeof *state);
+    (void)memset(state, 0, sizeof *state);
     int64_t *wide = state->wide;
     int32_t *number = state->number;
     uint32_t *count = state->count;
-#define SAVE_WIDE(field) *wide++ = self->field;
-#define SAVE_NUMBER(field) *number++ = self->field;
-#define SAVE_COUNT(type, field) *count++ = self->field;
+#define SAVE_WIDE(field) *wide = self->field; wide++;
+#define SAVE_NUMBER(field) *number = self->field; number++;
+#define SAVE_COUNT(type, field) *count = self->field; count++;
     WIDE(SAVE_WIDE)
     NUMBERS(SAVE_NUMBER)
     COUNTS(SAVE_COUNT)
+    (void)count; /* behind the last one */
 #if RDPI_NOISE_SHAPING
-    *wide++ = self->axis.carried;
+    *wide = self->axis.carried;
+    wide++;
 #endif
     for (size_t i = 0; i < self->creep.poles; i++) {
         wide[i] = self->creep.lag[i].state;
@@ -112,14 +114,16 @@ rdpi_status_t rdpi_q31_chain_set_state(rdpi_q31_chain_t *self, const rdpi_q31_ch
     const int64_t *wide = state->wide;
     const int32_t *number = state->number;
     const uint32_t *count = state->count;
-#define LOAD_WIDE(field) next.field = *wide++;
-#define LOAD_NUMBER(field) next.field = *number++;
-#define LOAD_COUNT(type, field) next.field = (type)*count++;
+#define LOAD_WIDE(field) next.field = *wide; wide++;
+#define LOAD_NUMBER(field) next.field = *number; number++;
+#define LOAD_COUNT(type, field) next.field = (type)*count; count++;
     WIDE(LOAD_WIDE)
     NUMBERS(LOAD_NUMBER)
     COUNTS(LOAD_COUNT)
+    (void)count;
 #if RDPI_NOISE_SHAPING
-    next.axis.carried = *wide++;
+    next.axis.carried = *wide;
+    wide++;
 #endif
     for (size_t i = 0; i < self->creep.poles; i++) {
         next.creep.lag[i].state = wide[i];
@@ -150,7 +154,7 @@ static int32_t upper(int64_t number)
     return (int32_t)(number >> 32);
 }
 
-static bool within(int32_t value, int32_t limit)
+static bool is_within(int32_t value, int32_t limit)
 {
     return value >= -limit && value <= limit;
 }
@@ -169,8 +173,8 @@ static bool is_bank_sane(const rdpi_q31_bank_t *bank, const rdpi_q31_params_t *p
 {
     uint16_t engaged = bank->engaged;
     bool sane = engaged < params->plays && is_a_play(params, bank->last_engaged) && rdpi_q31_in_format(bank->y[0]) &&
-                bank->room >= 0 && within(upper(bank->f_at_rest), RDPI_Q31_ONE) &&
-                within(upper(bank->f_rate), RDPI_Q31_ONE);
+                bank->room >= 0 && is_within(upper(bank->f_at_rest), RDPI_Q31_ONE) &&
+                is_within(upper(bank->f_rate), RDPI_Q31_ONE);
     for (size_t i = engaged + 1u; i < params->plays; i++) {
         sane = sane && rdpi_q31_in_format(bank->y[i]);
     }
@@ -198,7 +202,7 @@ static bool is_axis_sane(const rdpi_q31_t *axis, const rdpi_q31_params_t *params
                 rdpi_q31_in_format(axis->x) && rdpi_q31_in_format(upper(axis->ramp)) && axis->slew >= 0 &&
                 axis->sweep_step >= 1;
 #if RDPI_NOISE_SHAPING
-    sane = sane && within(upper(axis->carried), HALF / 4);
+    sane = sane && is_within(upper(axis->carried), HALF / 4);
 #endif
     return sane;
 }
@@ -209,15 +213,15 @@ static bool is_creep_sane(const rdpi_q31_creep_t *creep, const rdpi_q31_chain_pa
     if (poles != params->poles || fast > poles) {
         return false;
     }
-    bool sane = within(creep->h, MAX_H) && within(creep->mean, MAX_H) && within(upper(creep->settled), RDPI_Q31_ONE) &&
-                within(upper(creep->slow), RDPI_Q31_ONE) && within(upper(creep->next), RDPI_Q31_ONE) &&
-                within(upper(creep->sum), RDPI_MAX_POLES) && creep->per_direct >= RDPI_Q31_ONE / 8 &&
+    bool sane = is_within(creep->h, MAX_H) && is_within(creep->mean, MAX_H) && is_within(upper(creep->settled), RDPI_Q31_ONE) &&
+                is_within(upper(creep->slow), RDPI_Q31_ONE) && is_within(upper(creep->next), RDPI_Q31_ONE) &&
+                is_within(upper(creep->sum), RDPI_MAX_POLES) && creep->per_direct >= RDPI_Q31_ONE / 8 &&
                 creep->per_direct <= RDPI_Q31_ONE && turn >= fast &&
                 (turn < poles || (turn == poles && fast == poles));
     for (size_t i = 0; i < poles; i++) {
         const rdpi_q31_lag_t *lag = &creep->lag[i];
-        sane = sane && within(upper(lag->state), RDPI_Q31_ONE) && lag->blend >= 0 &&
-               within(lag->weight, RDPI_Q31_ONE) && lag->per_sample >= HALF / 2u && lag->exponent <= 94u &&
+        sane = sane && is_within(upper(lag->state), RDPI_Q31_ONE) && lag->blend >= 0 &&
+               is_within(lag->weight, RDPI_Q31_ONE) && lag->per_sample >= HALF / 2u && lag->exponent <= 94u &&
                lag->shift <= 62u;
     }
     return sane;
@@ -225,15 +229,15 @@ static bool is_creep_sane(const rdpi_q31_creep_t *creep, const rdpi_q31_chain_pa
 
 static bool is_lead_sane(const rdpi_q31_lead_t *lead)
 {
-    return within(lead->per_sum, RDPI_Q31_ONE) && within(lead->per_change, RDPI_Q31_ONE) &&
-           within(lead->latest, INT32_MAX) && within(lead->before, INT32_MAX) && lead->shift >= 1u && lead->shift <= 63u;
+    return is_within(lead->per_sum, RDPI_Q31_ONE) && is_within(lead->per_change, RDPI_Q31_ONE) &&
+           is_within(lead->latest, INT32_MAX) && is_within(lead->before, INT32_MAX) && lead->shift >= 1u && lead->shift <= 63u;
 }
 
 static bool is_unlag_sane(const rdpi_q31_unlag_t *unlag, const rdpi_q31_params_t *params)
 {
     return rdpi_q31_in_format(unlag->followed) && rdpi_q31_in_format(upper(unlag->ramp)) &&
            rdpi_q31_in_format(unlag->carried) && unlag->per_step >= 0 && unlag->per_step <= RDPI_Q31_ONE &&
-           rdpi_q31_in_format(unlag->asked) && within(unlag->before, RDPI_Q31_ONE) &&
+           rdpi_q31_in_format(unlag->asked) && is_within(unlag->before, RDPI_Q31_ONE) &&
            unlag->dac_code <= last_code(params) && unlag->shift >= 1u && unlag->shift <= 63u;
 }
 
@@ -323,11 +327,14 @@ static int64_t about_log2(const rdpi_q31_lag_t *lag)
     return mantissa - (lag->exponent + (int64_t)zeros) * ((int64_t)1 << 31);
 }
 
+/* A larger logarithm than any. */
+#define NONE ((int64_t)1 << 62)
+
 /* How far a pole like `lag` would be behind h: between the two poles of `from` next to it, or as the last of them. */
-static int64_t behind(const rdpi_q31_creep_t *from, const rdpi_q31_lag_t *lag)
+static int64_t behind_of(const rdpi_q31_creep_t *from, const rdpi_q31_lag_t *lag)
 {
     const int64_t place = about_log2(lag);
-    int64_t under = INT64_MIN, over = INT64_MAX, under_lag = 0, over_lag = 0;
+    int64_t under = -NONE, over = NONE, under_lag = 0, over_lag = 0;
     for (size_t i = 0; i < from->poles; i++) {
         int64_t at = about_log2(&from->lag[i]), less = (int64_t)upper(from->lag[i].state) - from->h;
         if (at <= place && at > under) {
@@ -339,8 +346,8 @@ static int64_t behind(const rdpi_q31_creep_t *from, const rdpi_q31_lag_t *lag)
             over_lag = less;
         }
     }
-    if (under == INT64_MIN || over == INT64_MAX) {
-        return under == INT64_MIN ? over_lag : under_lag;
+    if (under == -NONE || over == NONE) {
+        return under == -NONE ? over_lag : under_lag;
     }
     return under_lag + proportion((place - under) >> 9, over_lag - under_lag, (over - under) >> 9);
 }
@@ -380,7 +387,7 @@ static void project_creep(rdpi_q31_chain_t *self, const rdpi_q31_chain_t *from)
     creep->slow = 0;
     for (size_t i = 0; i < creep->poles; i++) {
         rdpi_q31_lag_t *lag = &creep->lag[i];
-        int64_t at = creep->h + rescaled(to, old, behind(&from->creep, lag));
+        int64_t at = creep->h + rescaled(to, old, behind_of(&from->creep, lag));
         lag->state = rdpi_q31_widen(rdpi_q31_clamp(at, -MAX_H, MAX_H));
         creep->slow += i < creep->fast ? 0 : rdpi_q31_creep_adds(lag);
     }
