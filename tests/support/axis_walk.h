@@ -194,7 +194,7 @@ static void walk(long at_least)
 {
     while (steps < at_least) {
         next_axis();
-        creep.known = faulted = false;
+        creep.known = false;
         for (int calls = 0; calls < 60; calls++) {
             if (choose(6) == 0 && AXIS(start)(&axis) == RDPI_OK) { /* most other calls interrupt a sweep */
                 for (int k = 0; k < 3000 && axis.mode != RDPI_AXIS_RUN; k++) {
