@@ -12,15 +12,23 @@
 #endif
 
 #define RATE_HZ 1000
+#define MOST_FAILED 10u /* frames in a row: the first that gets through is a step of as many samples. Yours to choose */
 
 bool run_axis(spi_device_handle_t device);
+uint32_t frames_failed(void); /* since the start; 0 on a healthy bus */
+
+/* Yours: MOST_FAILED frames in a row have failed, and no more are sent. The DAC still outputs its last code: switch the
+ * amplifier off. */
+void axis_stopped(void);
 
 static spi_device_handle_t dac;
+static gptimer_handle_t timer;
 static TaskHandle_t task;
+static volatile uint32_t failed;
 
-static bool on_alarm(gptimer_handle_t timer, const gptimer_alarm_event_data_t *event, void *context)
+static bool on_alarm(gptimer_handle_t source, const gptimer_alarm_event_data_t *event, void *context)
 {
-    (void)timer;
+    (void)source;
     (void)event;
     (void)context;
     BaseType_t woken = pdFALSE;
@@ -28,27 +36,43 @@ static bool on_alarm(gptimer_handle_t timer, const gptimer_alarm_event_data_t *e
     return woken == pdTRUE;
 }
 
-/* Its 24 bits: command 3, "write to and update the DAC register"; the code; four bits that do not matter. */
-static void write_dac(uint32_t code)
+/* Its 24 bits: command 3, "write to and update the DAC register"; the code; four bits that do not matter. False if the
+ * DAC has not got them: it then outputs the code before. */
+static bool write_dac(uint32_t code)
 {
     spi_transaction_t frame = {
         .flags = SPI_TRANS_USE_TXDATA,
         .length = 24,
         .tx_data = {(uint8_t)(0x30u | code >> 12), (uint8_t)(code >> 4), (uint8_t)(code << 4)},
     };
-    (void)spi_device_polling_transmit(dac, &frame);
+    return spi_device_polling_transmit(dac, &frame) == ESP_OK;
 }
 
-/* A notification is a counter: what it is more than 1 are ticks that the task was too late for. */
+/* A notification is a counter: what it is more than 1 are ticks that the task was too late for. A code that has not got
+ * through is sent again, and axis_next waits for it: the library counts on every code that it has returned. */
 static void follow(void *context)
 {
     (void)context;
-    uint32_t code = axis_first_code();
-    for (;;) {
-        uint32_t ticks = ulTaskNotifyTake(pdTRUE, portMAX_DELAY);
-        write_dac(code);
-        code = axis_next(ticks - 1u);
+    uint32_t code = axis_first_code(), lost = 0, in_a_row = 0;
+    while (in_a_row < MOST_FAILED) {
+        lost += ulTaskNotifyTake(pdTRUE, portMAX_DELAY) - 1u;
+        if (write_dac(code)) {
+            code = axis_next(lost);
+            lost = in_a_row = 0;
+        } else {
+            failed++;
+            in_a_row++;
+            lost++;
+        }
     }
+    (void)gptimer_stop(timer); /* if it runs on, nobody listens */
+    axis_stopped();
+    vTaskDelete(NULL);
+}
+
+uint32_t frames_failed(void)
+{
+    return failed;
 }
 
 bool run_axis(spi_device_handle_t device)
@@ -57,7 +81,6 @@ bool run_axis(spi_device_handle_t device)
     if (axis_start(RATE_HZ) != RDPI_OK) {
         return false;
     }
-    gptimer_handle_t timer = NULL;
     const gptimer_config_t clock = {
         .clk_src = GPTIMER_CLK_SRC_DEFAULT, .direction = GPTIMER_COUNT_UP, .resolution_hz = 1000000};
     const gptimer_alarm_config_t period = {.alarm_count = 1000000 / RATE_HZ, .flags = {.auto_reload_on_alarm = 1}};

@@ -23,7 +23,7 @@ static void put(uint8_t *frame, uint32_t command, uint32_t data)
 static void send(rdpi_ad5683r_t *self, uint32_t command, uint32_t data)
 {
     put(self->bytes, command, data);
-    rdpi_spi_write(self->bytes, 1);
+    rdpi_spi_write(self->bytes, RDPI_AD5683R_FRAME_BYTES, 1);
 }
 
 /* The control register without reset, in the place of the code. */
@@ -90,5 +90,5 @@ bool rdpi_ad5683r_write(rdpi_ad5683r_t *self, uint32_t code)
 void rdpi_ad5683r_safe_frames(const rdpi_ad5683r_config_t *config, uint32_t code, uint8_t *bytes)
 {
     put(bytes, WRITE_CONTROL, control(config));
-    put(bytes + RDPI_SPI_FRAME_BYTES, WRITE_INPUT_AND_DAC, code & RDPI_AD5683R_MAX_CODE);
+    put(bytes + RDPI_AD5683R_FRAME_BYTES, WRITE_INPUT_AND_DAC, code & RDPI_AD5683R_MAX_CODE);
 }

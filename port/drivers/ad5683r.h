@@ -58,6 +58,9 @@ extern "C" {
 /** The largest code. */
 #define RDPI_AD5683R_MAX_CODE 65535u
 
+/** Bytes of one frame. */
+#define RDPI_AD5683R_FRAME_BYTES 3u
+
 /** How the board is wired. All false: internal reference, output 0 .. 2.5 V, LDAC tied to a level. */
 typedef struct {
     bool external_reference; /**< VREF is driven from outside: the internal reference is switched off. It is on from power
@@ -73,9 +76,9 @@ typedef struct {
     uint32_t code_count; /**< writes refused because of a code above RDPI_AD5683R_MAX_CODE */
     /* private */
     rdpi_ad5683r_config_t config;
-    uint8_t step;     /**< frames of start that were sent */
-    bool ready;       /**< start has returned true */
-    uint8_t bytes[3]; /**< what rdpi_spi_write may still be sending */
+    uint8_t step; /**< frames of start that were sent */
+    bool ready;   /**< start has returned true */
+    uint8_t bytes[RDPI_AD5683R_FRAME_BYTES]; /**< what rdpi_spi_write may still be sending */
 } rdpi_ad5683r_t;
 
 /** Prepares `self`, sends nothing. `config` is copied. From main. */

@@ -75,7 +75,7 @@ bool rdpi_dac8562_start(rdpi_dac8562_t *self)
         return true;
     }
     self->step++;
-    rdpi_spi_write(self->bytes, 1);
+    rdpi_spi_write(self->bytes, RDPI_DAC8562_FRAME_BYTES, 1);
     return false;
 }
 
@@ -99,9 +99,9 @@ bool rdpi_dac8562_write(rdpi_dac8562_t *self, uint32_t code_a, uint32_t code_b)
         return false;
     }
     put(self->bytes, WRITE_INPUT, code_a);
-    put(self->bytes + RDPI_SPI_FRAME_BYTES,
+    put(self->bytes + RDPI_DAC8562_FRAME_BYTES,
         self->config.ldac_driven ? WRITE_INPUT + CHANNEL_B : WRITE_INPUT_UPDATE_BOTH + CHANNEL_B, code_b);
-    rdpi_spi_write(self->bytes, 2);
+    rdpi_spi_write(self->bytes, RDPI_DAC8562_FRAME_BYTES, 2);
     return true;
 }
 
@@ -115,12 +115,12 @@ bool rdpi_dac8562_write_channel(rdpi_dac8562_t *self, rdpi_dac8562_channel_t cha
     } else {
         put(self->bytes, self->config.ldac_driven ? WRITE_INPUT : WRITE_UPDATE, code);
     }
-    rdpi_spi_write(self->bytes, 1);
+    rdpi_spi_write(self->bytes, RDPI_DAC8562_FRAME_BYTES, 1);
     return true;
 }
 
 void rdpi_dac8562_safe_frames(uint32_t code_a, uint32_t code_b, uint8_t *bytes)
 {
     put(bytes, WRITE_INPUT, code_a & RDPI_DAC8562_MAX_CODE);
-    put(bytes + RDPI_SPI_FRAME_BYTES, WRITE_INPUT_UPDATE_BOTH + CHANNEL_B, code_b & RDPI_DAC8562_MAX_CODE);
+    put(bytes + RDPI_DAC8562_FRAME_BYTES, WRITE_INPUT_UPDATE_BOTH + CHANNEL_B, code_b & RDPI_DAC8562_MAX_CODE);
 }

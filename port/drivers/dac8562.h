@@ -63,6 +63,9 @@ extern "C" {
 /** The largest code. */
 #define RDPI_DAC8562_MAX_CODE 65535u
 
+/** Bytes of one frame. */
+#define RDPI_DAC8562_FRAME_BYTES 3u
+
 /** The outputs. */
 typedef enum {
     RDPI_DAC8562_A, /**< VOUTA */
@@ -83,9 +86,9 @@ typedef struct {
     uint32_t code_count; /**< writes refused because of a code above RDPI_DAC8562_MAX_CODE */
     /* private */
     rdpi_dac8562_config_t config;
-    uint8_t step;     /**< frames of start that were sent */
-    bool ready;       /**< start has returned true */
-    uint8_t bytes[6]; /**< what rdpi_spi_write may still be sending */
+    uint8_t step; /**< frames of start that were sent */
+    bool ready;   /**< start has returned true */
+    uint8_t bytes[2u * RDPI_DAC8562_FRAME_BYTES]; /**< what rdpi_spi_write may still be sending */
 } rdpi_dac8562_t;
 
 /** Prepares `self`, sends nothing. `config` is copied. From main. */

@@ -49,8 +49,9 @@ static const rdpi_ad5683r_config_t wiring = {.gain_2 = true}; /* 0 .. 5 V from t
 static rdpi_ad5683r_t dac;
 static bool dac_prepared;
 
-static const uint8_t *volatile spi_next; /* byte that goes out next */
-static volatile unsigned spi_left;       /* bytes of this transfer that are not out yet */
+static const uint8_t *volatile spi_next;   /* byte that goes out next */
+static volatile unsigned spi_left;         /* bytes of this transfer that are not out yet */
+static volatile unsigned spi_frame_length; /* bytes of one of its frames */
 static rdpi_port_tick_t on_tick;
 static volatile uint32_t updates;  /* of TIM2 since the start; wraps */
 static uint32_t served;            /* of them, those that had their tick or were lost */
@@ -187,13 +188,13 @@ void rdpi_port_safe(void)
     rdpi_ad5683r_safe_frames(&wiring, RDPI_SAFE_CODE, bytes);
     spi_start();
     for (unsigned k = 0; k < sizeof bytes; k++) {
-        if (k % RDPI_SPI_FRAME_BYTES == 0u) {
+        if (k % RDPI_AD5683R_FRAME_BYTES == 0u) {
             reg_write(&GPIOA->bsrr, GPIO_LOW(SYNC_PIN));
         }
         reg_write(&SPI1->dr, bytes[k]);
         (void)reached(&SPI1->sr, SPI_SR_RXNE, SPI_SR_RXNE);
         (void)reg_read(&SPI1->dr);
-        if (k % RDPI_SPI_FRAME_BYTES == RDPI_SPI_FRAME_BYTES - 1u) {
+        if (k % RDPI_AD5683R_FRAME_BYTES == RDPI_AD5683R_FRAME_BYTES - 1u) {
             reg_write(&GPIOA->bsrr, GPIO_HIGH(SYNC_PIN));
             pause_ns(80);
         }
@@ -206,7 +207,7 @@ static void spi_advance(void)
 {
     while (spi_left > 0u && (reg_read(&SPI1->sr) & SPI_SR_RXNE) != 0u) {
         (void)reg_read(&SPI1->dr); /* what came in meanwhile; clears the flag */
-        if (spi_left % RDPI_SPI_FRAME_BYTES == 1u) {
+        if (spi_left % spi_frame_length == 1u) {
             reg_write(&GPIOA->bsrr, GPIO_HIGH(SYNC_PIN));
             pause_ns(80);
             if (spi_left > 1u) {
@@ -229,10 +230,11 @@ static void spi1_interrupt(void)
     }
 }
 
-void rdpi_spi_write(const uint8_t *bytes, size_t frames)
+void rdpi_spi_write(const uint8_t *bytes, size_t frame_bytes, size_t frames)
 {
     spi_next = bytes + 1;
-    spi_left = (unsigned)frames * RDPI_SPI_FRAME_BYTES;
+    spi_frame_length = (unsigned)frame_bytes;
+    spi_left = (unsigned)(frames * frame_bytes);
     reg_write(&GPIOA->bsrr, GPIO_LOW(SYNC_PIN)); /* half a clock, 48 ns, before the first falling edge at the least */
     reg_write(&SPI1->dr, bytes[0]);
     spi_advance(); /* nothing is out yet; but in QEMU, where a byte takes no time and no interrupt follows */

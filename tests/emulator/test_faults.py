@@ -73,11 +73,11 @@ bool __wrap_rdpi_spi_busy(void)
     return calls > 200 && calls <= 210;
 }
 
-void __real_rdpi_spi_write(const uint8_t *bytes, size_t frames);
-void __wrap_rdpi_spi_write(const uint8_t *bytes, size_t frames)
+void __real_rdpi_spi_write(const uint8_t *bytes, size_t frame_bytes, size_t frames);
+void __wrap_rdpi_spi_write(const uint8_t *bytes, size_t frame_bytes, size_t frames)
 {
     output = (bytes[0] & 15) << 12 | bytes[1] << 4 | bytes[2] >> 4;
-    __real_rdpi_spi_write(bytes, frames);
+    __real_rdpi_spi_write(bytes, frame_bytes, frames);
 }
 
 void __wrap_rdpi_port_read_adc(int32_t *counts)

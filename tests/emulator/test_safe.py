@@ -65,15 +65,15 @@ bool rdpi_reference_um(uint32_t ticks, uint32_t ahead, float *reference_um, floa
 }
 
 /* SysTick, an exception that no port has a handler for, comes so many counts later: somewhere in this frame. */
-void __real_rdpi_spi_write(const uint8_t *bytes, size_t frames);
-void __wrap_rdpi_spi_write(const uint8_t *bytes, size_t frames)
+void __real_rdpi_spi_write(const uint8_t *bytes, size_t frame_bytes, size_t frames);
+void __wrap_rdpi_spi_write(const uint8_t *bytes, size_t frame_bytes, size_t frames)
 {
     if (kind >= 100u && calls == %d) {
         ((volatile uint32_t *)0xE000E010u)[1] = kind - 100u; /* reload */
         ((volatile uint32_t *)0xE000E010u)[2] = 0;
         ((volatile uint32_t *)0xE000E010u)[0] = 7u; /* the core's clock, interrupt, on */
     }
-    __real_rdpi_spi_write(bytes, frames);
+    __real_rdpi_spi_write(bytes, frame_bytes, frames);
 }
 """ % (CALLS, CALLS)
 LATE = """

@@ -9,8 +9,16 @@ static gptimer_alarm_cb_t on_alarm;
 static TaskFunction_t function;
 static uint32_t notified;
 static uint64_t period_us;
+static bool timer_stopped, axis_is_stopped;
 
 bool run_axis(spi_device_handle_t device);
+uint32_t frames_failed(void);
+void axis_stopped(void);
+
+void axis_stopped(void)
+{
+    axis_is_stopped = true;
+}
 
 esp_err_t gptimer_new_timer(const gptimer_config_t *config, gptimer_handle_t *timer)
 {
@@ -44,6 +52,20 @@ esp_err_t gptimer_start(gptimer_handle_t timer)
     }
     function(NULL); /* for ever */
     return ESP_OK;
+}
+
+esp_err_t gptimer_stop(gptimer_handle_t timer)
+{
+    timer_stopped = timer == (gptimer_handle_t)&period_us;
+    return ESP_OK;
+}
+
+void vTaskDelete(TaskHandle_t task)
+{
+    if (task != NULL || !timer_stopped || !axis_is_stopped || frames_failed() != 10u) {
+        exit(5);
+    }
+    finish();
 }
 
 BaseType_t xTaskCreate(TaskFunction_t task_function, const char *name, uint32_t stack_depth, void *context,
@@ -80,6 +102,10 @@ int spi_device_polling_transmit(spi_device_handle_t device, spi_transaction_t *f
     (void)device;
     if (frame->flags != SPI_TRANS_USE_TXDATA || frame->length != 24u || frame->tx_data[0] >> 4 != 3u) {
         exit(4);
+    }
+    if (frame_fails()) {
+        dac_gets(dac_got[dac_count - 1u], 0u);
+        return 0x107; /* ESP_ERR_TIMEOUT */
     }
     dac_gets((frame->tx_data[0] & 0xFu) << 12 | (uint32_t)frame->tx_data[1] << 4 | frame->tx_data[2] >> 4, 0u);
     return ESP_OK;

@@ -68,8 +68,8 @@ def linked(target: Target, work: Path) -> list[object]:
             "-Wl,--defsym=ram_size=16K"]
 
 
-def codes_of(name: str, params: Path, work: Path) -> list[int]:
-    """The codes that an example's DAC gets."""
+def codes_of(name: str, params: Path, work: Path, *options: str) -> list[int]:
+    """The codes that an example's DAC outputs, tick by tick."""
     target = TARGETS[name]
     includes = [f"-I{folder}" for folder in (ROOT / "lib/include", params, OWN, HERE / "sdk" / target.sdk)]
     objects = []
@@ -78,7 +78,7 @@ def codes_of(name: str, params: Path, work: Path) -> list[int]:
         run(*target.compiler, *STRICT, *includes, "-c", source, "-o", objects[-1])
     image = work / "image"
     run(*target.compiler, "-std=gnu11", "-O2", "-ffp-contract=off", "-ffunction-sections", *includes, *objects,
-        *sorted((ROOT / "lib/src").glob("*.c")), HERE / f"main_{name}.c", *linked(target, work), "-o", image)
+        *sorted((ROOT / "lib/src").glob("*.c")), *options, HERE / f"main_{name}.c", *linked(target, work), "-o", image)
     said = run(*target.machine, "-nographic", "-monitor", "none", "-serial", "none", "-semihosting", "-kernel", image)
     return [int(line) for line in said.split()]
 
@@ -117,6 +117,31 @@ def test_the_dac_gets_the_codes_of_the_host(tmp_path: Path, name: str) -> None:
     begin = next(k for k in range(len(codes) - 399) if codes[k:k + 400] == expected)
     swept = codes[:begin]
     assert min(swept) == 0 and max(swept) == 2 ** TARGETS[name].dac_bits - 1  # the sweep went from end to end
+
+
+ON_A_BUS = "esp32c3", "rp2040"  # examples with a DAC on the SPI
+
+
+@pytest.mark.parametrize("name", ON_A_BUS)
+def test_a_code_whose_frame_failed_is_output_in_the_next_tick(tmp_path: Path, name: str) -> None:
+    """Three frames fail at the peak of the reference: the library counts on the peak, so the DAC must get it."""
+    params = parameters(16, tmp_path)
+    whole = codes_of(name, params, tmp_path)
+    peak = len(whole) - 400 + int(np.argmax(whole[-400:]))
+    codes = codes_of(name, params, tmp_path, f"-DFAIL_AT={peak}u", "-DFAIL_TIMES=3u")
+    assert len(codes) == len(whole) and whole[peak] > whole[peak - 1]
+    assert codes[:peak] == whole[:peak]
+    assert codes[peak:peak + 4] == 3 * [whole[peak - 1]] + [whole[peak]]
+    late = np.abs(np.subtract(codes, whole))[peak + 10:]  # a tick later it would be some hundred codes
+    assert late.max() <= 5
+
+
+@pytest.mark.parametrize("name", ON_A_BUS)
+def test_a_bus_that_stays_dead_stops_the_axis(tmp_path: Path, name: str) -> None:
+    """Ten frames are tried. The program itself checks that the timer is off and the application was called."""
+    params = parameters(16, tmp_path)
+    codes = codes_of(name, params, tmp_path, "-DFAIL_AT=500u", "-DFAIL_TIMES=UINT32_MAX")
+    assert len(codes) == 510 and set(codes[500:]) == {codes[499]}
 
 
 def test_another_dac_is_refused(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ TEST_SOURCE_FILE("port/drivers/ad5683r.c")
 /* One transfer of one frame of these bytes; the bus was asked first, and was free. */
 #define EXPECT_SENT(...)                                                                                \
     rdpi_spi_busy_ExpectAndReturn(false);                                                               \
-    rdpi_spi_write_ExpectWithArray(((const uint8_t[]){__VA_ARGS__}), 3, 1)
+    rdpi_spi_write_ExpectWithArray(((const uint8_t[]){__VA_ARGS__}), 3, 3, 1)
 
 static rdpi_ad5683r_t dac;
 
@@ -159,8 +159,9 @@ void test_a_code_beyond_the_range_holds_the_output_and_is_counted(void)
 
 static const uint8_t *sending;
 
-static void remember(const uint8_t *bytes, size_t frames, int calls)
+static void remember(const uint8_t *bytes, size_t frame_bytes, size_t frames, int calls)
 {
+    (void)frame_bytes;
     (void)frames;
     (void)calls;
     sending = bytes;

@@ -10,7 +10,7 @@ TEST_SOURCE_FILE("port/drivers/dac8562.c")
 /* One transfer of so many frames, of these bytes; the bus was asked first, and was free. */
 #define EXPECT_SENT(frames, ...)                                                                        \
     rdpi_spi_busy_ExpectAndReturn(false);                                                               \
-    rdpi_spi_write_ExpectWithArray(((const uint8_t[]){__VA_ARGS__}), 3 * (frames), frames)
+    rdpi_spi_write_ExpectWithArray(((const uint8_t[]){__VA_ARGS__}), 3 * (frames), 3, frames)
 
 static rdpi_dac8562_t dac;
 
@@ -212,8 +212,9 @@ void test_a_write_during_a_transfer_is_refused_and_counted(void)
 
 static const uint8_t *sending;
 
-static void remember(const uint8_t *bytes, size_t frames, int calls)
+static void remember(const uint8_t *bytes, size_t frame_bytes, size_t frames, int calls)
 {
+    (void)frame_bytes;
     (void)frames;
     (void)calls;
     sending = bytes;

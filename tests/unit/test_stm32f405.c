@@ -196,13 +196,27 @@ void test_two_frames_have_chip_select_high_between_them(void)
 {
     const uint8_t bytes[] = {1, 2, 3, 4, 5, 6};
     booted();
-    rdpi_spi_write(bytes, 2);
+    rdpi_spi_write(bytes, 3, 2);
     spi_drain();
     TEST_ASSERT_EQUAL_HEX8_ARRAY(bytes, spi_bytes, 6);
     TEST_ASSERT_EQUAL_UINT(6, spi_count);
     TEST_ASSERT_EQUAL_UINT(2, spi_frames);
     TEST_ASSERT_FALSE(spi_low);
     TEST_ASSERT_TRUE(reads_high >= 7); /* before it is no longer busy */
+}
+
+void test_frames_of_two_bytes_have_chip_select_high_between_them(void)
+{
+    const uint8_t bytes[] = {1, 2, 3, 4};
+    booted();
+    spi_whole_frame = 2;
+    rdpi_spi_write(bytes, 2, 2);
+    spi_drain();
+    TEST_ASSERT_EQUAL_HEX8_ARRAY(bytes, spi_bytes, 4);
+    TEST_ASSERT_EQUAL_UINT(4, spi_count);
+    TEST_ASSERT_EQUAL_UINT(2, spi_frames);
+    TEST_ASSERT_FALSE(spi_low);
+    TEST_ASSERT_FALSE(rdpi_spi_busy());
 }
 
 void test_a_code_while_the_one_before_is_sent_is_refused(void)

@@ -38,3 +38,4 @@ esp_err_t gptimer_register_event_callbacks(gptimer_handle_t timer, const gptimer
                                            void *context);
 esp_err_t gptimer_enable(gptimer_handle_t timer);
 esp_err_t gptimer_start(gptimer_handle_t timer);
+esp_err_t gptimer_stop(gptimer_handle_t timer);

@@ -1,0 +1,29 @@
+/* The gain of the controller of examples/track in fixed point. */
+#include "unity.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "mock_rdpi_port.h" /* only for RDPI_PORT_NO_READING */
+
+TEST_SOURCE_FILE("lib/src/rdpi_q31.c")
+
+#define TRACK_Q31 1
+typedef int32_t number_t;
+#define NUMBER(um) RDPI_PARAMS_Q31_REFERENCE(um)
+#define UM(number) RDPI_PARAMS_Q31_UM(number)
+#define AXIS(name) rdpi_q31_##name
+#define RATE(axis) (axis).rate
+#define PARAMS rdpi_params_q31
+#define SAMPLE_TIME 100000
+
+void setUp(void); /* there, named here for the generator of the runner */
+void tearDown(void);
+void test_the_advised_gain_settles(void);
+void test_one_reading_per_half_leaves_a_gain_margin(void);
+void test_a_reading_per_sample_leaves_a_gain_margin(void);
+void test_a_gain_that_does_not_count_the_half_oscillates(void);
+
+#include "track_loop_gain.inc"
