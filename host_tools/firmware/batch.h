@@ -167,6 +167,9 @@ typedef struct {
     uint16_t min_slope_ratio;
     uint32_t guard_mantissa, rate_window_ns, rate_filter_ns;
     int32_t min_drive, max_drive, min_x, max_x;
+    int32_t min_mV, max_mV;
+    uint32_t unit_mantissa;
+    int32_t unit_exponent;
     int32_t drive_of_code_0, codes_per_drive, drive_per_code, sweep_end, sweep_forgotten;
     const rdpi_q31_play_t *play;
     const rdpi_q31_deadzone_t *saturation, *inverse_saturation;

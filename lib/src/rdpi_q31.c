@@ -22,16 +22,6 @@ static inline bool shapes_noise(const rdpi_q31_t *self)
     return RDPI_NOISE_SHAPING != 0 && self->params->noise_shaping != 0u;
 }
 
-/* A slope per us as a change per sample. It saturates: no drive is further than 2^30 from another. */
-static int64_t per_sample(uint64_t per_us, uint32_t sample_time_ns)
-{
-    const uint64_t most = (uint64_t)1 << 62;
-    uint64_t whole = per_us / 1000u; /* per ns; the product of the rest does not overflow */
-    return whole >= most / sample_time_ns
-               ? (int64_t)most
-               : (int64_t)(whole * sample_time_ns + per_us % 1000u * sample_time_ns / 1000u);
-}
-
 rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi_q31_params_t *params,
                                    uint32_t sample_time_ns)
 {
@@ -44,8 +34,8 @@ rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi
     }
     if (status == RDPI_OK) {
         self->params = params;
-        self->slew = per_sample(params->slew_per_us, sample_time_ns);
-        self->sweep_step = per_sample(params->sweep_per_us, sample_time_ns);
+        self->slew = rdpi_q31_per_sample(params->slew_per_us, sample_time_ns);
+        self->sweep_step = rdpi_q31_per_sample(params->sweep_per_us, sample_time_ns);
         self->direct_output = self->slew == 0 && rdpi_q31_pieces(params) == 1u && rdpi_q31_codes_are_coarse(params) &&
                               !shapes_noise(self);
         self->latest_piece.length = 0;

@@ -88,6 +88,7 @@ rdpi_status_t rdpi_q31_chain_init_layout(uint64_t layout, rdpi_q31_chain_t *self
     }
     if (status == RDPI_OK) {
         self->params = params;
+        self->sample_time_ns = sample_time_ns;
         self->plain = !self->leads && params->lag_ns == 0u && params->poles == 0u;
         rdpi_q31_creep_init(&self->creep, params, sample_time_ns);
         rdpi_q31_chain_settle(self);

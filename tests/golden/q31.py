@@ -40,6 +40,7 @@ NUMBERS = {
     "drive_shift": ctypes.c_uint8, "guard_exponent": ctypes.c_int16, "min_slope_ratio": ctypes.c_uint16,
     "guard_mantissa": ctypes.c_uint32, "rate_window_ns": ctypes.c_uint32, "rate_filter_ns": ctypes.c_uint32,
     "min_drive": ctypes.c_int32, "max_drive": ctypes.c_int32, "min_x": ctypes.c_int32, "max_x": ctypes.c_int32,
+    "min_mV": ctypes.c_int32, "max_mV": ctypes.c_int32, "unit_mantissa": ctypes.c_uint32, "unit_exponent": ctypes.c_int32,
     "drive_of_code_0": ctypes.c_int32,
     "codes_per_drive": ctypes.c_int32, "drive_per_code": ctypes.c_int32, "sweep_end": ctypes.c_int32,
     "sweep_forgotten": ctypes.c_int32}
@@ -179,6 +180,7 @@ def actuators() -> list[Actuator]:
             guard_mantissa=guard[0], rate_window_ns=window, rate_filter_ns=filter_ns, min_drive=low, max_drive=high,
             min_x=curve[0][1] if curve else low, max_x=curve[-1][1] if curve else high,
             curve_pieces=max(len(curve) - 1, 1), noise_shaping=0,
+            min_mV=-1000, max_mV=2000, unit_mantissa=2**31, unit_exponent=-56,
             sweep_end=(low + high) // 2, sweep_forgotten=0, **codes(bits, low, high, falling))
         result.append(Actuator(name, time, numbers, plays, stage, inverse, lines(list(curve)), memory, references(random, count, reach)))
 

@@ -70,6 +70,10 @@ void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
     ADD(max_drive);
     ADD(min_x);
     ADD(max_x);
+    ADD(min_mV);
+    ADD(max_mV);
+    ADD(unit_mantissa);
+    ADD(unit_exponent);
     ADD(drive_of_code_0);
     ADD(codes_per_drive);
     ADD(drive_per_code);

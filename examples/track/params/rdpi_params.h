@@ -207,7 +207,7 @@ typedef char rdpi_params_q31_memory_check[
 
 static const rdpi_q31_params_t rdpi_params_q31 = {
     7u, /* schema */
-    0xB2889BBEu, /* digest of what follows */
+    0xFDA02183u, /* digest of what follows */
     0ull, /* slew_per_us: largest change of the output, drive units per us times 2^32; 0: unlimited */
     107605955786096ull, /* sweep_per_us: speed of the start-up sweep, likewise */
     10, /* plays */
@@ -229,6 +229,10 @@ static const rdpi_q31_params_t rdpi_params_q31 = {
     536870656, /* max_drive */
     -89478443, /* min_x: x there */
     536870656, /* max_x */
+    -20000, /* min_mV: mV: output range, for an exchange of parameters */
+    120000, /* max_mV: mV */
+    2461846732u, /* unit_mantissa: a reference unit is unit_mantissa 2^unit_exponent um */
+    -57, /* unit_exponent */
     -89478443, /* drive_of_code_0 */
     1840673060, /* codes_per_drive: times 2^code_shift */
     1252717313, /* drive_per_code: times 2^drive_shift */

@@ -169,6 +169,10 @@ class Q31:
     max_drive: int
     min_x: int
     max_x: int
+    min_mV: int
+    max_mV: int
+    unit_mantissa: int
+    unit_exponent: int
     drive_of_code_0: int
     codes_per_drive: int
     drive_per_code: int
@@ -252,12 +256,19 @@ def q31(model: Model) -> Q31:
     return Q31(
         slew, sweep, len(r), len(d), drive.dac_bits or 0, len(curve), int(drive.noise_shaping), drive.sweep_cycles,
         saturation_shift, inverse_shift, code_shift, drive_shift, exponent, ratio, mantissa, round(rate.window_s * 1e9), round(rate.filter_s * 1e9),
-        min_drive, max_drive, min_x, max_x, min_drive if rising else max_drive, per_drive, per_code,
+        min_drive, max_drive, min_x, max_x,
+        _millivolts(drive.min_V), _millivolts(drive.max_V), *_floating(um_per_reference),
+        min_drive if rising else max_drive, per_drive, per_code,
         round(model.gain_um_per_V * (model.sweep_end() - model.offset_V) * per_um), round((1 - model.memory.followed_share()) * ONE),
         np.stack([r, rest, fastest - rest], axis=1).astype(np.int32),
         saturation.astype(np.int32), inverse.astype(np.int32), curve, states(memory_um, 1 / per_um, r, math.inf),
         Scale(1 / (per_um * model.gain_um_per_V), model.offset_V, 1 / per_um, um_per_v, um_per_reference,
               model.offset_um, rate.max_um_per_s / ONE))
+
+
+def _millivolts(volt: float) -> int:
+    """Rounded, and limited to what an int32 holds."""
+    return int(min(max(round(volt * 1000), -INT32_MAX), INT32_MAX))
 
 
 def _straight(model: Model) -> Model:

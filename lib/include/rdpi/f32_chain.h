@@ -125,6 +125,19 @@ typedef struct {
     rdpi_f32_unlag_t unlag; /**< of lag^-1 */
 } rdpi_f32_chain_t;
 
+/** How many numbers and how many whole ones the state of a chain has. */
+#define RDPI_F32_STATE_NUMBERS (19 + RDPI_NOISE_SHAPING + RDPI_MAX_WINDOW + RDPI_MAX_PLAYS + 2 * RDPI_MAX_POLES)
+#define RDPI_F32_STATE_COUNTS 17 /**< see above */
+
+/** All that a chain remembers, as one value without addresses: to be kept over a reset of the processor, or to try
+ * something and go back. */
+typedef struct {
+    uint32_t digest; /**< of the parameters and the sample time that it belongs to */
+    uint32_t check;  /**< CRC-32 of what follows: it tells a torn or damaged state */
+    uint32_t count[RDPI_F32_STATE_COUNTS];       /**< codes, counts, flags */
+    rdpi_real_t number[RDPI_F32_STATE_NUMBERS];  /**< drives, displacements, rates */
+} rdpi_f32_chain_state_t;
+
 /** RDPI_LAYOUT of this header. */
 #define RDPI_F32_CHAIN_LAYOUT (RDPI_LAYOUT(rdpi_f32_chain_t, rdpi_f32_chain_params_t) + RDPI_MAX_POLES)
 
@@ -204,6 +217,44 @@ rdpi_real_t rdpi_f32_chain_forward(rdpi_f32_chain_t *self, rdpi_real_t drive_V);
  * n times the amortised cost of a step, and once its O(n + m + poles): a block is dear only where x turns round or plays
  * engage, and a play that has engaged cannot do so again before x turns round. ISR safe. */
 uint32_t rdpi_f32_chain_block(rdpi_f32_chain_t *self, const rdpi_real_t *reference_um, uint32_t *codes, uint32_t n);
+
+/** Reads all that the chain remembers. Between this and rdpi_f32_chain_set_state the chain goes on to the bit: steps
+ * after it give the same drives, flags and counts as if nothing had happened. No step may come in between: call it where
+ * the samples are made, or with their interrupt masked.
+ *
+ * @return RDPI_OK or RDPI_ERR_NULL. O(n + poles), and a CRC of the state. ISR safe. */
+rdpi_status_t rdpi_f32_chain_get_state(const rdpi_f32_chain_t *self, rdpi_f32_chain_state_t *state);
+
+/** Takes a state of a chain with the same parameters, sample time and compile-time maxima, at the same amplifier: its
+ * drive counts as output. No step may come in between. Not for an ISR with a small stack: it holds a chain there.
+ *
+ * @return RDPI_OK, RDPI_ERR_NULL, or RDPI_ERR_STATE if the state is torn, damaged or not of this chain. Then nothing has
+ * changed. */
+rdpi_status_t rdpi_f32_chain_set_state(rdpi_f32_chain_t *self, const rdpi_f32_chain_state_t *state);
+
+/** Whether the state is one that a chain can have: every number is finite and within what parameters and range allow,
+ * every index within its array. Finds a stray write or an upset memory cell that would hold or move the output; a change
+ * that leaves a number within its bounds is not found. rdpi_f32_chain_reset repairs what it finds, and rdpi_f32_chain_init
+ * also what follows from the sample time.
+ *
+ * It reads each field once and compares it with constants only, so a step may interrupt it. On 8-bit cores mask the
+ * interrupt: there a number is read in parts. False for NULL. O(n + poles). */
+bool rdpi_f32_chain_is_sane(const rdpi_f32_chain_t *self);
+
+/** Exchanges parameters: `self` is a chain that rdpi_f32_chain_init has just accepted, with other parameters of the same
+ * actuator and the same sample time. It takes over what the chain `from` remembers, at the same drive:
+ *
+ * - The plays. Each one's state bounds the turning points of the drive that are still remembered; the new thresholds
+ *   find their places between them.
+ * - Creep. How far each pole is behind is found between the poles with the next time constants.
+ * - dac_code, if both have the same codes; else the nearest code. The counts.
+ *
+ * The history of the rate and of the lead is forgotten. The new parameters ask for another drive at the same reference: let
+ * rdpi_f32_axis_exchange lead there. No step of either chain may come in between. O(n (n + pieces) + poles^2). ISR safe.
+ *
+ * @return RDPI_OK; RDPI_ERR_NULL; RDPI_ERR_SAMPLE_TIME if the sample times differ; RDPI_ERR_MEMORY if the drive of `from`
+ * is outside the range of `self`. Then `self` is as init made it. */
+rdpi_status_t rdpi_f32_chain_inherit(rdpi_f32_chain_t *self, const rdpi_f32_chain_t *from);
 
 /** As rdpi_f32_sweep. With its last sample comes rdpi_f32_forget_sweep. Creep counts as settled in the middle of the
  * range when the sweep begins, and follows it. O(n + m + poles). */

@@ -100,6 +100,10 @@ typedef struct {
     int32_t max_drive;          /**< upper end of the output range */
     int32_t min_x;              /**< x at min_drive */
     int32_t max_x;              /**< x at max_drive */
+    int32_t min_mV;             /**< min_V and max_V of the model, in mV: what the units stand for, for an exchange of ... */
+    int32_t max_mV;             /**< ... parameters: see rdpi_q31_chain_inherit */
+    uint32_t unit_mantissa;     /**< >= 2^31; a reference unit is unit_mantissa 2^unit_exponent um */
+    int32_t unit_exponent;      /**< see unit_mantissa */
     int32_t drive_of_code_0;    /**< at min_V: min_drive, or max_drive where the gain is negative */
     int32_t codes_per_drive;    /**< codes per drive unit, times 2^code_shift; has the sign of the gain */
     int32_t drive_per_code;     /**< its inverse, times 2^drive_shift */

@@ -115,6 +115,7 @@ typedef struct {
     rdpi_q31_t axis;          /**< the operator. Its results are those of the whole: drive, dac_code, flags, counts */
     uint32_t preview_samples; /**< how far ahead rdpi_q31_chain_step needs the reference; init sets it for good */
     /* private */
+    uint32_t sample_time_ns; /**< as given to init */
     const rdpi_q31_chain_params_t *params; /**< as given to init */
     bool first; /**< the next reference is the first: the lead has no history */
     bool leads; /**< there is a lead */
@@ -123,6 +124,20 @@ typedef struct {
     rdpi_q31_creep_t creep; /**< its state */
     rdpi_q31_unlag_t unlag; /**< of lag^-1 */
 } rdpi_q31_chain_t;
+
+/** How many numbers of 64 and of 32 bits the state of a chain has. */
+#define RDPI_Q31_STATE_WIDE (9 + RDPI_NOISE_SHAPING + RDPI_MAX_POLES)
+#define RDPI_Q31_STATE_NUMBERS (12 + RDPI_MAX_WINDOW + RDPI_MAX_PLAYS) /**< see above */
+#define RDPI_Q31_STATE_COUNTS 16 /**< see above */
+
+/** As rdpi_f32_chain_state_t. */
+typedef struct {
+    uint32_t digest; /**< of the parameters and the sample time that it belongs to */
+    uint32_t check;  /**< CRC-32 of what follows: it tells a torn or damaged state */
+    int64_t wide[RDPI_Q31_STATE_WIDE];       /**< sums and ramps */
+    int32_t number[RDPI_Q31_STATE_NUMBERS];  /**< drives, displacements, rates */
+    uint32_t count[RDPI_Q31_STATE_COUNTS];   /**< codes, counts, flags */
+} rdpi_q31_chain_state_t;
 
 /** RDPI_LAYOUT of this header. */
 #define RDPI_Q31_CHAIN_LAYOUT (RDPI_LAYOUT(rdpi_q31_chain_t, rdpi_q31_chain_params_t) + RDPI_MAX_POLES)
@@ -179,6 +194,22 @@ int32_t rdpi_q31_chain_forward(rdpi_q31_chain_t *self, int32_t drive);
 
 /** As rdpi_f32_chain_block. */
 uint32_t rdpi_q31_chain_block(rdpi_q31_chain_t *self, const int32_t *reference, uint32_t *codes, uint32_t n);
+
+/** As rdpi_f32_chain_get_state. */
+rdpi_status_t rdpi_q31_chain_get_state(const rdpi_q31_chain_t *self, rdpi_q31_chain_state_t *state);
+
+/** As rdpi_f32_chain_set_state. */
+rdpi_status_t rdpi_q31_chain_set_state(rdpi_q31_chain_t *self, const rdpi_q31_chain_state_t *state);
+
+/** As rdpi_f32_chain_is_sane. Of numbers of 64 bits it looks at the upper half, which is read at once. */
+bool rdpi_q31_chain_is_sane(const rdpi_q31_chain_t *self);
+
+/** As rdpi_f32_chain_inherit. The parameters say in which units they are: both must be made for the same output range.
+ *
+ * @return also RDPI_ERR_DRIVE if the output ranges, in V, differ.
+ *
+ * Scaling and overflow: what does not fit the formats of the new parameters saturates. It divides 64 bits by 32. */
+rdpi_status_t rdpi_q31_chain_inherit(rdpi_q31_chain_t *self, const rdpi_q31_chain_t *from);
 
 /** As rdpi_f32_chain_sweep. */
 bool rdpi_q31_chain_sweep(rdpi_q31_chain_t *self);

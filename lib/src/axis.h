@@ -1,0 +1,321 @@
+/* The life of an axis: the part of rdpi_f32_axis.c and rdpi_q31_axis.c that is the same for both number types. Before the
+ * include, each of them defines
+ *
+ *   AXIS(name), CHAIN(name)   what its own names and those of its chain begin with, such as rdpi_f32_axis_##name
+ *   REQUEST, NUMBER, SPEED    rdpi_f32_request_t; the type of references and drives; the type of a speed
+ *   NO_DISPLACEMENT           in place of a displacement
+ *   DRIVE                     the field `drive_V` or `drive`, and so on for
+ *   AT, TARGET, STEP          the fields of a ramp to a drive, and PER_TIME that of a request
+ *
+ * and these functions:
+ *
+ *   drive_is_good, speed_is_good   whether stop and fault take it
+ *   own_limits                     what follows from the parameters of the chain, which are new
+ *   limit                          sets the slew limit of the chain to that of the ramp, or back
+ *   is_reached                     a step towards the reference; whether that limit did not hold it back
+ *   begin_ramp, go_on              a ramp to a drive: its fields; one sample of it, true with the last one */
+#ifndef RDPI_AXIS_H
+#define RDPI_AXIS_H
+
+#include <stddef.h>
+
+/* What a request asks for. */
+enum { START, RESTART, STOP, HAND_OVER, TAKE_BACK, FAULT, EXCHANGE };
+
+/* ---- modes ---- */
+
+/* The drive is held, and the chain follows it. Returns the displacement. */
+static NUMBER hold(AXIS(t) *self)
+{
+    return CHAIN(forward)(&self->chain, self->DRIVE);
+}
+
+static void enter(AXIS(t) *self, rdpi_axis_mode_t mode)
+{
+    self->mode = mode;
+    self->to_drive = false;
+    limit(self, mode == RDPI_AXIS_RAMP);
+}
+
+/* Plays and poles are made anew. What cannot be repaired so, another init must. */
+static void enter_fault(AXIS(t) *self, NUMBER drive)
+{
+    enter(self, RDPI_AXIS_FAULT);
+    CHAIN(reset)(&self->chain);
+    (void)CHAIN(forward)(&self->chain, drive);
+    self->DRIVE = self->chain.axis.DRIVE;
+    self->dac_code = self->chain.axis.dac_code;
+}
+
+static void enter_sweep(AXIS(t) *self)
+{
+    if (self->mode == RDPI_AXIS_FAULT) {
+        CHAIN(reset)(&self->chain);
+        self->sane = CHAIN(is_sane)(&self->chain);
+    }
+    if (self->sane) {
+        enter(self, RDPI_AXIS_SWEEP);
+        (void)hold(self); /* ends a sweep that runs; the new one begins at this drive */
+    }
+}
+
+static void enter_stop(AXIS(t) *self, NUMBER drive, SPEED speed)
+{
+    enter(self, RDPI_AXIS_RAMP);
+    limit(self, false);
+    self->to_drive = true;
+    begin_ramp(self, drive, speed);
+}
+
+static void exchange(AXIS(t) *self, CHAIN(t) *spare)
+{
+    limit(self, false);
+    self->exchanged = CHAIN(inherit)(spare, &self->chain);
+    if (self->exchanged == RDPI_OK) {
+        self->chain = *spare;
+        own_limits(self);
+        if (self->mode == RDPI_AXIS_RUN) { /* the new parameters ask for another drive */
+            self->mode = RDPI_AXIS_RAMP;
+        }
+    }
+    limit(self, self->mode == RDPI_AXIS_RAMP);
+}
+
+/* Whether the axis takes this call in its mode. */
+static bool takes(const AXIS(t) *self, uint8_t call)
+{
+    switch (self->mode) {
+    case RDPI_AXIS_STOPPED:
+        return call != TAKE_BACK;
+    case RDPI_AXIS_SWEEP:
+        return call == START || call == STOP || call == HAND_OVER || call == FAULT;
+    case RDPI_AXIS_RAMP:
+    case RDPI_AXIS_RUN:
+        return call != RESTART && call != TAKE_BACK && !(call == EXCHANGE && self->to_drive);
+    case RDPI_AXIS_MANUAL:
+        return call != START && call != RESTART;
+    case RDPI_AXIS_FAULT:
+        return call == START || call == STOP || call == HAND_OVER || call == FAULT;
+    default:
+        return false;
+    }
+}
+
+/* What has been asked for since the sample before. */
+static void obey(AXIS(t) *self)
+{
+    const uint8_t posted = self->posted;
+    if (posted == self->taken) {
+        return;
+    }
+    self->taken = posted;
+    const volatile REQUEST *request = &self->request[posted % 2u];
+    const uint8_t call = request->call;
+    if (!takes(self, call)) {
+        return;
+    }
+    switch (call) {
+    case START:
+        enter_sweep(self);
+        break;
+    case RESTART:
+    case TAKE_BACK:
+        enter(self, RDPI_AXIS_RAMP);
+        break;
+    case STOP:
+        enter_stop(self, request->DRIVE, request->PER_TIME);
+        break;
+    case HAND_OVER:
+        enter(self, RDPI_AXIS_MANUAL);
+        break;
+    case FAULT:
+        enter_fault(self, request->DRIVE);
+        break;
+    default:
+        exchange(self, request->spare);
+        break;
+    }
+}
+
+/* The drive of the chain is that of the axis. In FAULT, the drive stays what it is whatever the chain has become. */
+static NUMBER publish(AXIS(t) *self)
+{
+    self->flags = self->chain.axis.flags;
+    if (self->mode != RDPI_AXIS_FAULT) {
+        self->DRIVE = self->chain.axis.DRIVE;
+        self->dac_code = self->chain.axis.dac_code;
+    }
+    return self->DRIVE;
+}
+
+/* After init has accepted the parameters: it begins, at the drive that is output. */
+static rdpi_status_t accept(AXIS(t) *self, NUMBER drive)
+{
+    if (!drive_is_good(self, drive)) {
+        return RDPI_ERR_MEMORY;
+    }
+    self->exchanged = RDPI_OK;
+    self->taken = self->posted;
+    self->sane = true;
+    self->DRIVE = drive;
+    enter(self, RDPI_AXIS_STOPPED);
+    (void)hold(self);
+    (void)publish(self);
+    return RDPI_OK;
+}
+
+/* Requests and a damaged state, before a sample. */
+static void prepare(AXIS(t) *self)
+{
+    obey(self);
+    if (!self->sane && self->mode != RDPI_AXIS_FAULT) {
+        enter_fault(self, self->DRIVE);
+    }
+}
+
+NUMBER AXIS(step)(AXIS(t) *self, NUMBER ahead)
+{
+    if (self->mode == RDPI_AXIS_OFF) {
+        return self->DRIVE;
+    }
+    prepare(self);
+    if (self->mode == RDPI_AXIS_RUN) {
+        (void)CHAIN(step)(&self->chain, ahead);
+    } else if (self->mode == RDPI_AXIS_SWEEP) {
+        if (!CHAIN(sweep)(&self->chain)) {
+            enter(self, RDPI_AXIS_RAMP);
+        }
+    } else if (self->mode != RDPI_AXIS_RAMP) {
+        (void)hold(self);
+    } else if (self->to_drive) {
+        if (go_on(self)) {
+            enter(self, RDPI_AXIS_STOPPED);
+        }
+    } else if (is_reached(self, ahead)) {
+        enter(self, RDPI_AXIS_RUN);
+    } else {
+        /* still on the way */
+    }
+    return publish(self);
+}
+
+uint32_t AXIS(block)(AXIS(t) *self, const NUMBER *reference, uint32_t *codes, uint32_t n)
+{
+    uint32_t followed = 0, flags = 0;
+    if (self == NULL) {
+        return 0;
+    }
+    if (reference == NULL || codes == NULL) {
+        self->flags = RDPI_FLAG_INPUT;
+        return 0;
+    }
+    for (uint32_t k = 0; k < n; k++) {
+        (void)AXIS(step)(self, reference[followed + self->chain.preview_samples]);
+        codes[k] = self->dac_code;
+        flags |= self->flags;
+        followed += self->mode == RDPI_AXIS_RUN ? 1u : 0u;
+    }
+    self->flags = flags;
+    return followed;
+}
+
+void AXIS(missed)(AXIS(t) *self, uint32_t ticks)
+{
+    if (self->mode != RDPI_AXIS_OFF) {
+        CHAIN(missed)(&self->chain, ticks);
+    }
+}
+
+NUMBER AXIS(follow)(AXIS(t) *self, NUMBER drive)
+{
+    if (self->mode == RDPI_AXIS_OFF) {
+        self->flags = RDPI_FLAG_INPUT;
+        return NO_DISPLACEMENT;
+    }
+    prepare(self);
+    bool manual = self->mode == RDPI_AXIS_MANUAL;
+    NUMBER displacement = manual ? CHAIN(forward)(&self->chain, drive) : hold(self);
+    (void)publish(self);
+    self->flags |= manual ? 0u : RDPI_FLAG_INPUT;
+    return displacement;
+}
+
+/* ---- requests ---- */
+
+/* For the next sample. The request that a sample may be reading is the other one. */
+static rdpi_status_t post(AXIS(t) *self, uint8_t call, NUMBER drive, SPEED speed, CHAIN(t) *spare)
+{
+    if (self == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    if (!takes(self, call)) {
+        return RDPI_ERR_MODE;
+    }
+    const uint8_t next = (uint8_t)(self->posted + 1u);
+    volatile REQUEST *request = &self->request[next % 2u];
+    request->call = call;
+    request->DRIVE = drive;
+    request->PER_TIME = speed;
+    request->spare = spare;
+    self->posted = next;
+    return RDPI_OK;
+}
+
+rdpi_status_t AXIS(start)(AXIS(t) *self)
+{
+    return post(self, START, 0, 0, NULL);
+}
+
+rdpi_status_t AXIS(restart)(AXIS(t) *self)
+{
+    return post(self, RESTART, 0, 0, NULL);
+}
+
+rdpi_status_t AXIS(stop)(AXIS(t) *self, NUMBER drive, SPEED speed)
+{
+    if (self != NULL && self->mode != RDPI_AXIS_OFF) {
+        if (!drive_is_good(self, drive)) {
+            return RDPI_ERR_MEMORY;
+        }
+        if (!speed_is_good(self, speed)) {
+            return RDPI_ERR_RATE;
+        }
+    }
+    return post(self, STOP, drive, speed, NULL);
+}
+
+rdpi_status_t AXIS(hand_over)(AXIS(t) *self)
+{
+    return post(self, HAND_OVER, 0, 0, NULL);
+}
+
+rdpi_status_t AXIS(take_back)(AXIS(t) *self)
+{
+    return post(self, TAKE_BACK, 0, 0, NULL);
+}
+
+rdpi_status_t AXIS(fault)(AXIS(t) *self, NUMBER drive)
+{
+    if (self != NULL && self->mode != RDPI_AXIS_OFF && !drive_is_good(self, drive)) {
+        return RDPI_ERR_MEMORY;
+    }
+    return post(self, FAULT, drive, 0, NULL);
+}
+
+rdpi_status_t AXIS(exchange)(AXIS(t) *self, CHAIN(t) *spare)
+{
+    return spare == NULL ? RDPI_ERR_NULL : post(self, EXCHANGE, 0, 0, spare);
+}
+
+bool AXIS(check)(AXIS(t) *self)
+{
+    if (self == NULL) {
+        return false;
+    }
+    if (self->mode != RDPI_AXIS_OFF && (self->mode > RDPI_AXIS_FAULT || !CHAIN(is_sane)(&self->chain))) {
+        self->sane = false;
+    }
+    return self->sane;
+}
+
+#endif

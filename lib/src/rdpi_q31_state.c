@@ -1,0 +1,394 @@
+#include "rdpi/q31_chain.h"
+
+#include <string.h>
+
+#include "crc.h"
+#include "q31_bank.h"
+#include "q31_creep.h"
+#include "q31_drive.h"
+#include "q31_math.h"
+#include "q31_unlag.h"
+
+/* ---- the state as a value: see rdpi_f32_state.c ---- */
+
+#define WIDE(APPLY)                                                                                                    \
+    APPLY(axis.ramp)                                                                                                   \
+    APPLY(axis.rate_estimator.filtered)                                                                                \
+    APPLY(axis.bank.f_at_rest)                                                                                         \
+    APPLY(axis.bank.f_rate)                                                                                            \
+    APPLY(creep.settled)                                                                                               \
+    APPLY(creep.slow)                                                                                                  \
+    APPLY(creep.next)                                                                                                  \
+    APPLY(creep.sum)                                                                                                   \
+    APPLY(unlag.ramp)
+
+#define NUMBERS(APPLY)                                                                                                 \
+    APPLY(axis.drive)                                                                                                  \
+    APPLY(axis.rate)                                                                                                   \
+    APPLY(axis.x)                                                                                                      \
+    APPLY(axis.bank.room)                                                                                              \
+    APPLY(lead.latest)                                                                                                 \
+    APPLY(lead.before)                                                                                                 \
+    APPLY(creep.mean)                                                                                                  \
+    APPLY(creep.h)                                                                                                     \
+    APPLY(unlag.asked)                                                                                                 \
+    APPLY(unlag.before)                                                                                                \
+    APPLY(unlag.followed)                                                                                              \
+    APPLY(unlag.carried)
+
+#define COUNTS(APPLY)                                                                                                  \
+    APPLY(uint32_t, axis.dac_code)                                                                                     \
+    APPLY(uint32_t, axis.flags)                                                                                        \
+    APPLY(uint32_t, axis.guard_count)                                                                                  \
+    APPLY(uint32_t, axis.clip_count)                                                                                   \
+    APPLY(uint32_t, axis.input_count)                                                                                  \
+    APPLY(uint32_t, axis.missed_count)                                                                                 \
+    APPLY(uint16_t, axis.sweep_turns)                                                                                  \
+    APPLY(uint8_t, axis.missed)                                                                                        \
+    APPLY(bool, axis.rate_estimator.direct)                                                                            \
+    APPLY(uint16_t, axis.rate_estimator.oldest)                                                                        \
+    APPLY(uint16_t, axis.bank.engaged)                                                                                 \
+    APPLY(bool, axis.bank.falling)                                                                                     \
+    APPLY(uint16_t, creep.turn)                                                                                        \
+    APPLY(uint32_t, unlag.dac_code)                                                                                    \
+    APPLY(bool, unlag.first)                                                                                           \
+    APPLY(bool, first)
+
+/* CRC-32 of what tells this chain from another. */
+static uint32_t identity(const rdpi_q31_chain_t *self)
+{
+    const uint32_t numbers[] = {self->params->axis->digest, self->params->digest, self->sample_time_ns};
+    return rdpi_crc32(0, numbers, sizeof numbers);
+}
+
+static uint32_t check_of(const rdpi_q31_chain_state_t *state)
+{
+    uint32_t crc = rdpi_crc32(0, state->wide, sizeof state->wide);
+    crc = rdpi_crc32(crc, state->number, sizeof state->number);
+    return rdpi_crc32(crc, state->count, sizeof state->count);
+}
+
+rdpi_status_t rdpi_q31_chain_get_state(const rdpi_q31_chain_t *self, rdpi_q31_chain_state_t *state)
+{
+    if (self == NULL || state == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    const rdpi_q31_rate_t *rate = &self->axis.rate_estimator;
+    memset(state, 0, sizeof *state);
+    int64_t *wide = state->wide;
+    int32_t *number = state->number;
+    uint32_t *count = state->count;
+#define SAVE_WIDE(field) *wide++ = self->field;
+#define SAVE_NUMBER(field) *number++ = self->field;
+#define SAVE_COUNT(type, field) *count++ = self->field;
+    WIDE(SAVE_WIDE)
+    NUMBERS(SAVE_NUMBER)
+    COUNTS(SAVE_COUNT)
+#if RDPI_NOISE_SHAPING
+    *wide++ = self->axis.carried;
+#endif
+    for (size_t i = 0; i < self->creep.poles; i++) {
+        wide[i] = self->creep.lag[i].state;
+    }
+    for (size_t k = 0; rate->oldest < rate->window && k < rate->window; k++) {
+        number[k] = rate->z[k];
+    }
+    rdpi_q31_get_memory(&self->axis, &number[RDPI_MAX_WINDOW]);
+    state->digest = identity(self);
+    state->check = check_of(state);
+    return RDPI_OK;
+}
+
+rdpi_status_t rdpi_q31_chain_set_state(rdpi_q31_chain_t *self, const rdpi_q31_chain_state_t *state)
+{
+    if (self == NULL || state == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    if (state->digest != identity(self) || state->check != check_of(state)) {
+        return RDPI_ERR_STATE;
+    }
+    rdpi_q31_chain_t next = *self;
+    rdpi_q31_bank_t *bank = &next.axis.bank;
+    const int64_t *wide = state->wide;
+    const int32_t *number = state->number;
+    const uint32_t *count = state->count;
+#define LOAD_WIDE(field) next.field = *wide++;
+#define LOAD_NUMBER(field) next.field = *number++;
+#define LOAD_COUNT(type, field) next.field = (type)*count++;
+    WIDE(LOAD_WIDE)
+    NUMBERS(LOAD_NUMBER)
+    COUNTS(LOAD_COUNT)
+#if RDPI_NOISE_SHAPING
+    next.axis.carried = *wide++;
+#endif
+    for (size_t i = 0; i < self->creep.poles; i++) {
+        next.creep.lag[i].state = wide[i];
+    }
+    for (size_t k = 0; k < self->axis.rate_estimator.window; k++) {
+        next.axis.rate_estimator.z[k] = number[k];
+    }
+    for (size_t i = 0; i < self->axis.params->plays; i++) {
+        bank->y[i] = number[RDPI_MAX_WINDOW + i];
+    }
+    next.axis.latest_piece.length = 0; /* the next step finds it */
+    if (!rdpi_q31_chain_is_sane(&next)) {
+        return RDPI_ERR_STATE;
+    }
+    bank->last_engaged = &next.axis.params->play[bank->engaged];
+    *self = next;
+    return RDPI_OK;
+}
+
+/* ---- whether a state is one that a chain can have: see rdpi_f32_state.c ---- */
+
+/* The upper half of a number. */
+static int32_t upper(int64_t number)
+{
+    return (int32_t)(number >> 32);
+}
+
+static bool within(int32_t value, int32_t limit)
+{
+    return value >= -limit && value <= limit;
+}
+
+static bool is_bank_sane(const rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params)
+{
+    uint16_t engaged = bank->engaged;
+    bool sane = engaged < params->plays && rdpi_q31_in_format(bank->y[0]) && bank->room >= 0 &&
+                within(upper(bank->f_at_rest), RDPI_Q31_ONE) && within(upper(bank->f_rate), RDPI_Q31_ONE);
+    for (size_t i = engaged + 1u; i < params->plays; i++) {
+        sane = sane && rdpi_q31_in_format(bank->y[i]);
+    }
+    return sane;
+}
+
+static bool is_axis_sane(const rdpi_q31_t *axis, const rdpi_q31_params_t *params)
+{
+    const rdpi_q31_rate_t *rate = &axis->rate_estimator;
+    uint16_t window = rate->window;
+    int32_t drive = axis->drive, used = axis->rate;
+    return drive >= params->min_drive && drive <= params->max_drive && used >= 0 && used <= RDPI_Q31_ONE &&
+           axis->dac_code <= (params->dac_bits > 0u ? ((uint32_t)1 << params->dac_bits) - 1u : 0u) &&
+           axis->sweep_turns <= 2u * params->sweep_cycles + 1u && window >= 1u && window <= RDPI_MAX_WINDOW &&
+           rate->oldest <= window && rdpi_q31_in_format(axis->x) && rdpi_q31_in_format(upper(axis->ramp)) &&
+           axis->slew >= 0 && axis->sweep_step >= 1 && rate->guard >= (uint32_t)1 << 31 && rate->guard_shift <= 62u;
+}
+
+static bool is_creep_sane(const rdpi_q31_creep_t *creep, const rdpi_q31_chain_params_t *params)
+{
+    uint16_t poles = creep->poles, fast = creep->fast, turn = creep->turn;
+    bool sane = poles == params->poles && fast <= poles && within(creep->h, MAX_H) && within(creep->mean, MAX_H) &&
+                within(upper(creep->settled), RDPI_Q31_ONE) && within(upper(creep->slow), RDPI_Q31_ONE) &&
+                within(upper(creep->next), RDPI_Q31_ONE) && creep->per_direct > 0;
+    sane = sane && turn >= fast && (turn < poles || (turn == poles && fast == poles));
+    for (size_t i = 0; sane && i < poles; i++) {
+        sane = within(upper(creep->lag[i].state), RDPI_Q31_ONE) && creep->lag[i].exponent <= 94u;
+    }
+    return sane;
+}
+
+bool rdpi_q31_chain_is_sane(const rdpi_q31_chain_t *self)
+{
+    if (self == NULL || self->params == NULL || self->axis.params == NULL) {
+        return false;
+    }
+    const rdpi_q31_params_t *axis = self->params->axis;
+    const rdpi_q31_unlag_t *unlag = &self->unlag;
+    return is_axis_sane(&self->axis, axis) && is_bank_sane(&self->axis.bank, axis) &&
+           is_creep_sane(&self->creep, self->params) && rdpi_q31_in_format(unlag->followed) &&
+           rdpi_q31_in_format(upper(unlag->ramp)) && unlag->shift <= 63u;
+}
+
+/* ---- exchange of parameters: see rdpi_f32_state.c ---- */
+
+/* The least mantissa of a unit. */
+#define HALF ((uint32_t)1 << 31)
+
+typedef struct {
+    int64_t r; /* half of the interval in which the input is, times 2 */
+    int64_t y; /* its middle, times 2 */
+} play_state_t;
+
+/* a b / c, rounded towards 0. Scaling and overflow: |a| and |b| < 2^31. */
+static int64_t proportion(int64_t a, int64_t b, int64_t c)
+{
+    return c != 0 ? a * b / c : 0;
+}
+
+/* The x of `to` at the drive at which `from` has `x`. The parameters have other units, and the same output range. */
+static int32_t x_elsewhere(const rdpi_q31_params_t *to, const rdpi_q31_params_t *from, int32_t x)
+{
+    int32_t drive = x;
+    if (rdpi_q31_pieces(from) > 1u) {
+        const rdpi_q31_line_t *line = from->curve;
+        for (unsigned left = rdpi_q31_pieces(from); left > 1u && x >= line[1].from_x; left--) {
+            line++;
+        }
+        drive = rdpi_q31_line_drive(line, x);
+    }
+    int64_t way = proportion((int64_t)drive - from->drive_of_code_0,
+                             (int64_t)rdpi_q31_drive_of_last_code(to) - to->drive_of_code_0,
+                             (int64_t)rdpi_q31_drive_of_last_code(from) - from->drive_of_code_0);
+    int32_t there = rdpi_q31_clamp(to->drive_of_code_0 + way, -RDPI_Q31_ONE, RDPI_Q31_ONE);
+    return rdpi_q31_pieces(to) > 1u
+               ? rdpi_q31_x_of_drive(to, rdpi_q31_clamp(there, -RDPI_Q31_MAX_DRIVE, RDPI_Q31_MAX_DRIVE))
+               : there;
+}
+
+/* Play i of `from`, in the x of `to`. */
+static play_state_t play_elsewhere(const rdpi_q31_params_t *to, const rdpi_q31_t *from, size_t i)
+{
+    const rdpi_q31_params_t *params = from->params;
+    int32_t y = rdpi_q31_bank_state(&from->bank, params, i), r = params->play[i].r;
+    int64_t one = x_elsewhere(to, params, y - r), other = x_elsewhere(to, params, y + r);
+    play_state_t play = {other > one ? other - one : one - other, one + other};
+    return play;
+}
+
+static void project_plays(const rdpi_q31_params_t *to, const rdpi_q31_t *from, int32_t *y)
+{
+    size_t i = 0;
+    play_state_t below = play_elsewhere(to, from, 0), above = below;
+    for (size_t k = 0; k < to->plays; k++) {
+        int64_t r = 2 * (int64_t)to->play[k].r;
+        while (above.r < r && i + 1u < from->params->plays) {
+            i++;
+            below = above;
+            above = play_elsewhere(to, from, i);
+        }
+        int64_t part = (r < above.r ? r : above.r) - below.r, apart = above.r - below.r;
+        int64_t twice = apart > 0 ? below.y + proportion(part, above.y - below.y, apart) : above.y;
+        y[k] = rdpi_q31_clamp(twice / 2, -RDPI_Q31_MAX_DRIVE, RDPI_Q31_MAX_DRIVE);
+        if (k > 0u) { /* rounding must not take them further apart than one history does */
+            int32_t gap = to->play[k].r - to->play[k - 1u].r;
+            y[k] = rdpi_q31_clamp(y[k], y[k - 1u] - gap, y[k - 1u] + gap);
+        }
+    }
+}
+
+/* log2 of what a pole moves in a sample, times 2^31, straight between powers of 2. */
+static int64_t about_log2(const rdpi_q31_lag_t *lag)
+{
+    unsigned zeros = rdpi_q31_clz(lag->per_sample);
+    int64_t mantissa = (uint32_t)(lag->per_sample << zeros);
+    return mantissa - (lag->exponent + (int64_t)zeros) * ((int64_t)1 << 31);
+}
+
+/* How far a pole like `lag` would be behind h: between the two poles of `from` next to it, or as the last of them. */
+static int64_t behind(const rdpi_q31_creep_t *from, const rdpi_q31_lag_t *lag)
+{
+    const int64_t place = about_log2(lag);
+    int64_t under = INT64_MIN, over = INT64_MAX, under_lag = 0, over_lag = 0;
+    for (size_t i = 0; i < from->poles; i++) {
+        int64_t at = about_log2(&from->lag[i]), less = (int64_t)upper(from->lag[i].state) - from->h;
+        if (at <= place && at > under) {
+            under = at;
+            under_lag = less;
+        }
+        if (at >= place && at < over) {
+            over = at;
+            over_lag = less;
+        }
+    }
+    if (under == INT64_MIN || over == INT64_MAX) {
+        return under == INT64_MIN ? over_lag : under_lag;
+    }
+    return under_lag + proportion((place - under) >> 9, over_lag - under_lag, (over - under) >> 9);
+}
+
+/* A displacement in units of `from` in those of `to`. */
+static int64_t rescaled(const rdpi_q31_params_t *to, const rdpi_q31_params_t *from, int64_t way)
+{
+    int64_t scaled = proportion(way, from->unit_mantissa >> 1, to->unit_mantissa >> 1);
+    int shift = from->unit_exponent - to->unit_exponent;
+    shift = shift > 31 ? 31 : (shift < -62 ? -62 : shift); /* saturates: |scaled| < 2^32 */
+    return shift >= 0 ? scaled * ((int64_t)1 << shift) : scaled / ((int64_t)1 << -shift);
+}
+
+/* The share of h_0 in the displacement, times 2^30. */
+static int32_t share_of_settled(const rdpi_q31_chain_params_t *params)
+{
+    int32_t share = RDPI_Q31_ONE - params->direct;
+    for (size_t i = 0; i < params->poles; i++) {
+        share -= params->pole[i].share;
+    }
+    return share;
+}
+
+/* Creep of `self`, which has settled at its present h, takes over how far h_0 and each pole of `from` are behind. */
+static void project_creep(rdpi_q31_chain_t *self, const rdpi_q31_chain_t *from)
+{
+    const rdpi_q31_params_t *to = self->params->axis, *old = from->params->axis;
+    rdpi_q31_creep_t *creep = &self->creep;
+    if (creep->poles == 0u || from->creep.poles == 0u) {
+        return;
+    }
+    int32_t share = share_of_settled(from->params);
+    int64_t behind_0 = share != 0 ? from->creep.settled / share - from->creep.h : 0;
+    int32_t h_0 = rdpi_q31_clamp(creep->h + rescaled(to, old, behind_0), -MAX_H, MAX_H);
+    creep->settled = rdpi_q31_mul(share_of_settled(self->params), h_0);
+    creep->mean = rdpi_q31_clamp(creep->h + rescaled(to, old, (int64_t)from->creep.mean - from->creep.h), -MAX_H, MAX_H);
+    creep->slow = 0;
+    for (size_t i = 0; i < creep->poles; i++) {
+        rdpi_q31_lag_t *lag = &creep->lag[i];
+        int64_t at = creep->h + rescaled(to, old, behind(&from->creep, lag));
+        lag->state = rdpi_q31_widen(rdpi_q31_clamp(at, -MAX_H, MAX_H));
+        creep->slow += i < creep->fast ? 0 : rdpi_q31_creep_adds(lag);
+    }
+}
+
+/* What `from` outputs is the output; the plays have their own drive where there is a lag. Returns whether it is in
+ * range. */
+static void take_output(rdpi_q31_chain_t *self, const rdpi_q31_chain_t *from)
+{
+    rdpi_q31_t *axis = &self->axis;
+    const rdpi_q31_params_t *params = axis->params, *old = from->params->axis;
+    int64_t way = proportion((int64_t)from->axis.drive - old->drive_of_code_0,
+                             (int64_t)rdpi_q31_drive_of_last_code(params) - params->drive_of_code_0,
+                             (int64_t)rdpi_q31_drive_of_last_code(old) - old->drive_of_code_0);
+    axis->drive = rdpi_q31_clamp(params->drive_of_code_0 + way, params->min_drive, params->max_drive);
+    self->unlag.ramp = rdpi_q31_widen(axis->drive);
+    if (self->unlag.per_step == 0) {
+        axis->ramp = self->unlag.ramp;
+    }
+    if (params->dac_bits == old->dac_bits) {
+        axis->dac_code = from->axis.dac_code;
+    } else {
+        axis->dac_code = params->dac_bits > 0u ? (uint32_t)rdpi_q31_code_of_drive(params, axis->drive) : 0u;
+    }
+    if (params->dac_bits > 0u) { /* of the code, as a step leaves it */
+        int64_t drive = rdpi_q31_drive_of_code(params, axis->dac_code);
+        axis->drive = rdpi_q31_clamp(drive, params->min_drive, params->max_drive);
+    }
+}
+
+rdpi_status_t rdpi_q31_chain_inherit(rdpi_q31_chain_t *self, const rdpi_q31_chain_t *from)
+{
+    if (self == NULL || from == NULL) {
+        return RDPI_ERR_NULL;
+    }
+    rdpi_q31_t *axis = &self->axis;
+    const rdpi_q31_params_t *params = axis->params, *old = from->params->axis;
+    int32_t y[RDPI_MAX_PLAYS];
+    if (params->min_mV != old->min_mV || params->max_mV != old->max_mV || params->unit_mantissa < HALF ||
+        old->unit_mantissa < HALF) {
+        return RDPI_ERR_DRIVE;
+    }
+    if (self->sample_time_ns != from->sample_time_ns) {
+        return RDPI_ERR_SAMPLE_TIME;
+    }
+    project_plays(params, &from->axis, y);
+    y[0] = rdpi_q31_x_in_range(params, y[0]); /* to rounding, it is */
+    rdpi_status_t status = rdpi_q31_set_memory(axis, y);
+    if (status == RDPI_OK) {
+        rdpi_q31_chain_settle(self);
+        project_creep(self, from);
+        take_output(self, from);
+        axis->guard_count = from->axis.guard_count;
+        axis->clip_count = from->axis.clip_count;
+        axis->input_count = from->axis.input_count;
+        axis->missed_count = from->axis.missed_count;
+    }
+    return status;
+}
