@@ -16,18 +16,22 @@
 #define SYST_CVR (*(volatile uint32_t *)0xE000E018u)
 #define CPACR (*(volatile uint32_t *)0xE000ED88u)
 
-void write_dac(uint32_t code); /* yours */
+bool write_dac(uint32_t code); /* yours; false if the DAC has not got the code and outputs the one before */
 void SysTick_Handler(void);
 bool run_axis(void);
 
-static uint32_t code;
+static uint32_t code, lost;
 
 /* The core saves the floating-point registers by itself. SysTick does not count what it misses: this handler must take
  * less than a period. */
 void SysTick_Handler(void)
 {
-    write_dac(code);
-    code = axis_next(0);
+    if (write_dac(code)) {
+        code = axis_next(lost);
+        lost = 0;
+    } else {
+        lost++; /* the code is sent again: the library counts on every code that it has returned */
+    }
 }
 
 bool run_axis(void)

@@ -6,6 +6,7 @@
 #include "stm32g0xx_hal.h"
 
 #include "axis.h"
+#include "dma.h" /* behind the chip's header */
 
 #if RDPI_PARAMS_DAC_BITS != 12
 #error "fit with --dac-bits 12"
@@ -19,7 +20,7 @@ extern TIM_HandleTypeDef htim6;
 
 bool run_axis(void);
 
-static uint32_t codes[2u * HALF];
+static uint32_t codes[2u * HALF] DMA_BUFFER;
 static volatile bool late; /* the DAC took a code twice: the processor did not keep up */
 
 static void fill(uint32_t *half)
@@ -27,6 +28,7 @@ static void fill(uint32_t *half)
     for (uint32_t i = 0; i < HALF; i++) {
         half[i] = axis_next(0);
     }
+    dma_publish(half, HALF * sizeof *half); /* for a chip with a data cache; not this one */
 }
 
 /* The first half has been output. */

@@ -41,6 +41,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 LIB = ROOT / "lib"
 HERE = LIB / "packaging"
+BUSES = "rdpi_i2c.h", "rdpi_spi.h"  # headers of port/include that drivers of DACs stand on
 EARLIEST = 315532800  # 1980-01-01, before which a zip has no time
 
 Tree = dict[str, bytes]  # path in an archive -> what the file holds
@@ -99,12 +100,19 @@ def project() -> Tree:
             f"lib/{name}": data for name, data in library().items() if name != "LICENSE"}
 
 
+def dac_drivers() -> Tree:
+    """The drivers of DACs and the headers of their buses; who uses one writes the functions of its bus."""
+    sources = [path for path in (ROOT / "port/drivers").glob("*.c") if any(f'#include "{bus}"' in path.read_text() for bus in BUSES)]
+    return {f"src/drivers/{path.name}": path.read_bytes() for source in sources for path in (source, source.with_suffix(".h"))} | {
+        f"src/{bus}": (ROOT / "port/include" / bus).read_bytes() for bus in BUSES}
+
+
 def arduino() -> Tree:
     """The Arduino IDE finds a library by a header at the top of src/."""
     sketches = manifests("arduino")
     params = (ROOT / "examples/track/params/rdpi_params.h").read_bytes()
     actuators = {str(Path(name).with_name("rdpi_params.h")): params for name in sketches if name.endswith(".ino")}
-    return {"src/rdpi.h": b'#include "rdpi/rdpi.h"\n', **library("src", "src"), **sketches, **actuators}
+    return {"src/rdpi.h": b'#include "rdpi/rdpi.h"\n', **library("src", "src"), **dac_drivers(), **sketches, **actuators}
 
 
 def vcpkg() -> Tree:

@@ -3,13 +3,15 @@
 
 bool run_axis(void);
 void SysTick_Handler(void);
-void write_dac(uint32_t code);
+bool write_dac(uint32_t code);
 
 static const void *vectors[16] __attribute__((aligned(128)));
 
-void write_dac(uint32_t code)
+bool write_dac(uint32_t code)
 {
-    dac_gets(code, 0u);
+    bool fails = frame_fails();
+    dac_gets(fails ? dac_got[dac_count - 1u] : code, 0u);
+    return !fails;
 }
 
 int main(void)

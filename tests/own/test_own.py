@@ -75,7 +75,7 @@ def codes_of(name: str, params: Path, work: Path, *options: str) -> list[int]:
     objects = []
     for source in (OWN / f"{name}.c", OWN / "axis.c"):
         objects.append(work / f"{source.stem}.o")
-        run(*target.compiler, *STRICT, *includes, "-c", source, "-o", objects[-1])
+        run(*target.compiler, *STRICT, *includes, *options, "-c", source, "-o", objects[-1])
     image = work / "image"
     run(*target.compiler, "-std=gnu11", "-O2", "-ffp-contract=off", "-ffunction-sections", *includes, *objects,
         *sorted((ROOT / "lib/src").glob("*.c")), *options, HERE / f"main_{name}.c", *linked(target, work), "-o", image)
@@ -119,10 +119,50 @@ def test_the_dac_gets_the_codes_of_the_host(tmp_path: Path, name: str) -> None:
     assert min(swept) == 0 and max(swept) == 2 ** TARGETS[name].dac_bits - 1  # the sweep went from end to end
 
 
+def test_a_dma_reads_no_code_that_a_data_cache_holds_back(tmp_path: Path) -> None:
+    """The example with a DMA as on a Cortex-M7: memory has only what the cache was told to write back."""
+    params = parameters(12, tmp_path)
+    assert codes_of("stm32g0", params, tmp_path, "-DCACHED") == codes_of("stm32g0", params, tmp_path)
+
+
+def test_every_line_of_the_cache_that_has_a_byte_of_a_buffer_is_written_back(tmp_path: Path) -> None:
+    """dma.h on this computer: which address and how many bytes it hands to CMSIS."""
+    main = tmp_path / "main.c"
+    main.write_text(r"""
+        #include <stdint.h>
+        #include <stdio.h>
+        #define __DCACHE_PRESENT 1U
+        static uint8_t bytes[96] __attribute__((aligned(32)));
+        static void SCB_CleanDCache_by_Addr(uint32_t *address, int32_t count)
+        {
+            printf("%d %d\n", (int)((uint8_t *)address - bytes), (int)count);
+        }
+        #include "dma.h"
+        static uint32_t codes[8] DMA_BUFFER;
+        int main(void)
+        {
+            dma_publish(bytes, 32);
+            dma_publish(bytes + 30, 4);
+            dma_publish(bytes + 63, 1);
+            return (uintptr_t)codes % DMA_LINE != 0;
+        }""")
+    run("cc", "-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{OWN}", main, "-o", tmp_path / "program")
+    assert run(tmp_path / "program").split() == ["0", "32", "0", "34", "32", "32"]
+
+
+def test_a_core_that_may_have_a_data_cache_must_say_so() -> None:
+    for core, option, passes in (("m7", "", False), ("m4", "", False), ("m4", "-D__CORTEX_M=4U", True),
+                                  ("m4", "-D__DCACHE_PRESENT=0U", True), ("m0plus", "", True)):
+        done = subprocess.run(["arm-none-eabi-gcc", f"-mcpu=cortex-{core}", "-mthumb", "-fsyntax-only", *option.split(),
+                               "-x", "c", OWN / "dma.h"], capture_output=True, text=True)
+        assert (done.returncode == 0) == passes, done.stderr
+        assert passes or "include the chip's CMSIS header" in done.stderr
+
+
 ON_A_BUS = "esp32c3", "rp2040"  # examples with a DAC on the SPI
 
 
-@pytest.mark.parametrize("name", ON_A_BUS)
+@pytest.mark.parametrize("name", [*ON_A_BUS, "cortex_m33"])
 def test_a_code_whose_frame_failed_is_output_in_the_next_tick(tmp_path: Path, name: str) -> None:
     """Three frames fail at the peak of the reference: the library counts on the peak, so the DAC must get it."""
     params = parameters(16, tmp_path)

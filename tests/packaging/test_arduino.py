@@ -11,7 +11,10 @@ from types import ModuleType
 
 import pytest
 
+from triangle import PARAMS, ROOT
+
 BOARDS = {"atmega328p": "arduino:avr:uno", "atmega2560": "arduino:avr:mega:cpu=atmega2560"}
+BUILT_IN = "/usr/share/arduino/hardware/arduino/avr/libraries"
 SKETCHES = {"f32": "Track", "q31": "TrackFixedPoint"}
 
 
@@ -24,16 +27,25 @@ def libraries(package: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> 
     return folder / "libraries"
 
 
-def build(libraries: Path, sketch: str, board: str, folder: Path) -> Path:
+def build(libraries: Path, sketch: Path, board: str, folder: Path) -> Path:
     folder.mkdir()
     done = subprocess.run([
         "arduino-builder", "-compile", "-hardware", "/usr/share/arduino/hardware", "-hardware",
-        "/usr/share/arduino-builder", "-tools", "/usr/bin", "-libraries", libraries, "-fqbn", board, "-build-path", folder,
+        "/usr/share/arduino-builder", "-tools", "/usr/bin", "-built-in-libraries", BUILT_IN, "-libraries", libraries, "-fqbn", board, "-build-path", folder,
         # The core of Debian 12 needs it, and its avr-gcc 5.4 defines it for C only.
         "-prefs", "compiler.cpp.extra_flags=-DDECIMAL_DIG=__DECIMAL_DIG__",
-        libraries / f"rdpi/examples/{sketch}/{sketch}.ino"], capture_output=True, text=True)
+        sketch], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
-    return folder / f"{sketch}.ino.elf"
+    return folder / f"{sketch.name}.elf"
+
+
+def sketch_of(folder: Path, *parts: str) -> Path:
+    """A sketch of these pieces of C++, with the actuator of the examples beside it."""
+    path = folder / "Dac/Dac.ino"
+    path.parent.mkdir()
+    path.write_text("\n".join(parts))
+    path.with_name("rdpi_params.h").write_bytes((PARAMS / "rdpi_params.h").read_bytes())
+    return path
 
 
 def prints(program: Path, chip: str) -> list[str]:
@@ -59,10 +71,118 @@ def prints(program: Path, chip: str) -> list[str]:
 @pytest.mark.parametrize("engine", SKETCHES)
 def test_a_sketch_outputs_the_codes_of_the_host(libraries: Path, codes: dict[str, list[int]], tmp_path: Path, engine: str,
                                                 chip: str) -> None:
-    program = build(libraries, SKETCHES[engine], BOARDS[chip], tmp_path / "build")
+    program = build(libraries, libraries / f"rdpi/examples/{SKETCHES[engine]}/{SKETCHES[engine]}.ino", BOARDS[chip], tmp_path / "build")
     status, *said = prints(program, chip)
     assert status == "status 0"
     assert [int(line) for line in said] == codes[engine]
+
+
+WIRE, TICKS, SPI = re.findall(r"^```cpp\n(.*?)^```", (ROOT / "lib/packaging/README.md").read_text(), re.MULTILINE | re.DOTALL)
+START_TIMER = """
+static void start_timer() /* 1 kHz */
+{
+    TCCR1A = 0;
+    TCCR1B = _BV(WGM12) | _BV(CS11);
+    OCR1A = 1999;
+    TIMSK1 = _BV(OCIE1A);
+}
+"""
+# On a bus that prints what it is given, or on Wire: 20 ticks, one code each, as the library has computed them.
+FOLLOW = """
+#include <rdpi.h>
+#include <drivers/mcp4725.h>
+#include "rdpi_params.h"
+
+static rdpi_mcp4725_t dac;
+static rdpi_f32_t axis;
+static uint8_t done;
+
+void setup()
+{
+    const rdpi_mcp4725_config_t config = {0x62};
+    Serial.begin(115200);
+    WIRE_BEGIN
+    Serial.println((int)rdpi_f32_init(&axis, &rdpi_params, 0.001f));
+    rdpi_mcp4725_init(&dac, &config);
+    start_timer();
+}
+
+void loop()
+{
+    if (take_ticks() == 0 || done > 20) {
+        return;
+    }
+    rdpi_f32_step(&axis, 0.05f * done);
+    uint16_t code = axis.dac_code >> 4; /* the parameters are for 16 bits */
+    if (!rdpi_mcp4725_start(&dac, code) || !rdpi_mcp4725_write(&dac, code)) {
+        Serial.println("held");
+    }
+    if (done++ == 20) {
+        Serial.println(dac.fail_count);
+        Serial.println("end");
+    }
+}
+"""
+PRINTING_BUS = """
+#include <rdpi_i2c.h>
+
+void rdpi_i2c_write(uint8_t address, const uint8_t *bytes, size_t count)
+{
+    static uint8_t calls;
+    if (calls++ > 0) { /* the first is that of start */
+        Serial.println(((uint32_t)address << 8 | count) << 16 | (uint16_t)(bytes[0] << 8 | bytes[1]));
+    }
+}
+
+rdpi_i2c_state_t rdpi_i2c_state(void)
+{
+    return RDPI_I2C_DONE;
+}
+"""
+DAC_ON_THE_SPI = """
+#include <drivers/mcp4922.h>
+
+static rdpi_mcp4922_t dac;
+
+void setup()
+{
+    const rdpi_mcp4922_config_t config = {false, false};
+    Serial.begin(115200);
+    SPI.begin();
+    pinMode(CHIP_SELECT, OUTPUT);
+    digitalWrite(CHIP_SELECT, HIGH);
+    rdpi_mcp4922_init(&dac, &config);
+    Serial.println(rdpi_mcp4922_write(&dac, 0, 4095));
+    Serial.println(rdpi_mcp4922_write(&dac, 0, 4096));
+    Serial.println(dac.code_count);
+    Serial.println("end");
+}
+
+void loop()
+{
+}
+"""
+
+
+def test_a_driver_on_the_i2c_gets_the_codes_of_loop_to_its_bus(libraries: Path, codes: dict[str, list[int]],
+                                                              tmp_path: Path) -> None:
+    """An interrupt counts, loop computes and calls the driver."""
+    sketch = sketch_of(tmp_path, PRINTING_BUS, TICKS, START_TIMER, FOLLOW.replace("WIRE_BEGIN", ""))
+    status, *said, failed = prints(build(libraries, sketch, BOARDS["atmega328p"], tmp_path / "build"), "atmega328p")
+    assert (status, failed) == ("0", "0")
+    assert [int(line) for line in said] == [0x62020000 | code >> 4 for code in codes["f32"][:21]]
+
+
+def test_wire_in_loop_returns_and_tells_that_no_dac_answers(libraries: Path, tmp_path: Path) -> None:
+    sketch = sketch_of(tmp_path, WIRE, TICKS, START_TIMER,
+                       FOLLOW.replace("WIRE_BEGIN", "Wire.begin();\n    Wire.setClock(400000);"))
+    said = prints(build(libraries, sketch, BOARDS["atmega328p"], tmp_path / "build"), "atmega328p")
+    assert said == ["0", *21 * ["held"], "21"]
+
+
+def test_a_driver_on_the_spi_sends_from_a_sketch(libraries: Path, tmp_path: Path) -> None:
+    sketch = sketch_of(tmp_path, SPI, DAC_ON_THE_SPI)
+    assert prints(build(libraries, sketch, BOARDS["atmega328p"], tmp_path / "build"), "atmega328p") == ["1", "0", "1"]
 
 
 def test_the_library_tells_the_ide_what_it_asks_for(package: ModuleType, libraries: Path) -> None:

@@ -32,7 +32,7 @@ version = release = rdpi.version()
 root_doc = "README"
 exclude_patterns = ["build*", ".*", "**/.*", "host_tools/build", "host_tools/*.egg-info"]
 include_patterns = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "*/README.md", "*/*/README.md", "host_tools/formats.md",
-                    "host_tools/terms.md", f"{SITE}/*.rst"]
+                    "host_tools/terms.md", "lib/SAFETY.md", f"{SITE}/*.rst"]
 extensions = ["myst_parser", "breathe", "sphinx.ext.autodoc"]
 myst_heading_anchors = 4
 breathe_projects = {"rdpi": str(ROOT / "build/site/doxygen/xml")}

@@ -12,7 +12,7 @@ import pytest
 from rdpi.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
-TEXTS = sorted(path for pattern in ("*.md", "*/README.md", "*/*/README.md") for path in ROOT.glob(pattern)
+TEXTS = sorted(path for pattern in ("*.md", "*/README.md", "*/SAFETY.md", "*/*/README.md") for path in ROOT.glob(pattern)
                if path.relative_to(ROOT).parts[0] in ("lib", "port", "host_tools", "examples", "tests", path.name))
 NAMES = [str(path.relative_to(ROOT)) for path in TEXTS]
 INCLUDES = [f"-I{ROOT / folder}" for folder in ("lib/include", "port/include", "port/drivers", "examples/track/params", "examples/own")]

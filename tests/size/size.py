@@ -1,45 +1,31 @@
 #!/usr/bin/env python3
-"""What the library costs a Cortex-M: code, RAM and stack, as a Markdown table.
+"""What the library costs a Cortex-M: code, RAM and stack of each build, in the table of lib/README.md.
 
-    tests/size/size.py                         prints it
+    tests/size/size.py                         prints it; the times are those of lib/README.md
     tests/size/size.py --write lib/README.md   puts it between the markers there
     tests/size/size.py --check lib/README.md   fails if it is not the one there, or beyond a limit
 
-Another version of the compiler than the one that the table names makes other code: then only the limits count.
+tests/benchmark/instructions.py has the other columns, the times. A row whose size changes is of other code: --write takes
+its times out, and --check fails until they are measured anew. Another version of the compiler than the one that the table
+names makes other code: then only the limits count.
 """
 
 from __future__ import annotations
 
-import difflib
-import itertools
 import os
 import re
-import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-WORK = ROOT / "build" / "size"
-BEGIN, END = "<!-- tests/size/size.py -->", "<!-- end -->"
-FLAGS = "-std=c99 -Os -mthumb -ffunction-sections -fdata-sections -DRDPI_MAX_PLAYS=10 -DRDPI_MAX_WINDOW=1"
-FLAGS += " -DRDPI_MAX_POLES=5"
-CORES = {
-    "M4F": "-mcpu=cortex-m4 -mfpu=fpv4-sp-d16 -mfloat-abi=hard",
-    "M7": "-mcpu=cortex-m7 -mfpu=fpv5-d16 -mfloat-abi=hard",
-    "M3": "-mcpu=cortex-m3",
-    "M0": "-mcpu=cortex-m0",
-}
+import builds
+from builds import ROOT, ROWS, SIZES, TIMES, UNKNOWN, WORK, Build, Targets, run
+
 CALLS = ("init_layout", "step", "sweep")  # the first is what init, inline, calls
-COLUMNS = ("code", "libgcc, libc", "state", "stack of init", "of step", "of sweep")
-LEAST = "-DRDPI_MAX_CURVE_PIECES=1 -DRDPI_NOISE_SHAPING=0"
-ROWS = (("f32", LEAST), ("f32", ""), ("f32_chain", ""), ("q31", LEAST), ("q31", ""), ("q31_chain", ""))
-LIMITS = {("f32", LEAST, "M4F"): {"code": 3072, "state": 128, "of step": 128}}
-
-
-def run(*command: str | Path) -> str:
-    return subprocess.run([str(word) for word in command], check=True, stdout=subprocess.PIPE, text=True).stdout
+LEAST = Build("f32", "M4F", "-Os", least=True)
+LIMITS = {LEAST: {"code": (3072,), "state": (128,), "of step": (128,)},
+          Build("f32", "M4F", "-Os"): {"code": (3686 + 1536,)}}  # 1.5 kB more than before its step became faster
 
 
 def text_size(path: Path) -> int:
@@ -83,37 +69,21 @@ def registers(part: str) -> int:
     return (numbers[-1] - numbers[0] + 1) * (8 if "d" in part else 4)
 
 
-def compiler(setting: str, core: str) -> list[str]:
-    return ["arm-none-eabi-gcc", *FLAGS.split(), *setting.split(), *CORES[core].split(), f"-I{ROOT / 'lib' / 'include'}"]
-
-
-def compiled(setting: str, core: str) -> list[Path]:
-    """Objects of the library."""
-    folder = WORK / f"{setting}-{core}"
+def measure(build: Build) -> dict[str, int]:
+    library, objects = build.library, build.objects()
+    folder = WORK / build.name.replace(", ", "_").replace(" ", "_")
     folder.mkdir(parents=True, exist_ok=True)
-    objects = []
-    for source in sorted((ROOT / "lib" / "src").glob("*.c")):
-        objects.append(folder / f"{source.stem}.o")
-        run(*compiler(setting, core), "-c", source, "-o", objects[-1])
-    return objects
-
-
-def measure(library: str, setting: str, core: str, objects: list[Path]) -> dict[str, int]:
-    """`library` is f32, f32_chain, q31 or q31_chain; `setting` is "" or more options of the compiler."""
-    folder = WORK / f"{library}{setting}-{core}"
-    folder.mkdir(parents=True, exist_ok=True)
-    gcc = compiler(setting, core)
     probe = folder / "state.c"
     probe.write_text(f'#include "rdpi/{library}.h"\nchar state[sizeof(rdpi_{library}_t)];\n')
-    run(*gcc, "-c", probe, "-o", folder / "state.o")
+    run(*build.compiler, "-c", probe, "-o", folder / "state.o")
 
     # Of the library what the three functions need; then the same with what they need of others.
     roots = [f"-Wl,-u,rdpi_{library}_{call}" for call in CALLS]
-    link = [*gcc, "-nostartfiles", "-Wl,--gc-sections", *roots, *objects]
+    link = [*build.compiler, "-nostartfiles", "-Wl,--gc-sections", *roots, *objects]
     run(*link, "-nostdlib", "-r", "-o", folder / "own.o")
     run(*link, f"-Wl,-e,rdpi_{library}_{CALLS[0]}", "-o", folder / "all.elf")
     own, depths = text_size(folder / "own.o"), stacks(folder / "all.elf")
-    return dict(zip(COLUMNS, [
+    return dict(zip(SIZES, [
         own,
         text_size(folder / "all.elf") - own,
         int(run("arm-none-eabi-nm", "--size-sort", folder / "state.o").split()[0], 16),
@@ -121,51 +91,59 @@ def measure(library: str, setting: str, core: str, objects: list[Path]) -> dict[
     ]))  # fmt: skip
 
 
-def table() -> tuple[str, list[str]]:
-    """The table, and which limits it breaks."""
-    version = re.search(r"(\d+\.\d+\.\d+)", run("arm-none-eabi-gcc", "--version").splitlines()[0])[1]
-    lines = [f"| bytes, arm-none-eabi-gcc {version} -Os | {' | '.join(COLUMNS)} |"]
-    lines.append("|---|" + "---:|" * len(COLUMNS))
-    broken = []
+def measure_all(wanted: tuple[Build, ...]) -> dict[Build, dict[str, int]]:
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        builds = list(itertools.product(sorted({setting for _, setting in ROWS}), CORES))
-        objects = dict(zip(builds, pool.map(lambda build: compiled(*build), builds)))
-        cases = [(*row, core) for row, core in itertools.product(ROWS, CORES)]
-        sizes = dict(zip(cases, pool.map(lambda case: measure(*case, objects[case[1:]]), cases)))
-    for library, setting in ROWS:
-        name = f"rdpi_{library}{', least' if setting else ''}"
-        for core in CORES:
-            cells = [f"{name}, {core}"]
-            for column, figure in sizes[library, setting, core].items():
-                limit = LIMITS.get((library, setting, core), {}).get(column)
-                cells.append(f"{figure} ≤ {limit}" if limit else str(figure))
-                if limit and figure > limit:
-                    broken.append(f"{name}, {core}: {column} is {figure}, limit {limit}")
-            lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines), broken
+        return dict(zip(wanted, pool.map(measure, wanted)))
+
+
+def size_cells(measured: dict[Build, dict[str, int]]) -> tuple[dict[str, tuple[str, ...]], list[str]]:
+    """Of each build by name, and which limits they break."""
+    targets = Targets()
+    found = {}
+    for build, figures in measured.items():
+        limits = LIMITS.get(build, {})
+        found[build.name] = tuple(targets.cell(f"{build.name}: {column}", figure, *limits.get(column, ()))
+                                  for column, figure in figures.items())
+    return found, [f"{what} {how}" for what, how in targets.missed.items()]
+
+
+def with_old_times(sizes: dict[str, tuple[str, ...]], old: str) -> str:
+    """The table, with the times of rows whose size is still that of the old one."""
+    old_sizes, old_times = builds.sizes_of(old), builds.times_of(old)
+    unknown = (UNKNOWN,) * len(TIMES)
+    lines = [builds.line(build, old_times[build.name] if old_sizes.get(build.name) == sizes[build.name] else unknown,
+                         sizes[build.name]) for build in ROWS]
+    return "\n".join([builds.head(), *lines])
+
+
+def judge(old: str, sizes: dict[str, tuple[str, ...]], name: str) -> list[str]:
+    """What is wrong with the sizes in the table of the file `name`, times that are left out included."""
+    wrong = []
+    if builds.sizes_of(old) != sizes or list(builds.sizes_of(old)) != list(sizes):
+        print(builds.differences(old, with_old_times(sizes, old), name))
+        wrong.append(f"{name} has another table: tests/size/size.py --write {name}")
+    if any(UNKNOWN in times for times in builds.times_of(old).values()):
+        wrong.append(f"{name} lacks times: tests/benchmark/instructions.py --write {name}")
+    return wrong
 
 
 def main() -> int:
     arguments = sys.argv[1:]
     if arguments and (len(arguments) != 2 or arguments[0] not in ("--write", "--check")):
         sys.exit(__doc__)
-    new, broken = table()
+    option, name = arguments or ("", ROOT / "lib" / "README.md")
+    text = Path(name).read_text(encoding="utf-8")
+    before, old, after = builds.split(text, name)
+    sizes, broken = size_cells(measure_all(ROWS))
+    new = with_old_times(sizes, old)
     print(new)
-    if arguments:
-        option, name = arguments
-        text = Path(name).read_text(encoding="utf-8")
-        before, begin, rest = text.partition(BEGIN + "\n")
-        old, end, after = rest.partition("\n" + END)
-        if not begin or not end:
-            sys.exit(f"{name}: no lines {BEGIN} and {END}")
-        if option == "--write":
-            Path(name).write_text(before + begin + new + end + after, encoding="utf-8")
-        elif old.split("|")[1] != new.split("|")[1]:
+    if option == "--write":
+        Path(name).write_text(before + new + after, encoding="utf-8")
+    elif option == "--check":
+        if builds.other_compiler(old, new):
             print(f"{name} has a table of another compiler: only the limits are checked")
-        elif old != new:
-            lines = difflib.unified_diff(old.splitlines(), new.splitlines(), name, "measured", lineterm="")
-            print(*lines, sep="\n")
-            broken.append(f"{name} has another table: tests/size/size.py --write {name}")
+        else:
+            broken += judge(old, sizes, name)
     print(*broken, f"size: {'failed' if broken else 'passed'}", sep="\n")
     return 1 if broken else 0
 

@@ -1,5 +1,6 @@
 /* Counts the instructions of one engine's step on an emulated board: over a profile, mean and worst, and in a search
- * for inputs that cost more. What it prints is read by ../instructions.py.
+ * for inputs that cost more. With BLOCK, over the profile in blocks of so many samples instead. What it prints is read by
+ * ../instructions.py.
  *
  * Under `-icount shift=10` the emulated time moves by 1024 ns per instruction and SysTick by 25.6 at 25 MHz, so every
  * difference of two readings is that of exactly one count of instructions. */
@@ -267,6 +268,63 @@ static void run_profile(void)
     printf("mean: %.6f\nprofile: %lu\n", (double)sum / (sizeof profile / sizeof *profile), (unsigned long)largest);
 }
 
+#ifdef BLOCK
+
+typedef uint32_t block_t(state_t *self, const reference_t *reference, uint32_t *codes, uint32_t n);
+
+/* One instruction: bx lr. */
+__attribute__((naked, noipa)) static uint32_t empty_block(state_t *self, const reference_t *reference, uint32_t *codes, uint32_t n)
+{
+    (void)self;
+    (void)reference;
+    (void)codes;
+    (void)n;
+    __asm__ volatile("bx lr");
+}
+
+__attribute__((noipa)) static uint32_t ticks_of_block(block_t *call, state_t *self, const reference_t *reference, uint32_t *codes)
+{
+    uint32_t begin = SYST_CVR;
+    (void)call(self, reference, codes, BLOCK);
+    return (begin - SYST_CVR) & SYST_MAX;
+}
+
+/* The profile in blocks that begin at any sample, and the same samples one by one: the codes are the same. */
+static bool run_blocks(void)
+{
+    static state_t single, self;
+    const size_t samples = sizeof profile / sizeof *profile, preview = state[0].preview_samples;
+    const uint32_t nothing = instructions(ticks_of_block(empty_block, NULL, NULL, NULL));
+    uint64_t sum = 0, single_sum = 0, count_of_samples = 0;
+    uint32_t largest = 0;
+    for (size_t first = preview; first < preview + BLOCK; first++) {
+        single = state[0];
+        for (size_t k = 0; k < first; k++) {
+            (void)ENGINE_STEP(&single, profile[k]);
+        }
+        self = single;
+        for (size_t k = first; k + BLOCK <= samples; k += BLOCK) {
+            uint32_t codes[BLOCK];
+            uint32_t cost = instructions(ticks_of_block(ENGINE_BLOCK, &self, &profile[k - preview], codes)) - nothing + 1u;
+            sum += cost;
+            count_of_samples += BLOCK;
+            largest = cost > largest ? cost : largest;
+            for (size_t i = 0; i < BLOCK; i++) {
+                single_sum += count(ENGINE_STEP, &single, profile[k + i]);
+                if (codes[i] != single.axis.dac_code) {
+                    printf("sample %lu of a block has another code than by itself\n", (unsigned long)(k + i));
+                    return false;
+                }
+            }
+        }
+    }
+    printf("single: %.6f\nmean: %.6f\nworst: %lu\n", (double)single_sum / (double)count_of_samples,
+           (double)sum / (double)count_of_samples, (unsigned long)largest);
+    return true;
+}
+
+#endif
+
 int main(void)
 {
     calibrate();
@@ -274,6 +332,9 @@ int main(void)
         printf("the parameters were refused\n");
         return 1;
     }
+#ifdef BLOCK
+    return run_blocks() ? 0 : 1;
+#endif
     run_profile();
     random_state = SEED;
     search_pairs();

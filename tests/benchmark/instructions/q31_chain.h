@@ -14,6 +14,7 @@ typedef rdpi_q31_chain_t state_t;
 #define FLAGS(state) ((state).axis.flags)
 #define ENGINE_STEP rdpi_q31_chain_step
 #define ENGINE_MISSED rdpi_q31_chain_missed
+#define ENGINE_BLOCK rdpi_q31_chain_block
 
 static inline bool start(state_t *self)
 {

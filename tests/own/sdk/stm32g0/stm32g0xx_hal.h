@@ -16,3 +16,8 @@ HAL_StatusTypeDef HAL_TIM_Base_Start(TIM_HandleTypeDef *timer);
 void HAL_DAC_ConvHalfCpltCallbackCh1(DAC_HandleTypeDef *dac);
 void HAL_DAC_ConvCpltCallbackCh1(DAC_HandleTypeDef *dac);
 void HAL_DAC_DMAUnderrunCallbackCh1(DAC_HandleTypeDef *dac);
+#ifdef CACHED /* as of a chip with a Cortex-M7 */
+#define __CORTEX_M 7U
+#define __DCACHE_PRESENT 1U
+void SCB_CleanDCache_by_Addr(uint32_t *address, int32_t bytes);
+#endif
