@@ -78,8 +78,8 @@ def test_old_codes_are_noticed_and_the_axis_goes_back_by_a_ramp(programs: dict[s
             # a round before, the same code was output
             assert all((codes[k] == codes[k - 2 * HALF]).all() for k in old)
             back = old[-1] + 1
-            # In step at once: as near as the actuator lets it be, which has been elsewhere in between. A sample late is 5.
-            assert (np.abs(codes[back + 3:] - whole[back + 3:]) <= 40).all()
+            # In step at once: as near as the actuator lets it be, which has been elsewhere in between. Half a buffer late is 80.
+            assert (np.abs(codes[back + 3:] - whole[back + 3:]) <= 60).all()
         assert (codes[-400:] == whole[-400:]).all()
     assert reached > 50 / each
 
