@@ -20,8 +20,6 @@
 #include <stdint.h>
 
 #include "rdpi/rdpi.h"
-#include "rdpi/f32_axis.h"
-#include "rdpi/q31_axis.h"
 
 #ifndef AXIS_Q31
 #if defined(__ARM_FP) || defined(__riscv_flen)
