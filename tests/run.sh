@@ -64,7 +64,7 @@ if [ "$level" != --quick ]; then
     run ctest-coverage "$ctest_lines" ctest_preset coverage
     run ceedling '^(TESTED|PASSED|FAILED|IGNORED): ' env GEM_HOME="$root/.gems" GEM_PATH="$root/.gems" .gems/bin/ceedling test:all
     run same-names 'executed' names
-    for core in m0plus ${long:+m3} m4f ${long:+m7} rv32; do # the least, the usual, and no Cortex
+    for core in m0plus ${long:+m3} m4f ${long:+m7} rv32 s390x; do # the least, the usual, no Cortex, and big-endian
         run ctest-$core "$ctest_lines" ctest_preset $core
     done
     run same-bits '^same-bits: ' tests/emulator/same_bits.sh

@@ -66,6 +66,7 @@ typedef int... rdpi_status_t;
 #define RDPI_MAX_REFERENCE_UM ...
 #define RDPI_OK ...
 #define RDPI_ERR_DIGEST ...
+#define RDPI_ERR_SAMPLE_RANGE ...
 const char *rdpi_status_text(rdpi_status_t status);
 
 typedef struct {
@@ -89,6 +90,7 @@ typedef struct {
     rdpi_real_t offset_um;
     rdpi_real_t rate_window_s, rate_filter_s, max_um_per_s, min_slope_ratio;
     rdpi_real_t min_V, max_V, slew_V_per_s, sweep_V_per_s, sweep_end_V, sweep_forgotten;
+    rdpi_real_t min_sample_time_s, max_sample_time_s;
     rdpi_real_t last_code, V_per_code;
     const rdpi_f32_play_t *play;
     const rdpi_f32_deadzone_t *saturation;
@@ -171,6 +173,7 @@ typedef struct {
     uint32_t unit_mantissa;
     int32_t unit_exponent;
     int32_t drive_of_code_0, codes_per_drive, drive_per_code, sweep_end, sweep_forgotten;
+    uint32_t min_sample_time_ns, max_sample_time_ns;
     const rdpi_q31_play_t *play;
     const rdpi_q31_deadzone_t *saturation, *inverse_saturation;
     const rdpi_q31_line_t *curve;

@@ -313,3 +313,10 @@ def test_offset_of_a_reference_alone(folder: Path, rdpi: Callable) -> None:
 @pytest.mark.parametrize("bits", [0, 21, -3])
 def test_bad_dac_bits(bits: int, folder: Path, rdpi: Callable) -> None:
     assert re.search(r"dac.bits.*1 to 20", refusal(rdpi, "compensate", "static.json", None, "--dac-bits", bits))
+
+
+def test_a_rate_that_a_board_refuses_is_noted(folder: Path, rdpi: Callable) -> None:
+    rows = "\n".join(f"{k / 10!r},{5.0}" for k in range(20))
+    (folder / "slow.csv").write_text(f"time_s,reference_um\n{rows}\n")
+    _, said = result_of(rdpi, "compensate", "static.json", "slow.csv", "-o", "slow_drive.csv")
+    assert "note: a board would refuse this rate: sample_time_s is 0.1, and the firmware takes" in str(said)

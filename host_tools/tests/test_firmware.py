@@ -77,6 +77,27 @@ def test_sample_time(sample_time_s: float, real: str) -> None:
         Firmware(with_rate(window_s=0.0), sample_time_s, real)
 
 
+@pytest.mark.parametrize(("sample_time_s", "text"), [
+    (0.1, r"sample_time_s is 0\.1, and the firmware takes 5e-07 to 0\.003125 s.*would jump; .*--sweep-rate"),
+    (1e-7, r"sample_time_s is 1e-07.*no controller computes more")])
+@pytest.mark.parametrize("engine", firmware.ENGINES)
+def test_a_sample_time_that_is_no_firmwares_is_refused_but_for_simulations(engine: str, sample_time_s: float,
+                                                                           text: str) -> None:
+    model = with_drive(sweep_V_per_s=40 * (MODEL.drive.max_V - MODEL.drive.min_V), slew_V_per_s=None)
+    model.rate = replace(model.rate, window_s=0.0)
+    with pytest.raises(BadInput, match=text):
+        firmware.engine(model, sample_time_s, engine)
+    firmware.engine(model, sample_time_s, engine, any_sample_time=True)
+    firmware.engine(model, 0.0031, engine)
+
+
+def test_a_sweep_that_no_controller_samples_is_refused() -> None:
+    model = random_model(0)  # over 5.7 V
+    model.drive = replace(model.drive, sweep_V_per_s=9e6)
+    with pytest.raises(BadInput, match=r"drive\.sweep_V_per_s: .* faster than 8 samples of any controller"):
+        model.validate()
+
+
 def test_rate_says_which_window_is_too_long() -> None:
     with pytest.raises(BadInput, match=r"RDPI_MAX_WINDOW.* \(window 0.5 s at 10000 samples/s\); choose a shorter"):
         firmware.rate(np.zeros(20), 1e-4, 0.5, 0.0)

@@ -10,6 +10,7 @@ import subprocess
 import zlib
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from hypothesis import given, strategies as st
 from models import random_model
 from written import sections_as_read
 
-from rdpi import firmware
+from rdpi import firmware, version
 from rdpi.firmware._f32 import lib
 from rdpi.errors import BadInput
 from rdpi.firmware import FixedPoint, parameters
@@ -66,6 +67,63 @@ def compiled(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess]:
         return done if done.returncode else subprocess.run([tmp_path / "program"], capture_output=True, text=True)
 
     return run
+
+
+def test_the_header_carries_the_range_of_sample_times(model: Model, compiled: Callable) -> None:
+    """A range of 140 V that is swept at 5600 V/s: eight samples per ramp are 3.125 ms and 17.5 V each."""
+    model.drive = replace(model.drive, min_V=-20.0, max_V=120.0, sweep_V_per_s=5600.0, slew_V_per_s=None)
+    model.rate = replace(model.rate, window_s=0.0)
+    done = compiled("""
+        #include <stdio.h>
+        #include "rdpi_params.h"
+        int main(void)
+        {
+            static const float f32[] = {3.125e-3f, 3.13e-3f, 0.1f, 10.0f, 0.5e-6f, 0.49e-6f, 0.0f};
+            static const uint32_t q31[] = {3125000, 3125001, 100000000, 500, 499, 100, 0};
+            static rdpi_f32_t single;
+            static rdpi_q31_t fixed;
+            for (int i = 0; i < 7; i++) {
+                printf("%d %d ", (int)rdpi_f32_init(&single, &rdpi_params, f32[i]),
+                       (int)rdpi_q31_init(&fixed, &rdpi_params_q31, q31[i]));
+            }
+            printf("%g %g %g", RDPI_PARAMS_MIN_SAMPLE_TIME_S, RDPI_PARAMS_MAX_SAMPLE_TIME_S, RDPI_PARAMS_MAX_SWEEP_STEP_V);
+            return 0;
+        }""", {"rdpi_params.h": render(model)})
+    words = done.stdout.split()
+    assert words[:14:2] == ["0", "-21", "-21", "-21", "0", "-21", "-11"], done.stderr
+    assert words[1:14:2] == ["0", "-21", "-21", "0", "-21", "-21", "-11"]
+    assert words[14:] == ["5e-07", "0.003125", "17.5"]
+
+
+def test_a_library_built_for_any_sample_time_takes_any(model: Model, compiled: Callable) -> None:
+    model.drive = replace(model.drive, sweep_V_per_s=None, slew_V_per_s=None)
+    for main in (INIT.replace("1e-4f", "0.1f"), INIT_Q31.replace("100000u", "100000000u")):
+        assert compiled(main, {"rdpi_params.h": render(model)}).returncode == 21
+        assert compiled(main, {"rdpi_params.h": render(model)}, "-DRDPI_ANY_SAMPLE_TIME=1").returncode == 0
+
+
+def test_firmware_can_read_what_the_header_is_of(model: Model, compiled: Callable) -> None:
+    model.actuator = 'stack "A" ??/ \\ 100 % µm'
+    done = compiled("""
+        #include <stdio.h>
+        #include "rdpi_params.h"
+        int main(void)
+        {
+            puts(RDPI_PARAMS_ACTUATOR);
+            puts(RDPI_PARAMS_MODEL);
+            puts(RDPI_PARAMS_TOOL);
+            puts(RDPI_VERSION);
+            return 0;
+        }""", {"rdpi_params.h": render(model)})
+    assert done.stdout.splitlines() == ["stack _A_ __/ _ 100 % um", model.digest(), version(), version()], done.stderr
+
+
+def test_the_library_has_one_version() -> None:
+    numbers = re.findall(r"#define RDPI_VERSION_(?:MAJOR|MINOR|PATCH) (\d+)",
+                         (ROOT / "lib/include/rdpi/types.h").read_text())
+    [project] = re.findall(r"project\(rdpi VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text())
+    [text] = re.findall(r'#define RDPI_VERSION "(.*)"', (ROOT / "lib/include/rdpi/types.h").read_text())
+    assert ".".join(numbers) == text == project
 
 
 INIT = """
@@ -194,6 +252,64 @@ def test_the_compiler_reads_every_integer_back(model: Model, compiled: Callable)
     assert [int(word) for word in done.stdout.split()] == expected, done.stderr
 
 
+@pytest.mark.parametrize("offset_um", [-30.0, 0.0, 12.5])
+@pytest.mark.parametrize(("compiler", "constant"), [(STRICT_C, "static const"), (STRICT_CXX, "constexpr")])
+def test_a_difference_has_no_offset(model: Model, compiled: Callable, compiler: list[str], constant: str,
+                                    offset_um: float) -> None:
+    model = replace(model, offset_um=offset_um)
+    per_um = 1 / FixedPoint(model, 1e-3).parameters.scale.um_per_reference
+    done = compiled(f"""
+        #include <stdio.h>
+        #include "rdpi_params.h"
+        {constant} int32_t steps[] = {{RDPI_PARAMS_Q31_DIFFERENCE(0.05), RDPI_PARAMS_Q31_DIFFERENCE(-0.05),
+                                       RDPI_PARAMS_Q31_DIFFERENCE(0), RDPI_PARAMS_Q31_DIFFERENCE(1.5f)}};
+        int main(void)
+        {{
+            printf("%ld %ld %ld %ld", (long)steps[0], (long)steps[1], (long)steps[2], (long)steps[3]);
+            return 0;
+        }}""", {"rdpi_params.h": render(model)}, compiler=compiler)
+    assert [int(word) for word in done.stdout.split()] == [round(um * per_um) for um in (0.05, -0.05, 0, 1.5)], done.stderr
+
+
+SENSORS = {"12 bits": (0.01, -20.0, 0, 4095), "falling": (-0.003, 18.5, 0, 16383), "24 bits": (5e-6, -40.0, 0, 2**24 - 1),
+           "32 bits": (1e-8, 0.0, -(2**31), 2**31 - 1), "far zero": (0.002, 5000.0, -2_510_000, -2_490_000)}
+
+
+@pytest.mark.parametrize("offset_um", [-3.0, 0.0, 12.5])
+@pytest.mark.parametrize(("um_per_count", "um_at_0", "low", "high"), SENSORS.values(), ids=SENSORS)
+@pytest.mark.parametrize(("compiler", "constant"), [(STRICT_C, "static const"), (STRICT_CXX, "constexpr")])
+def test_counts_become_references_in_integers(model: Model, compiled: Callable, compiler: list[str], constant: str,
+                                              um_per_count: float, um_at_0: float, low: int, high: int,
+                                              offset_um: float) -> None:
+    model = replace(model, offset_um=offset_um)
+    unit = Fraction(FixedPoint(model, 1e-3).parameters.scale.um_per_reference)
+    counts = [*np.linspace(low, high, 301).astype(int).tolist(), -(2**31), 2**31 - 1]
+    done = compiled(f"""
+        #include <stdio.h>
+        #include "rdpi_params.h"
+        {constant} rdpi_q31_sensor_t sensor = RDPI_PARAMS_Q31_SENSOR({um_per_count!r}, {um_at_0!r});
+        {constant} int32_t counts[] = {{{", ".join(f"(int32_t){count}LL" for count in counts)}}};
+        int main(void)
+        {{
+            for (unsigned i = 0; i < sizeof counts / sizeof *counts; i++) {{
+                printf("%ld ", (long)rdpi_q31_of_counts(&sensor, counts[i]));
+            }}
+            return 0;
+        }}""", {"rdpi_params.h": render(model)}, compiler=compiler)
+    found = [int(word) for word in done.stdout.split()]
+    assert len(found) == len(counts), done.stderr
+    within = 0
+    for count, reference in zip(counts, found):
+        count = min(max(count, -2147483520), 2147483520)  # the counts of 32 bits that a float holds, too
+        exact = (Fraction(um_per_count) * count + Fraction(um_at_0) - Fraction(offset_um)) / unit
+        if abs(exact) <= 3 * 2**29:
+            within += 1
+            assert abs(reference - exact) <= 0.75
+        else:  # held at the end of the actuator's reach and more
+            assert 3 * 2**29 - 2**29 <= abs(reference) < 2**31 and (reference > 0) == (exact > 0)
+    assert within > 30
+
+
 @pytest.mark.parametrize(("compiler", "constant"), [(STRICT_C, "static const"), (STRICT_CXX, "constexpr")])
 def test_conversions_are_constant_expressions(model: Model, compiled: Callable, compiler: list[str],
                                               constant: str) -> None:
@@ -263,7 +379,7 @@ def test_a_straight_input_curve_fits_a_library_without_the_curve(model: Model, c
 @pytest.mark.parametrize("seed", range(5))
 def test_the_digest_is_the_crc_of_the_fields_in_their_order(seed: int) -> None:
     single = parameters.f32(random_model(seed, plays=seed, deadzones=seed % 3))
-    data = struct.pack("<H4BH13f", single.plays, single.deadzones, single.dac_bits, single.curve_pieces,
+    data = struct.pack("<H4BH15f", single.plays, single.deadzones, single.dac_bits, single.curve_pieces,
                        single.noise_shaping, single.sweep_cycles, *(getattr(single, field) for field in SCALARS))
     data += b"".join(getattr(single, field).astype("<f4").tobytes() for field in TABLES)
     assert firmware.digest(single) == zlib.crc32(data)

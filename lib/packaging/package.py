@@ -102,8 +102,10 @@ def project() -> Tree:
 
 def dac_drivers() -> Tree:
     """The drivers of DACs and the headers of their buses; who uses one writes the functions of its bus."""
-    sources = [path for path in (ROOT / "port/drivers").glob("*.c") if any(f'#include "{bus}"' in path.read_text() for bus in BUSES)]
-    return {f"src/drivers/{path.name}": path.read_bytes() for source in sources for path in (source, source.with_suffix(".h"))} | {
+    sources = [path for path in (ROOT / "port/drivers").glob("*.c")
+               if any(f'#include "{bus}"' in path.read_text() for bus in BUSES)]
+    files = [*sources, *(source.with_suffix(".h") for source in sources)]
+    return {f"src/drivers/{path.name}": path.read_bytes() for path in files} | {
         f"src/{bus}": (ROOT / "port/include" / bus).read_bytes() for bus in BUSES}
 
 

@@ -39,26 +39,20 @@ static void enter(AXIS(t) *self, rdpi_axis_mode_t mode)
     limit(self, mode == RDPI_AXIS_RAMP);
 }
 
-/* Plays and poles are made anew. What cannot be repaired so, another init must. */
 static void enter_fault(AXIS(t) *self, NUMBER drive)
 {
     enter(self, RDPI_AXIS_FAULT);
-    CHAIN(reset)(&self->chain);
-    (void)CHAIN(forward)(&self->chain, drive);
-    self->DRIVE = self->chain.axis.DRIVE;
-    self->dac_code = self->chain.axis.dac_code;
+    self->known = false;
+    self->DRIVE = drive;
 }
 
 static void enter_sweep(AXIS(t) *self)
 {
     if (self->mode == RDPI_AXIS_FAULT) {
         CHAIN(reset)(&self->chain);
-        self->sane = CHAIN(is_sane)(&self->chain);
     }
-    if (self->sane) {
-        enter(self, RDPI_AXIS_SWEEP);
-        (void)hold(self); /* ends a sweep that runs; the new one begins at this drive */
-    }
+    enter(self, RDPI_AXIS_SWEEP);
+    (void)hold(self); /* ends a sweep that runs; the new one begins at this drive */
 }
 
 static void enter_stop(AXIS(t) *self, NUMBER drive, SPEED speed)
@@ -76,6 +70,7 @@ static void exchange(AXIS(t) *self, CHAIN(t) *spare)
     if (self->exchanged == RDPI_OK) {
         self->chain = *spare;
         own_limits(self);
+        self->DRIVE = self->chain.axis.DRIVE; /* the same in the units of the new parameters, which may be others */
         if (self->mode == RDPI_AXIS_RUN) { /* the new parameters ask for another drive */
             self->mode = RDPI_AXIS_RAMP;
         }
@@ -86,6 +81,9 @@ static void exchange(AXIS(t) *self, CHAIN(t) *spare)
 /* Whether the axis takes this call in its mode. */
 static bool takes(const AXIS(t) *self, uint8_t call)
 {
+    if (!self->sane || ((call == RESTART || call == TAKE_BACK) && !self->known)) {
+        return false;
+    }
     switch (self->mode) {
     case RDPI_AXIS_STOPPED:
         return call != TAKE_BACK;
@@ -139,14 +137,12 @@ static void obey(AXIS(t) *self)
     }
 }
 
-/* The drive of the chain is that of the axis. In FAULT, the drive stays what it is whatever the chain has become. */
+/* The drive of the chain is that of the axis. */
 static NUMBER publish(AXIS(t) *self)
 {
     self->flags = self->chain.axis.flags;
-    if (self->mode != RDPI_AXIS_FAULT) {
-        self->DRIVE = self->chain.axis.DRIVE;
-        self->dac_code = self->chain.axis.dac_code;
-    }
+    self->DRIVE = self->chain.axis.DRIVE;
+    self->dac_code = self->chain.axis.dac_code;
     return self->DRIVE;
 }
 
@@ -159,6 +155,7 @@ static rdpi_status_t accept(AXIS(t) *self, NUMBER drive)
     self->exchanged = RDPI_OK;
     self->taken = self->posted;
     self->sane = true;
+    self->known = true;
     self->DRIVE = drive;
     enter(self, RDPI_AXIS_STOPPED);
     (void)hold(self);
@@ -166,25 +163,44 @@ static rdpi_status_t accept(AXIS(t) *self, NUMBER drive)
     return RDPI_OK;
 }
 
-/* Requests and a damaged state, before a sample. */
-static void prepare(AXIS(t) *self)
+/* Plays and poles are made anew at the drive that is output. Where that does not repair the state, nothing of the chain
+ * is used any more: its indices may lead anywhere. */
+static void repair(AXIS(t) *self)
 {
-    obey(self);
-    if (!self->sane && self->mode != RDPI_AXIS_FAULT) {
-        enter_fault(self, self->DRIVE);
+    CHAIN(t) *chain = &self->chain;
+    self->mode = RDPI_AXIS_FAULT;
+    self->known = false;
+    self->to_drive = false;
+    if (chain->params != NULL && chain->axis.params != NULL) {
+        limit(self, false);
+        CHAIN(reset)(chain);
+        self->sane = CHAIN(is_sane)(chain);
     }
+}
+
+/* A damaged state and requests, before a sample. Returns whether the chain can be used in it. */
+static bool prepare(AXIS(t) *self)
+{
+    if (self->mode == RDPI_AXIS_OFF) {
+        return false;
+    }
+    if (!self->sane) {
+        repair(self);
+    }
+    obey(self);
+    return self->sane;
 }
 
 NUMBER AXIS(step)(AXIS(t) *self, NUMBER ahead)
 {
-    if (self->mode == RDPI_AXIS_OFF) {
+    if (!prepare(self)) {
         return self->DRIVE;
     }
-    prepare(self);
     if (self->mode == RDPI_AXIS_RUN) {
         (void)CHAIN(step)(&self->chain, ahead);
     } else if (self->mode == RDPI_AXIS_SWEEP) {
         if (!CHAIN(sweep)(&self->chain)) {
+            self->known = true;
             enter(self, RDPI_AXIS_RAMP);
         }
     } else if (self->mode != RDPI_AXIS_RAMP) {
@@ -211,8 +227,10 @@ uint32_t AXIS(block)(AXIS(t) *self, const NUMBER *reference, uint32_t *codes, ui
         self->flags = RDPI_FLAG_INPUT;
         return 0;
     }
+    const uint32_t end = n + self->chain.preview_samples;
     for (uint32_t k = 0; k < n; k++) {
-        (void)AXIS(step)(self, reference[followed + self->chain.preview_samples]);
+        uint32_t ahead = followed + self->chain.preview_samples; /* after an exchange, those of other parameters */
+        (void)AXIS(step)(self, reference[ahead < end ? ahead : end - 1u]);
         codes[k] = self->dac_code;
         flags |= self->flags;
         followed += self->mode == RDPI_AXIS_RUN ? 1u : 0u;
@@ -223,18 +241,17 @@ uint32_t AXIS(block)(AXIS(t) *self, const NUMBER *reference, uint32_t *codes, ui
 
 void AXIS(missed)(AXIS(t) *self, uint32_t ticks)
 {
-    if (self->mode != RDPI_AXIS_OFF) {
+    if (self->mode != RDPI_AXIS_OFF && self->sane) {
         CHAIN(missed)(&self->chain, ticks);
     }
 }
 
 NUMBER AXIS(follow)(AXIS(t) *self, NUMBER drive)
 {
-    if (self->mode == RDPI_AXIS_OFF) {
+    if (!prepare(self)) {
         self->flags = RDPI_FLAG_INPUT;
         return NO_DISPLACEMENT;
     }
-    prepare(self);
     bool manual = self->mode == RDPI_AXIS_MANUAL;
     NUMBER displacement = manual ? CHAIN(forward)(&self->chain, drive) : hold(self);
     (void)publish(self);
@@ -298,7 +315,10 @@ static rdpi_status_t post(AXIS(t) *self, uint8_t call, NUMBER drive, SPEED speed
     if (!takes(self, call)) {
         return RDPI_ERR_MODE;
     }
-    const uint8_t next = (uint8_t)(self->posted + 1u);
+    uint8_t next = (uint8_t)(self->posted + 1u);
+    if (next == self->taken) { /* 256 of them, and no sample: it must not look obeyed */
+        next = (uint8_t)(next + 2u);
+    }
     volatile REQUEST *request = &self->request[next % 2u];
     request->call = call;
     request->DRIVE = drive;
@@ -320,7 +340,7 @@ rdpi_status_t AXIS(restart)(AXIS(t) *self)
 
 rdpi_status_t AXIS(stop)(AXIS(t) *self, NUMBER drive, SPEED speed)
 {
-    if (self != NULL && self->mode != RDPI_AXIS_OFF) {
+    if (self != NULL && takes(self, STOP)) {
         if (!drive_is_good(self, drive)) {
             return RDPI_ERR_MEMORY;
         }
@@ -343,7 +363,7 @@ rdpi_status_t AXIS(take_back)(AXIS(t) *self)
 
 rdpi_status_t AXIS(fault)(AXIS(t) *self, NUMBER drive)
 {
-    if (self != NULL && self->mode != RDPI_AXIS_OFF && !drive_is_good(self, drive)) {
+    if (self != NULL && takes(self, FAULT) && !drive_is_good(self, drive)) {
         return RDPI_ERR_MEMORY;
     }
     return post(self, FAULT, drive, 0, NULL);
@@ -359,7 +379,10 @@ bool AXIS(check)(AXIS(t) *self)
     if (self == NULL) {
         return false;
     }
-    if (self->mode != RDPI_AXIS_OFF && (self->mode > RDPI_AXIS_FAULT || !CHAIN(is_sane)(&self->chain))) {
+    if (self->mode == RDPI_AXIS_OFF) {
+        return false;
+    }
+    if (self->mode > RDPI_AXIS_FAULT || !CHAIN(is_sane)(&self->chain)) {
         self->sane = false;
     }
     return self->sane;

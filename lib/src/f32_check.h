@@ -25,16 +25,16 @@
 
 #define MAX_SWEEP_CYCLES 10000u
 
-/* The part of the struct that holds nothing but numbers, without those that make codes. */
-#define NUMBERS_BEGIN offsetof(rdpi_f32_params_t, offset_um)
-#define NUMBERS_END (offsetof(rdpi_f32_params_t, sweep_forgotten) + sizeof(rdpi_real_t))
+/* 1: any positive sample time is accepted. See "Build settings" in lib/README.md. */
+#ifndef RDPI_ANY_SAMPLE_TIME
+#define RDPI_ANY_SAMPLE_TIME 0
+#endif
 
-/* The same of a piece of the input curve. */
-#define LINE_NUMBERS_END offsetof(rdpi_f32_line_t, codes_per_um)
+/* The part of the struct that holds nothing but numbers, from offset_um on. */
+#define NUMBERS_SIZE (offsetof(rdpi_f32_params_t, V_per_code) + sizeof(rdpi_real_t) - offsetof(rdpi_f32_params_t, offset_um))
 
-/* The part that the digest covers. It ends with the numbers that make codes. */
-#define DIGEST_BEGIN offsetof(rdpi_f32_params_t, plays)
-#define DIGEST_END (offsetof(rdpi_f32_params_t, V_per_code) + sizeof(rdpi_real_t))
+/* Of a piece of the input curve, the part without the numbers that make codes. */
+#define LINE_NUMBERS_SIZE offsetof(rdpi_f32_line_t, codes_per_um)
 
 /* The largest magnitude of the numbers that make codes: codes may be many and close together. */
 #define MAX_CODE_NUMBER ((rdpi_real_t)1e15)
@@ -156,6 +156,14 @@ static rdpi_status_t rdpi_f32_check_drive(const rdpi_f32_params_t *params, rdpi_
     return RDPI_OK;
 }
 
+/* Whether the parameters are not made for this sample time, which is one. */
+static bool rdpi_f32_out_of_time(const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
+{
+    return !RDPI_ANY_SAMPLE_TIME &&
+           (sample_time_s < params->min_sample_time_s ||
+            (params->max_sample_time_s > 0 && sample_time_s > params->max_sample_time_s));
+}
+
 /* Whether one history can lead to these states, with a drive inside the range. NaN fails the comparisons, and so does
  * infinity beside a finite state. */
 static rdpi_status_t rdpi_f32_check_memory(const rdpi_f32_params_t *params, const rdpi_real_t *y_um)
@@ -177,41 +185,47 @@ static rdpi_status_t rdpi_f32_check_memory(const rdpi_f32_params_t *params, cons
     return RDPI_OK;
 }
 
-/* What one pass over the parameters tells. */
+/* One pass over the parameters. */
 typedef struct {
-    uint32_t digest; /* rdpi_f32_digest, whatever the layout of the caller */
-    bool within;     /* whether no number is NaN or too large; of the memory, rdpi_f32_check_memory tells that */
+    rdpi_real_t limit; /* the largest magnitude of a number */
+    bool within;       /* whether no number is NaN or beyond its limit */
 } rdpi_f32_scan_t;
 
-/* Goes on over a block of memory that holds nothing but numbers. Those that make codes begin at `codes`. */
-static RDPI_F32_SHARED void rdpi_f32_scan_block(rdpi_f32_scan_t *scan, const void *block, size_t bytes, size_t codes)
+/* Continues the digest over a block of memory that holds nothing but numbers. */
+static RDPI_F32_SHARED uint32_t rdpi_f32_scan_block(uint32_t crc, const void *block, size_t bytes, rdpi_f32_scan_t *scan)
 {
     for (size_t offset = 0; offset < bytes; offset += sizeof(rdpi_real_t)) {
-        rdpi_real_t limit = offset < codes ? MAX_NUMBER : MAX_CODE_NUMBER;
         rdpi_real_t value;
         memcpy(&value, (const unsigned char *)block + offset, sizeof value);
-        scan->within = scan->within && fabs(value) <= limit;
+        if (!(fabs(value) <= scan->limit)) {
+            scan->within = false;
+        }
+        crc = rdpi_f32_crc32(crc, value);
     }
-    scan->digest = rdpi_crc32(scan->digest, block, bytes);
+    return crc;
 }
 
-/* The parameters that the digest covers. */
-static void rdpi_f32_scan(rdpi_f32_scan_t *scan, const rdpi_f32_params_t *params)
+/* rdpi_f32_digest, whatever the layout of the caller. */
+static uint32_t rdpi_f32_scan(rdpi_f32_scan_t *scan, const rdpi_f32_params_t *params)
 {
-    const unsigned char *bytes = (const unsigned char *)params;
-    size_t plays = params->plays * sizeof *params->play;
-    size_t terms = params->deadzones * sizeof *params->saturation;
-    size_t pieces = params->deadzones * sizeof *params->inverse_saturation;
-    scan->digest = rdpi_crc32(0, bytes + DIGEST_BEGIN, NUMBERS_BEGIN - DIGEST_BEGIN);
+    uint32_t crc = rdpi_crc32(0, params->plays | (uint32_t)params->deadzones << 16 | (uint32_t)params->dac_bits << 24);
+    crc = rdpi_crc32(crc, params->curve_pieces | (uint32_t)params->noise_shaping << 8 |
+                              (uint32_t)params->sweep_cycles << 16);
     scan->within = true;
-    rdpi_f32_scan_block(scan, bytes + NUMBERS_BEGIN, DIGEST_END - NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN);
-    rdpi_f32_scan_block(scan, params->play, plays, plays);
-    rdpi_f32_scan_block(scan, params->saturation, terms, terms);
-    rdpi_f32_scan_block(scan, params->inverse_saturation, pieces, pieces);
+    scan->limit = MAX_NUMBER;
+    crc = rdpi_f32_scan_block(crc, &params->offset_um, NUMBERS_SIZE, scan);
+    crc = rdpi_f32_scan_block(crc, params->play, params->plays * sizeof *params->play, scan);
+    crc = rdpi_f32_scan_block(crc, params->saturation, params->deadzones * sizeof *params->saturation, scan);
+    size_t pieces = params->deadzones * sizeof *params->inverse_saturation;
+    crc = rdpi_f32_scan_block(crc, params->inverse_saturation, pieces, scan);
     for (size_t i = 0; i < rdpi_f32_pieces(params); i++) {
-        rdpi_f32_scan_block(scan, &params->curve[i], sizeof *params->curve, LINE_NUMBERS_END);
+        const rdpi_f32_line_t *line = &params->curve[i];
+        scan->limit = MAX_NUMBER;
+        crc = rdpi_f32_scan_block(crc, line, LINE_NUMBERS_SIZE, scan);
+        scan->limit = MAX_CODE_NUMBER;
+        crc = rdpi_f32_scan_block(crc, &line->codes_per_um, sizeof *line - LINE_NUMBERS_SIZE, scan);
     }
-    scan->digest = rdpi_crc32(scan->digest, params->memory_um, params->plays * sizeof *params->memory_um);
+    return rdpi_f32_scan_block(crc, params->memory_um, params->plays * sizeof *params->memory_um, scan);
 }
 
 /* All that needs valid pointers and counts. Also sets up the rate estimator of `self`, which checks the sample time:
@@ -219,8 +233,7 @@ static void rdpi_f32_scan(rdpi_f32_scan_t *scan, const rdpi_f32_params_t *params
 static rdpi_status_t rdpi_f32_check_params(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
 {
     rdpi_f32_scan_t scan;
-    rdpi_f32_scan(&scan, params);
-    if (params->digest != scan.digest) {
+    if (params->digest != rdpi_f32_scan(&scan, params)) {
         return RDPI_ERR_DIGEST;
     }
     if (!scan.within) {
@@ -230,6 +243,12 @@ static rdpi_status_t rdpi_f32_check_params(rdpi_f32_t *self, const rdpi_f32_para
         if (params->curve[i].gain_um_per_V == 0) {
             return RDPI_ERR_GAIN;
         }
+    }
+    if (!rdpi_f32_is_time(sample_time_s)) {
+        return RDPI_ERR_SAMPLE_TIME;
+    }
+    if (rdpi_f32_out_of_time(params, sample_time_s)) { /* before all that follows from it */
+        return RDPI_ERR_SAMPLE_RANGE;
     }
     if (params->max_um_per_s <= 0) {
         return RDPI_ERR_RATE;

@@ -20,11 +20,18 @@ static inline void rdpi_f32_rate_reset(rdpi_f32_rate_t *rate)
 static inline rdpi_real_t rdpi_f32_rate_blend(rdpi_real_t u)
 {
     u /= 65536;
-    rdpi_real_t fraction = u * (1 - u / 2 * (1 - u / 3 * (1 - u / 4)));
+    rdpi_real_t last = sizeof u > sizeof(float) ? 1 - u / 4 : 1; /* single precision would round it off */
+    rdpi_real_t fraction = u * (1 - u / 2 * (1 - u / 3 * last));
     for (unsigned doublings = 16; doublings > 0u; doublings--) {
         fraction *= 2 - fraction;
     }
     return fraction;
+}
+
+/* Whether init can take this sample time at all. */
+static inline bool rdpi_f32_is_time(rdpi_real_t sample_time_s)
+{
+    return sample_time_s >= RDPI_MIN_SAMPLE_TIME_S && sample_time_s * RDPI_MIN_SAMPLE_TIME_S <= 1;
 }
 
 /* Sets up `rate` for samples that are `sample_time_s` apart, with no sample seen yet. Returns
@@ -36,7 +43,7 @@ static inline rdpi_real_t rdpi_f32_rate_blend(rdpi_real_t u)
 static inline rdpi_status_t rdpi_f32_rate_init(rdpi_f32_rate_t *rate, rdpi_real_t window_s, rdpi_real_t filter_s,
                                                rdpi_real_t sample_time_s)
 {
-    if (!(sample_time_s >= RDPI_MIN_SAMPLE_TIME_S) || !(sample_time_s * RDPI_MIN_SAMPLE_TIME_S <= 1)) {
+    if (!rdpi_f32_is_time(sample_time_s)) {
         return RDPI_ERR_SAMPLE_TIME;
     }
     if (!(window_s >= 0) || !(filter_s >= 0)) {

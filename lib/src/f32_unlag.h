@@ -56,13 +56,17 @@ static inline rdpi_real_t rdpi_f32_unlag_slope(rdpi_real_t a, rdpi_real_t b)
 static inline rdpi_real_t rdpi_f32_unlag_wish(rdpi_f32_unlag_t *unlag, const rdpi_f32_t *axis, bool preview,
                                               unsigned missed)
 {
-    rdpi_real_t asked_V = axis->ramp_V;
+    rdpi_real_t asked_V = axis->ramp_V, latest_V = unlag->asked_V, before_V = unlag->before_V;
     if (unlag->first || missed > RDPI_MAX_MISSED) {
-        unlag->asked_V = asked_V;
+        latest_V = asked_V;
+        before_V = 0;
         missed = 0;
     }
-    rdpi_real_t step_V = (asked_V - unlag->asked_V) / (rdpi_real_t)(missed + 1u);
-    rdpi_real_t before_V = missed > 0u ? step_V : (unlag->first ? 0 : unlag->before_V);
+    rdpi_real_t step_V = asked_V - latest_V;
+    if (missed > 0u) { /* they lie on a straight line */
+        step_V /= (rdpi_real_t)(missed + 1u);
+        before_V = step_V;
+    }
     unlag->first = false;
     unlag->asked_V = asked_V;
     unlag->before_V = step_V;
@@ -82,12 +86,19 @@ static inline bool rdpi_f32_unlag_output(rdpi_f32_unlag_t *unlag, rdpi_f32_t *ax
     unlag->ramp_V = drive_V;
     axis->drive_V = drive_V;
     if (params->dac_bits > 0u) {
-        rdpi_real_t shaped_V = drive_V + unlag->carried_V;
-        rdpi_real_t code = rdpi_f32_fma(shaped_V - params->min_V, unlag->codes_per_V, (rdpi_real_t)0.5);
+#if RDPI_NOISE_SHAPING
+        bool shapes = params->noise_shaping != 0u;
+        if (shapes) {
+            drive_V += unlag->carried_V;
+        }
+#endif
+        rdpi_real_t code = rdpi_f32_fma(drive_V - params->min_V, unlag->codes_per_V, (rdpi_real_t)0.5);
         axis->dac_code = (uint32_t)rdpi_f32_clamp(code, 0, params->last_code);
         axis->drive_V = rdpi_f32_fma((rdpi_real_t)axis->dac_code, params->V_per_code, params->min_V);
 #if RDPI_NOISE_SHAPING
-        unlag->carried_V = params->noise_shaping != 0u && allowed ? shaped_V - axis->drive_V : 0;
+        if (shapes) {
+            unlag->carried_V = allowed ? drive_V - axis->drive_V : 0;
+        }
 #endif
     }
     return allowed;

@@ -1,5 +1,5 @@
 /* What rdpi_q31_init and rdpi_q31_set_memory refuse, and the checksum of the parameters. The statuses are described at
- * rdpi_status_t. Sample time and window are checked by rdpi_q31_rate_init. */
+ * rdpi_status_t. The window is checked by rdpi_q31_rate_init. */
 #ifndef RDPI_Q31_CHECK_H
 #define RDPI_Q31_CHECK_H
 
@@ -8,9 +8,14 @@
 
 #define MAX_SWEEP_CYCLES 10000u
 
-/* The part of the struct that the digest covers. */
-#define DIGEST_BEGIN offsetof(rdpi_q31_params_t, slew_per_us)
-#define DIGEST_END (offsetof(rdpi_q31_params_t, sweep_forgotten) + sizeof(int32_t))
+/* 1: any positive sample time is accepted. See "Build settings" in lib/README.md. */
+#ifndef RDPI_ANY_SAMPLE_TIME
+#define RDPI_ANY_SAMPLE_TIME 0
+#endif
+
+/* The part of the struct that holds nothing but numbers of 32 bits. */
+#define NUMBERS_BEGIN offsetof(rdpi_q31_params_t, guard_mantissa)
+#define NUMBERS_END (offsetof(rdpi_q31_params_t, max_sample_time_ns) + sizeof(uint32_t))
 
 /* What must hold before any other check may read. */
 static rdpi_status_t rdpi_q31_check_pointers(uint64_t layout, const rdpi_q31_t *self, const rdpi_q31_params_t *params)
@@ -116,6 +121,13 @@ static rdpi_status_t rdpi_q31_check_drive(const rdpi_q31_params_t *params)
     return RDPI_OK;
 }
 
+/* Whether the parameters are not made for this sample time. */
+static bool rdpi_q31_out_of_time(const rdpi_q31_params_t *params, uint32_t sample_time_ns)
+{
+    return !RDPI_ANY_SAMPLE_TIME && (sample_time_ns < params->min_sample_time_ns ||
+                                     (params->max_sample_time_ns > 0u && sample_time_ns > params->max_sample_time_ns));
+}
+
 /* Whether two numbers are the same but for rounding. */
 static bool rdpi_q31_meet(int32_t a, int32_t b)
 {
@@ -167,14 +179,21 @@ static rdpi_status_t rdpi_q31_check_memory(const rdpi_q31_params_t *params, cons
 static uint32_t rdpi_q31_checksum(const rdpi_q31_params_t *params)
 {
     size_t deadzones = params->deadzones * sizeof *params->saturation;
-    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, DIGEST_END - DIGEST_BEGIN);
-    crc = rdpi_crc32(crc, params->play, params->plays * sizeof *params->play);
-    crc = rdpi_crc32(crc, params->saturation, deadzones);
-    crc = rdpi_crc32(crc, params->inverse_saturation, deadzones);
+    uint32_t crc = rdpi_crc32_wide(rdpi_crc32_wide(0, params->slew_per_us), params->sweep_per_us);
+    crc = rdpi_crc32(crc, params->plays | (uint32_t)params->deadzones << 16 | (uint32_t)params->dac_bits << 24);
+    crc = rdpi_crc32(crc, params->curve_pieces | (uint32_t)params->noise_shaping << 8 |
+                              (uint32_t)params->sweep_cycles << 16);
+    crc = rdpi_crc32(crc, params->saturation_shift | (uint32_t)params->inverse_shift << 8 |
+                              (uint32_t)params->code_shift << 16 | (uint32_t)params->drive_shift << 24);
+    crc = rdpi_crc32(crc, (uint16_t)params->guard_exponent | (uint32_t)params->min_slope_ratio << 16);
+    crc = rdpi_crc32_block(crc, (const unsigned char *)params + NUMBERS_BEGIN, NUMBERS_END - NUMBERS_BEGIN);
+    crc = rdpi_crc32_block(crc, params->play, params->plays * sizeof *params->play);
+    crc = rdpi_crc32_block(crc, params->saturation, deadzones);
+    crc = rdpi_crc32_block(crc, params->inverse_saturation, deadzones);
     if (rdpi_q31_pieces(params) > 1u) {
-        crc = rdpi_crc32(crc, params->curve, rdpi_q31_pieces(params) * sizeof *params->curve);
+        crc = rdpi_crc32_block(crc, params->curve, rdpi_q31_pieces(params) * sizeof *params->curve);
     }
-    return rdpi_crc32(crc, params->memory, params->plays * sizeof *params->memory);
+    return rdpi_crc32_block(crc, params->memory, params->plays * sizeof *params->memory);
 }
 
 /* All that needs valid pointers and counts. */

@@ -1,9 +1,5 @@
 #include "rdpi/f32.h"
 
-#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
-#error "rdpi tells NaN from numbers: compile it without -ffast-math and -ffinite-math-only"
-#endif
-
 #include "f32_check.h"
 #include "f32_bank.h"
 #include "f32_drive.h"
@@ -18,13 +14,13 @@
 /* How many codes x = 0 may be away from code 0 for the quick way. Beyond, single precision can be a code wrong. */
 #define MAX_CODE_0 (2L << RDPI_MAX_DAC_BITS)
 
+/* Whether steps that the quick way does not serve have ways of their own. */
+#define WHOLE_QUICK_WAY (RDPI_QUICK_STEP > 1)
+
 uint32_t rdpi_f32_digest_layout(uint64_t layout, const rdpi_f32_params_t *params)
 {
-    rdpi_f32_scan_t scan = {0, true};
-    if (layout == RDPI_F32_LAYOUT) {
-        rdpi_f32_scan(&scan, params);
-    }
-    return scan.digest;
+    rdpi_f32_scan_t scan;
+    return layout == RDPI_F32_LAYOUT ? rdpi_f32_scan(&scan, params) : 0u;
 }
 
 rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi_f32_params_t *params,
@@ -322,8 +318,9 @@ static RDPI_F32_HOT void set_edge(rdpi_f32_t *self, rdpi_real_t side)
 
 /* Whether x turns round, but is still rounded to the code that is output. That code must not be at an end of the range
  * or between two pieces, and x must be before the first corner on the way back, which is 2 r_1 off. rdpi_f32_bank_walk
- * and `output` would then give the same code. */
-static inline bool turns_within_code(const rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s)
+ * and `output` would then give the same code. `asks`: keeps the drive of x, as in rdpi_f32_step_asking. Behind the turn
+ * no play is engaged, so that x is not the one for which `step` has kept the drive. */
+static inline bool turns_within_code(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s, const bool asks)
 {
     const rdpi_f32_params_t *params = self->params;
     const rdpi_f32_line_t *line = line_of_code(self);
@@ -338,7 +335,18 @@ static inline bool turns_within_code(const rdpi_f32_t *self, rdpi_real_t climb_u
     }
     rdpi_real_t x_um = climb_um / slope + bank->y_um[0], code = (rdpi_real_t)self->dac_code;
     rdpi_real_t beyond = rdpi_f32_fma(x_um, line->codes_per_um, line->code_of_x_0) - code;
+    if (asks) {
+        self->ramp_V = rdpi_f32_drive_of_x(line, x_um);
+    }
     return beyond >= 0 && beyond < 1 && code > 1 && code > line->from_code && code < params->last_code - 1;
+}
+
+/* The drive of an x on the quick way. At a code where a piece begins, rounding can leave x on the piece before it. */
+static inline rdpi_real_t drive_before_edge(const rdpi_f32_t *self, rdpi_real_t x_um)
+{
+    const rdpi_f32_line_t *line = line_of_code(self);
+    bool begins = (rdpi_real_t)self->dac_code <= line->from_code;
+    return rdpi_f32_drive_of_x(begins ? rdpi_f32_line_of_x(self->params, x_um) : line, x_um);
 }
 
 /* The end of any step: finds the x where the output of the bank has climbed by `climb_um`, and outputs it. `quick` is
@@ -396,7 +404,7 @@ static RDPI_F32_HOT rdpi_real_t finish_quickly(rdpi_f32_t *self, rdpi_real_t cli
 static RDPI_F32_HOT rdpi_real_t step_over_edge(rdpi_f32_t *self, rdpi_real_t climb_um, rdpi_real_t rate_um_per_s,
                                                const bool asks)
 {
-    if (turns_within_code(self, climb_um, rate_um_per_s)) {
+    if (turns_within_code(self, climb_um, rate_um_per_s, asks)) {
         return self->drive_V;
     }
     return finish_quickly(self, climb_um, rate_um_per_s, asks);
@@ -471,12 +479,25 @@ static RDPI_F32_SELDOM rdpi_real_t step_over_any_asking(rdpi_f32_t *self, rdpi_r
     return step_over_guard_or_piece(self, reference_um, rate_um_per_s, true);
 }
 
+/* From the quick way to the one for any reference. Nothing has been stored yet. */
+static RDPI_F32_HOT rdpi_real_t leave_quick_way(rdpi_f32_t *self, rdpi_real_t reference_um, rdpi_real_t rate_um_per_s,
+                                                const bool asks)
+{
+    if (!WHOLE_QUICK_WAY) {
+        return step_without_quick(self, reference_um);
+    }
+    return asks ? step_over_any_asking(self, reference_um, rate_um_per_s)
+                : step_over_any(self, reference_um, rate_um_per_s);
+}
+
 /* There are four ways into the step, and this function chooses between them:
  *
  * - step_without_quick, while `quick` is false;
  * - step_over_guard_or_piece, if the rate is above the guard or the reference is not inside latest_piece;
  * - step_over_edge, if x would leave bank.edge_um;
  * - the quick way otherwise, which is nearly always: the rest of this function.
+ *
+ * Without WHOLE_QUICK_WAY, step_without_quick is also the second, and the third unless x turns within its code.
  *
  * All four give the same bits as step_without_quick. Why the quick way may be so short stands at `quick` in rdpi_f32_t.
  * NaN fails every comparison here. Nothing is stored before the reference is known to be usable. `asks` is that of
@@ -491,12 +512,10 @@ static RDPI_F32_HOT rdpi_real_t step(rdpi_f32_t *self, rdpi_real_t reference_um,
     rdpi_f32_bank_t *bank = &self->bank;
     rdpi_real_t rate_um_per_s = rdpi_f32_rate_direct(&self->rate_estimator, reference_um);
     if (!(rate_um_per_s <= params->max_um_per_s)) {
-        return asks ? step_over_any_asking(self, reference_um, rate_um_per_s)
-                    : step_over_any(self, reference_um, rate_um_per_s);
+        return leave_quick_way(self, reference_um, rate_um_per_s, asks);
     }
     if (!rdpi_f32_piece_holds(piece, reference_um)) {
-        return asks ? step_over_any_asking(self, reference_um, rate_um_per_s)
-                    : step_over_any(self, reference_um, rate_um_per_s);
+        return leave_quick_way(self, reference_um, rate_um_per_s, asks);
     }
     rdpi_real_t v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
     rdpi_real_t climb_um = rdpi_f32_bank_climb(bank, rate_um_per_s, v_um);
@@ -504,15 +523,22 @@ static RDPI_F32_HOT rdpi_real_t step(rdpi_f32_t *self, rdpi_real_t reference_um,
     rdpi_real_t x_um = way_um + bank->y_um[0];
     rdpi_real_t before_edge = RDPI_F32_RARE(bank->engaged == 0u) ? bank->edge_um - fabs(x_um - middle_um(bank))
                                                   : way_um * (bank->edge_um - x_um); /* > 0: x stays before it */
+    bool goes_on = before_edge > 0;
+    if (!WHOLE_QUICK_WAY && !goes_on && !turns_within_code(self, climb_um, rate_um_per_s, asks)) {
+        return step_without_quick(self, reference_um);
+    }
     self->flags = 0;
     self->rate_estimator.z_um[0] = reference_um;
     self->rate_um_per_s = rate_um_per_s;
-    if (asks) { /* to a part of a code, if x turns within one */
-        self->ramp_V = rdpi_f32_drive_of_x(line_of_code(self), x_um);
-    }
-    if (!(before_edge > 0)) {
+    if (!goes_on) {
+        if (!WHOLE_QUICK_WAY) { /* x turns within its code */
+            return self->drive_V;
+        }
         return asks ? step_over_edge_asking(self, climb_um, rate_um_per_s)
                     : step_over_edge_only(self, climb_um, rate_um_per_s);
+    }
+    if (asks) {
+        self->ramp_V = drive_before_edge(self, x_um);
     }
     const rdpi_f32_line_t *line = line_of_code(self);
     self->dac_code = (uint32_t)rdpi_f32_fma(x_um, line->codes_per_um, line->code_of_x_0);

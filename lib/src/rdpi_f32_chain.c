@@ -10,30 +10,26 @@
 #include "f32_saturation.h"
 #include "f32_step.h"
 #include "f32_unlag.h"
-
-/* The ways of a step. One of the first four is the usual way of a chain. */
-enum {
-    PLAIN,      /* the operator alone */
-    LEAD,       /* the lead before it */
-    CREEP,      /* creep^-1 before it */
-    LEAD_CREEP, /* both */
-    GENERAL,    /* as LEAD or LEAD_CREEP, with no preview, no history, missed samples, or no resonances */
-    LAG         /* any of these, in unlag.way, with lag^-1 behind it */
-};
+#include "f32_way.h"
 
 /* The largest magnitude of a number, as in f32_check.h. */
 #define MAX_NUMBER ((rdpi_real_t)1e7)
-
-/* The part that the digest covers: counts and numbers. */
-#define DIGEST_BEGIN offsetof(rdpi_f32_chain_params_t, poles)
-#define DIGEST_END (offsetof(rdpi_f32_chain_params_t, direct) + sizeof(rdpi_real_t))
 
 /* ---- init ---- */
 
 static uint32_t checksum(const rdpi_f32_chain_params_t *params)
 {
-    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, DIGEST_END - DIGEST_BEGIN);
-    return rdpi_crc32(crc, params->pole, params->poles * sizeof *params->pole);
+    const rdpi_real_t numbers[] = {params->delay_s, params->lag_s,       params->lead_s,
+                                   params->lead_s2, params->max_lead_um, params->direct};
+    uint32_t crc = rdpi_crc32(0, params->poles | (uint32_t)params->preview << 16);
+    for (size_t k = 0; k < sizeof numbers / sizeof *numbers; k++) {
+        crc = rdpi_f32_crc32(crc, numbers[k]);
+    }
+    for (size_t i = 0; i < params->poles; i++) {
+        crc = rdpi_f32_crc32(crc, params->pole[i].share);
+        crc = rdpi_f32_crc32(crc, params->pole[i].time_constant_s);
+    }
+    return crc;
 }
 
 uint32_t rdpi_f32_chain_digest_layout(uint64_t layout, const rdpi_f32_chain_params_t *params)
@@ -174,6 +170,7 @@ void rdpi_f32_chain_settle(rdpi_f32_chain_t *self)
 void rdpi_f32_chain_reset(rdpi_f32_chain_t *self)
 {
     rdpi_f32_reset(&self->axis);
+    self->creep.poles = self->params->poles; /* whatever has become of it: the poles are as many as are settled */
     rdpi_f32_chain_settle(self);
 }
 
@@ -186,7 +183,7 @@ static RDPI_F32_SELDOM rdpi_real_t output_um(const rdpi_f32_chain_t *self)
 }
 
 /* The displacement after a sweep that ended in the middle of the range: all plays are there. */
-static rdpi_real_t middle_um(const rdpi_f32_params_t *params)
+static rdpi_real_t swept_um(const rdpi_f32_params_t *params)
 {
     const rdpi_f32_line_t *last = &params->curve[rdpi_f32_pieces(params) - 1u];
     rdpi_real_t ends_um =
@@ -201,7 +198,7 @@ void rdpi_f32_chain_swept(rdpi_f32_chain_t *self, uint32_t ticks)
     self->way = self->usual;
     forget_references(self);
     rdpi_f32_unlag_settle(&self->unlag, &self->axis);
-    rdpi_f32_creep_settle(creep, middle_um(self->axis.params));
+    rdpi_f32_creep_settle(creep, swept_um(self->axis.params));
     if (ticks > 0u) { /* the last of them is moved by the next step */
         creep->h_um = output_um(self);
         creep->mean_um = creep->h_um;

@@ -9,6 +9,7 @@
 #include "f32_lead.h"
 #include "f32_math.h"
 #include "f32_unlag.h"
+#include "f32_way.h"
 
 /* rdpi_f32_forward takes a drive that is further outside the range by so many widths, and no more. */
 #define MAX_SPANS 16
@@ -16,6 +17,9 @@
 /* The largest magnitude of a number, and what rounding may do to one, relative: as in f32_check.h. */
 #define MAX_NUMBER ((rdpi_real_t)1e7)
 #define ROUNDING ((rdpi_real_t)1e-5)
+
+/* The largest number of a lag in samples, of a speed in V per sample, and of codes in a V. */
+#define MAX_QUOTIENT (MAX_NUMBER * (1 + ROUNDING) / RDPI_MIN_SAMPLE_TIME_S)
 
 /* ---- the state as a value ---- */
 
@@ -68,14 +72,13 @@
 static uint32_t identity(const rdpi_f32_chain_t *self)
 {
     const rdpi_f32_rate_t *rate = &self->axis.rate_estimator;
-    const uint32_t digests[] = {self->params->axis->digest, self->params->digest, rate->window};
-    uint32_t crc = rdpi_crc32(0, digests, sizeof digests);
-    return rdpi_crc32(crc, &rate->per_window_s, sizeof rate->per_window_s);
+    uint32_t crc = rdpi_crc32(rdpi_crc32(0, self->params->axis->digest), self->params->digest);
+    return rdpi_crc32_block(rdpi_crc32(crc, rate->window), &rate->per_window_s, sizeof rate->per_window_s);
 }
 
 static uint32_t check_of(const rdpi_f32_chain_state_t *state)
 {
-    return rdpi_crc32(rdpi_crc32(0, state->count, sizeof state->count), state->number, sizeof state->number);
+    return rdpi_crc32_block(rdpi_crc32_block(0, state->count, sizeof state->count), state->number, sizeof state->number);
 }
 
 rdpi_status_t rdpi_f32_chain_get_state(const rdpi_f32_chain_t *self, rdpi_f32_chain_state_t *state)
@@ -179,57 +182,143 @@ static rdpi_real_t largest_slope(const rdpi_f32_params_t *params)
     return largest;
 }
 
+/* The largest displacement of the operator, relative to that of any other drive too. Of the sum by parts in the bank there
+ * are as many terms as plays, none above slope times state, and an intercept. */
+static rdpi_real_t largest_v_um(const rdpi_f32_params_t *params)
+{
+    rdpi_real_t most_um = largest_x_um(params) + params->play[params->plays - 1u].r_um;
+    return 4 * (rdpi_real_t)params->plays * largest_slope(params) * most_um;
+}
+
+static rdpi_real_t largest_um(const rdpi_f32_params_t *params)
+{
+    rdpi_real_t weights = 0;
+    for (size_t j = 0; j < params->deadzones; j++) {
+        weights += fabs(params->saturation[j].weight);
+    }
+    return 2 * (weights * largest_v_um(params) + fabs(params->offset_um) + RDPI_MAX_REFERENCE_UM);
+}
+
+/* Whether a place is one of the plays. Not by <: a stray address may be outside of any object. */
+static bool is_a_play(const rdpi_f32_params_t *params, const rdpi_f32_play_t *place)
+{
+    bool found = false;
+    for (size_t i = 0; i < params->plays; i++) {
+        found = found || place == &params->play[i];
+    }
+    return found;
+}
+
 static bool is_bank_sane(const rdpi_f32_bank_t *bank, const rdpi_f32_params_t *params)
 {
     rdpi_real_t most_um = largest_x_um(params), r_um = params->play[params->plays - 1u].r_um;
+    rdpi_real_t most_v_um = largest_v_um(params);
     uint16_t engaged = bank->engaged;
-    /* the remainder is a sum by parts of as many terms as there are plays, none above slope times state, and an intercept */
-    rdpi_real_t most_v_um = 4 * (rdpi_real_t)params->plays * largest_slope(params) * (most_um + r_um);
-    bool sane = engaged < params->plays && within(bank->y_um[0], most_um) &&
-                within(bank->remainder_um, most_v_um) && within(bank->remainder_rate_s, most_v_um);
+    bool sane = engaged < params->plays && is_a_play(params, bank->last_engaged) &&
+                within(bank->y_um[0], most_um) && within(bank->remainder_um, most_v_um) &&
+                within(bank->remainder_rate_s, most_v_um);
     for (size_t i = engaged + 1u; i < params->plays; i++) {
         sane = sane && within(bank->y_um[i], most_um + r_um);
     }
     return sane;
 }
 
-static bool is_axis_sane(const rdpi_f32_t *axis, const rdpi_f32_params_t *params)
+/* What the quick way goes by is kept only for it. */
+static bool is_quick_way_sane(const rdpi_f32_t *axis, const rdpi_f32_params_t *params)
 {
-    const rdpi_f32_rate_t *rate = &axis->rate_estimator;
-    rdpi_real_t drive_V = axis->drive_V, ramp_V = axis->ramp_V, most_V = fabs(params->min_V) + fabs(params->max_V);
-    uint16_t window = rate->window;
-    bool sane = drive_V >= params->min_V && drive_V <= params->max_V && within(ramp_V, 2 * most_V) &&
-                axis->rate_um_per_s >= 0 && axis->rate_um_per_s <= params->max_um_per_s &&
-                axis->dac_code <= (params->dac_bits > 0u ? (1uL << params->dac_bits) - 1u : 0u) &&
-                axis->sweep_turns <= 2u * params->sweep_cycles + 1u && window >= 1u && window <= RDPI_MAX_WINDOW &&
-                rate->oldest <= window && within(rate->per_window_s, 1 / RDPI_MIN_SAMPLE_TIME_S) &&
-                rate->keep >= 0 && rate->keep <= 1 && rate->filtered_um_per_s >= 0 &&
-                isfinite(rate->filtered_um_per_s);
-#if RDPI_NOISE_SHAPING
-    sane = sane && within(axis->carried_um, MAX_NUMBER);
+    rdpi_real_t most_um = largest_x_um(params);
+    bool found = false, sane = within(axis->bank.edge_um, most_um);
+    const rdpi_f32_piece_t *piece = axis->latest_piece;
+    for (size_t j = 0; j < params->deadzones; j++) {
+        found = found || piece == &params->inverse_saturation[j];
+    }
+#if RDPI_MAX_CURVE_PIECES > 1
+    const rdpi_f32_line_t *line = axis->line;
+    bool on_line = false;
+    for (size_t i = 0; i < params->curve_pieces; i++) {
+        on_line = on_line || line == &params->curve[i];
+    }
+    sane = sane && on_line && (axis->bank.engaged > 0u || within(axis->bank.middle_um, most_um));
 #endif
-    if (sane && rate->oldest < window) {
+    return sane && found;
+}
+
+static bool is_rate_sane(const rdpi_f32_rate_t *rate)
+{
+    uint16_t window = rate->window, oldest = rate->oldest;
+    bool sane = window >= 1u && window <= RDPI_MAX_WINDOW && oldest <= window && rate->per_window_s > 0 &&
+                rate->per_window_s <= (1 + ROUNDING) / RDPI_MIN_SAMPLE_TIME_S && rate->keep >= 0 && rate->keep <= 1 &&
+                rate->filtered_um_per_s >= 0 &&
+                rate->filtered_um_per_s <= 4 * RDPI_MAX_REFERENCE_UM / RDPI_MIN_SAMPLE_TIME_S;
+    if (sane && oldest < window) {
         for (size_t k = 0; k < window; k++) {
-            sane = sane && within(rate->z_um[k], RDPI_MAX_REFERENCE_UM);
+            sane = sane && within(rate->z_um[k], 2 * RDPI_MAX_REFERENCE_UM);
         }
     }
     return sane;
 }
 
-/* What creep adds is bounded by displacements and shares; both are below MAX_NUMBER. */
+static uint32_t last_code(const rdpi_f32_params_t *params)
+{
+    return params->dac_bits > 0u ? ((uint32_t)1 << params->dac_bits) - 1u : 0u;
+}
+
+static bool is_axis_sane(const rdpi_f32_t *axis, const rdpi_f32_params_t *params)
+{
+    rdpi_real_t drive_V = axis->drive_V, most_V = fabs(params->min_V) + fabs(params->max_V);
+    bool sane = drive_V >= params->min_V && drive_V <= params->max_V && within(axis->ramp_V, 2 * most_V) &&
+                axis->rate_um_per_s >= 0 && axis->rate_um_per_s <= params->max_um_per_s &&
+                axis->dac_code <= last_code(params) && axis->sweep_turns <= 2u * params->sweep_cycles + 1u &&
+                (!axis->quick || is_quick_way_sane(axis, params));
+#if RDPI_NOISE_SHAPING
+    sane = sane && within(axis->carried_um, largest_v_um(params));
+#endif
+    return sane;
+}
+
 static bool is_creep_sane(const rdpi_f32_creep_t *creep, const rdpi_f32_chain_params_t *params)
 {
-    const rdpi_real_t most_um = MAX_NUMBER;
+    const rdpi_real_t most_um = largest_um(params->axis);
     uint32_t poles = creep->poles, fast = creep->fast, turn = creep->turn;
-    bool sane = poles == params->poles && fast <= poles && creep->per_turn <= MAX_PER_TURN &&
-                creep->wait <= creep->per_turn && within(creep->h_um, most_um) && within(creep->settled_um, most_um) &&
-                within(creep->slow_um, most_um) && within(creep->next_um, most_um) &&
-                within(creep->mean_um, most_um) && isfinite(creep->sum_um) && isfinite(creep->per_direct);
-    sane = sane && (fast == poles || (turn >= fast && turn < poles));
-    for (size_t i = 0; sane && i < poles; i++) {
-        sane = within(creep->lag[i].state_um, most_um) && within(creep->lag[i].rest_um, most_um);
+    if (poles != params->poles || fast > poles) {
+        return false;
+    }
+    rdpi_real_t weights = 1;
+    for (size_t i = 0; i < poles; i++) {
+        weights += fabs(params->pole[i].share);
+    }
+    const rdpi_real_t most_added_um = 4 * weights * most_um;
+    bool sane = creep->per_turn <= MAX_PER_TURN && creep->wait <= creep->per_turn && creep->round >= 0 &&
+                creep->round <= MAX_PER_TURN * RDPI_MAX_POLES && creep->per_direct > 0 &&
+                creep->per_direct <= 2 / MIN_DIRECT && (fast == poles || (turn >= fast && turn < poles)) &&
+                within(creep->settled_um, most_um) && within(creep->mean_um, most_um) &&
+                within(creep->slow_um, most_added_um) && within(creep->next_um, most_added_um) &&
+                within(creep->sum_um, MAX_PER_TURN * RDPI_MAX_POLES * most_um) &&
+                within(creep->h_um, 2 / MIN_DIRECT * (2 * MAX_NUMBER + most_added_um)); /* if it is refused, too */
+    for (size_t i = 0; i < poles; i++) {
+        const rdpi_f32_lag_t *lag = &creep->lag[i];
+        sane = sane && within(lag->state_um, most_um) && within(lag->rest_um, most_um) && lag->blend >= 0 &&
+               lag->blend <= 1 && within(lag->weight, weights) && within(lag->weight_ahead, 2 * weights) &&
+               creep->per_sample[i] > 0;
     }
     return sane;
+}
+
+static bool is_lead_sane(const rdpi_f32_lead_t *lead, bool first)
+{
+    return isfinite(lead->per_before) && isfinite(lead->per_step) && lead->max_um > 0 && lead->max_um <= MAX_NUMBER &&
+           (first || (within(lead->latest_um, RDPI_MAX_REFERENCE_UM) &&
+                      within(lead->before_um, 2 * RDPI_MAX_REFERENCE_UM)));
+}
+
+static bool is_unlag_sane(const rdpi_f32_unlag_t *unlag, const rdpi_f32_params_t *params)
+{
+    const rdpi_real_t most_V = 4 * (fabs(params->min_V) + fabs(params->max_V));
+    return within(unlag->followed_V, most_V) && within(unlag->ramp_V, most_V) && within(unlag->carried_V, most_V) &&
+           unlag->per_step >= 0 && unlag->per_step <= MAX_QUOTIENT && unlag->codes_per_V >= 0 &&
+           unlag->codes_per_V <= MAX_QUOTIENT && unlag->max_step_V >= 0 && unlag->max_step_V <= MAX_QUOTIENT &&
+           unlag->dac_code <= last_code(params) && unlag->way <= LAG &&
+           (unlag->first || (within(unlag->asked_V, most_V) && within(unlag->before_V, most_V)));
 }
 
 bool rdpi_f32_chain_is_sane(const rdpi_f32_chain_t *self)
@@ -238,16 +327,11 @@ bool rdpi_f32_chain_is_sane(const rdpi_f32_chain_t *self)
         return false;
     }
     const rdpi_f32_chain_params_t *params = self->params;
-    const rdpi_f32_params_t *axis = params->axis;
-    const rdpi_f32_unlag_t *unlag = &self->unlag;
-    const rdpi_real_t most_V = 4 * (fabs(axis->min_V) + fabs(axis->max_V)) * (MAX_SPANS + 1);
-    return is_axis_sane(&self->axis, axis) && is_bank_sane(&self->axis.bank, axis) &&
-           is_creep_sane(&self->creep, params) &&
-           (!rdpi_f32_lead_wanted(params) || self->first ||
-            (within(self->lead.latest_um, RDPI_MAX_REFERENCE_UM) &&
-             within(self->lead.before_um, 2 * RDPI_MAX_REFERENCE_UM))) &&
-           within(unlag->followed_V, most_V) && within(unlag->ramp_V, most_V) && within(unlag->carried_V, most_V) &&
-           (unlag->first || (within(unlag->asked_V, most_V) && within(unlag->before_V, most_V)));
+    return is_axis_sane(&self->axis, params->axis) && is_rate_sane(&self->axis.rate_estimator) &&
+           is_bank_sane(&self->axis.bank, params->axis) && is_creep_sane(&self->creep, params) &&
+           is_unlag_sane(&self->unlag, params->axis) &&
+           (!rdpi_f32_lead_wanted(params) || is_lead_sane(&self->lead, self->first)) && self->usual <= LEAD_CREEP &&
+           self->way <= LAG && self->preview_samples <= MAX_DELAY + 2u;
 }
 
 /* ---- exchange of parameters ---- */
@@ -276,8 +360,17 @@ static play_state_t play_elsewhere(const rdpi_f32_params_t *to, const rdpi_f32_t
     return play;
 }
 
-/* The states of the plays of `to`, at the places of its thresholds between those of `from`; beyond the last, its own. No
- * two of them are further apart than their thresholds. */
+/* The x of `to`, or the end of its range that it is beyond. */
+static rdpi_real_t x_in_range(const rdpi_f32_params_t *to, rdpi_real_t x_um)
+{
+    const rdpi_f32_line_t *last = &to->curve[rdpi_f32_pieces(to) - 1u];
+    rdpi_real_t one_um = rdpi_f32_x_of_drive(to->curve, to->min_V), other_um = rdpi_f32_x_of_drive(last, to->max_V);
+    return one_um < other_um ? rdpi_f32_clamp(x_um, one_um, other_um) : rdpi_f32_clamp(x_um, other_um, one_um);
+}
+
+/* The states of the plays of `to`, at the places of its thresholds between those of `from`; beyond the last, its own.
+ * Another source may have left x outside the range, and what is output is the end of it: x comes back to there, and each
+ * play with the one before it. So no two of them are further apart than their thresholds. */
 static void project_plays(const rdpi_f32_params_t *to, const rdpi_f32_t *from, rdpi_real_t *y_um)
 {
     size_t i = 0;
@@ -292,13 +385,23 @@ static void project_plays(const rdpi_f32_params_t *to, const rdpi_f32_t *from, r
         rdpi_real_t apart_um = above.r_um - below.r_um;
         rdpi_real_t share = apart_um > 0 ? rdpi_f32_clamp((r_um - below.r_um) / apart_um, 0, 1) : 1;
         y_um[k] = rdpi_f32_fma(share, above.y_um - below.y_um, below.y_um);
+        if (k > 0u) {
+            rdpi_real_t gap_um = r_um - to->play[k - 1u].r_um;
+            y_um[k] = rdpi_f32_clamp(y_um[k], y_um[k - 1u] - gap_um, y_um[k - 1u] + gap_um);
+        } else {
+            y_um[k] = x_in_range(to, y_um[k]);
+        }
     }
 }
+
+/* More of its time constants in a sample than a pole can tell; the quotient may be infinite. */
+#define FASTEST ((rdpi_real_t)1e9)
 
 /* log2 of a number > 0, straight between powers of 2: poles are compared by it. */
 static rdpi_real_t about_log2(rdpi_real_t number)
 {
     rdpi_real_t whole = 0;
+    number = number < FASTEST ? number : FASTEST;
     while (number >= 2) {
         number /= 2;
         whole += 1;
@@ -328,7 +431,7 @@ static rdpi_real_t behind_um(const rdpi_f32_creep_t *from, rdpi_real_t h_um, rdp
         }
     }
     if (!isfinite(under) || !isfinite(over)) {
-        return isfinite(under) ? under_um : (isfinite(over) ? over_um : 0);
+        return isfinite(under) ? under_um : over_um;
     }
     return over > under ? under_um + (place - under) / (over - under) * (over_um - under_um) : under_um;
 }

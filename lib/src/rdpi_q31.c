@@ -31,6 +31,9 @@ rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi
     }
     if (status == RDPI_OK) {
         status = rdpi_q31_rate_init(&self->rate_estimator, params, sample_time_ns);
+        if (status != RDPI_ERR_SAMPLE_TIME && rdpi_q31_out_of_time(params, sample_time_ns)) {
+            status = RDPI_ERR_SAMPLE_RANGE; /* whatever follows from it */
+        }
     }
     if (status == RDPI_OK) {
         self->params = params;

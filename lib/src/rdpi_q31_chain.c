@@ -6,18 +6,17 @@
 #include "q31_saturation.h"
 #include "q31_unlag.h"
 
-/* The part of the struct that the digest covers, and after which `preview` ends it. */
-#define DIGEST_BEGIN offsetof(rdpi_q31_chain_params_t, lead_ns2)
-#define DIGEST_END (offsetof(rdpi_q31_chain_params_t, preview) + sizeof(uint16_t))
-
-/* rdpi_q31_chain_digest, whatever the layout of the caller. Field by field for the poles: some targets pad them. */
+/* rdpi_q31_chain_digest, whatever the layout of the caller. */
 static uint32_t checksum(const rdpi_q31_chain_params_t *params)
 {
-    uint32_t crc = rdpi_crc32(0, (const unsigned char *)params + DIGEST_BEGIN, DIGEST_END - DIGEST_BEGIN);
+    const uint32_t numbers[] = {
+        (uint32_t)params->lead_ns2, (uint32_t)(params->lead_ns2 >> 32), params->delay_ns, params->lag_ns,
+        params->lead_ns, (uint32_t)params->max_lead, (uint32_t)params->direct,
+        params->poles | (uint32_t)params->preview << 16};
+    uint32_t crc = rdpi_crc32_block(0, numbers, sizeof numbers);
     for (size_t i = 0; i < params->poles; i++) {
-        const rdpi_q31_pole_t *pole = &params->pole[i];
-        crc = rdpi_crc32(crc, &pole->share, sizeof pole->share);
-        crc = rdpi_crc32(crc, &pole->time_constant_ns, sizeof pole->time_constant_ns);
+        crc = rdpi_crc32(crc, (uint32_t)params->pole[i].share);
+        crc = rdpi_crc32_wide(crc, params->pole[i].time_constant_ns);
     }
     return crc;
 }
@@ -106,6 +105,7 @@ void rdpi_q31_chain_settle(rdpi_q31_chain_t *self)
 void rdpi_q31_chain_reset(rdpi_q31_chain_t *self)
 {
     rdpi_q31_reset(&self->axis);
+    self->creep.poles = self->params->poles; /* whatever has become of it: the poles are as many as are settled */
     rdpi_q31_chain_settle(self);
 }
 

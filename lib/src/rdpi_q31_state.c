@@ -57,15 +57,15 @@
 /* CRC-32 of what tells this chain from another. */
 static uint32_t identity(const rdpi_q31_chain_t *self)
 {
-    const uint32_t numbers[] = {self->params->axis->digest, self->params->digest, self->sample_time_ns};
-    return rdpi_crc32(0, numbers, sizeof numbers);
+    uint32_t crc = rdpi_crc32(rdpi_crc32(0, self->params->axis->digest), self->params->digest);
+    return rdpi_crc32(crc, self->sample_time_ns);
 }
 
 static uint32_t check_of(const rdpi_q31_chain_state_t *state)
 {
-    uint32_t crc = rdpi_crc32(0, state->wide, sizeof state->wide);
-    crc = rdpi_crc32(crc, state->number, sizeof state->number);
-    return rdpi_crc32(crc, state->count, sizeof state->count);
+    uint32_t crc = rdpi_crc32_block(0, state->wide, sizeof state->wide);
+    crc = rdpi_crc32_block(crc, state->number, sizeof state->number);
+    return rdpi_crc32_block(crc, state->count, sizeof state->count);
 }
 
 rdpi_status_t rdpi_q31_chain_get_state(const rdpi_q31_chain_t *self, rdpi_q31_chain_state_t *state)
@@ -141,6 +141,9 @@ rdpi_status_t rdpi_q31_chain_set_state(rdpi_q31_chain_t *self, const rdpi_q31_ch
 
 /* ---- whether a state is one that a chain can have: see rdpi_f32_state.c ---- */
 
+/* The least mantissa of a guard and of a unit. */
+#define HALF ((uint32_t)1 << 31)
+
 /* The upper half of a number. */
 static int32_t upper(int64_t number)
 {
@@ -152,40 +155,86 @@ static bool within(int32_t value, int32_t limit)
     return value >= -limit && value <= limit;
 }
 
+/* Whether a place is one of the plays. Not by <: a stray address may be outside of any object. */
+static bool is_a_play(const rdpi_q31_params_t *params, const rdpi_q31_play_t *place)
+{
+    bool found = false;
+    for (size_t i = 0; i < params->plays; i++) {
+        found = found || place == &params->play[i];
+    }
+    return found;
+}
+
 static bool is_bank_sane(const rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params)
 {
     uint16_t engaged = bank->engaged;
-    bool sane = engaged < params->plays && rdpi_q31_in_format(bank->y[0]) && bank->room >= 0 &&
-                within(upper(bank->f_at_rest), RDPI_Q31_ONE) && within(upper(bank->f_rate), RDPI_Q31_ONE);
+    bool sane = engaged < params->plays && is_a_play(params, bank->last_engaged) && rdpi_q31_in_format(bank->y[0]) &&
+                bank->room >= 0 && within(upper(bank->f_at_rest), RDPI_Q31_ONE) &&
+                within(upper(bank->f_rate), RDPI_Q31_ONE);
     for (size_t i = engaged + 1u; i < params->plays; i++) {
         sane = sane && rdpi_q31_in_format(bank->y[i]);
     }
     return sane;
 }
 
+static bool is_rate_sane(const rdpi_q31_rate_t *rate)
+{
+    uint16_t window = rate->window;
+    return window >= 1u && window <= RDPI_MAX_WINDOW && rate->oldest <= window && upper(rate->filtered) >= 0 &&
+           rate->guard >= HALF && rate->per_guard >= HALF / 2u && rate->guard_shift <= 62u &&
+           rate->blend_shift <= 30u && rate->direct_shift == (uint8_t)(31u - rate->guard_shift);
+}
+
+static uint32_t last_code(const rdpi_q31_params_t *params)
+{
+    return params->dac_bits > 0u ? ((uint32_t)1 << params->dac_bits) - 1u : 0u;
+}
+
 static bool is_axis_sane(const rdpi_q31_t *axis, const rdpi_q31_params_t *params)
 {
-    const rdpi_q31_rate_t *rate = &axis->rate_estimator;
-    uint16_t window = rate->window;
     int32_t drive = axis->drive, used = axis->rate;
-    return drive >= params->min_drive && drive <= params->max_drive && used >= 0 && used <= RDPI_Q31_ONE &&
-           axis->dac_code <= (params->dac_bits > 0u ? ((uint32_t)1 << params->dac_bits) - 1u : 0u) &&
-           axis->sweep_turns <= 2u * params->sweep_cycles + 1u && window >= 1u && window <= RDPI_MAX_WINDOW &&
-           rate->oldest <= window && rdpi_q31_in_format(axis->x) && rdpi_q31_in_format(upper(axis->ramp)) &&
-           axis->slew >= 0 && axis->sweep_step >= 1 && rate->guard >= (uint32_t)1 << 31 && rate->guard_shift <= 62u;
+    bool sane = drive >= params->min_drive && drive <= params->max_drive && used >= 0 && used <= RDPI_Q31_ONE &&
+                axis->dac_code <= last_code(params) && axis->sweep_turns <= 2u * params->sweep_cycles + 1u &&
+                rdpi_q31_in_format(axis->x) && rdpi_q31_in_format(upper(axis->ramp)) && axis->slew >= 0 &&
+                axis->sweep_step >= 1;
+#if RDPI_NOISE_SHAPING
+    sane = sane && within(upper(axis->carried), HALF / 4);
+#endif
+    return sane;
 }
 
 static bool is_creep_sane(const rdpi_q31_creep_t *creep, const rdpi_q31_chain_params_t *params)
 {
     uint16_t poles = creep->poles, fast = creep->fast, turn = creep->turn;
-    bool sane = poles == params->poles && fast <= poles && within(creep->h, MAX_H) && within(creep->mean, MAX_H) &&
-                within(upper(creep->settled), RDPI_Q31_ONE) && within(upper(creep->slow), RDPI_Q31_ONE) &&
-                within(upper(creep->next), RDPI_Q31_ONE) && creep->per_direct > 0;
-    sane = sane && turn >= fast && (turn < poles || (turn == poles && fast == poles));
-    for (size_t i = 0; sane && i < poles; i++) {
-        sane = within(upper(creep->lag[i].state), RDPI_Q31_ONE) && creep->lag[i].exponent <= 94u;
+    if (poles != params->poles || fast > poles) {
+        return false;
+    }
+    bool sane = within(creep->h, MAX_H) && within(creep->mean, MAX_H) && within(upper(creep->settled), RDPI_Q31_ONE) &&
+                within(upper(creep->slow), RDPI_Q31_ONE) && within(upper(creep->next), RDPI_Q31_ONE) &&
+                within(upper(creep->sum), RDPI_MAX_POLES) && creep->per_direct >= RDPI_Q31_ONE / 8 &&
+                creep->per_direct <= RDPI_Q31_ONE && turn >= fast &&
+                (turn < poles || (turn == poles && fast == poles));
+    for (size_t i = 0; i < poles; i++) {
+        const rdpi_q31_lag_t *lag = &creep->lag[i];
+        sane = sane && within(upper(lag->state), RDPI_Q31_ONE) && lag->blend >= 0 &&
+               within(lag->weight, RDPI_Q31_ONE) && lag->per_sample >= HALF / 2u && lag->exponent <= 94u &&
+               lag->shift <= 62u;
     }
     return sane;
+}
+
+static bool is_lead_sane(const rdpi_q31_lead_t *lead)
+{
+    return within(lead->per_sum, RDPI_Q31_ONE) && within(lead->per_change, RDPI_Q31_ONE) &&
+           within(lead->latest, INT32_MAX) && within(lead->before, INT32_MAX) && lead->shift >= 1u && lead->shift <= 63u;
+}
+
+static bool is_unlag_sane(const rdpi_q31_unlag_t *unlag, const rdpi_q31_params_t *params)
+{
+    return rdpi_q31_in_format(unlag->followed) && rdpi_q31_in_format(upper(unlag->ramp)) &&
+           rdpi_q31_in_format(unlag->carried) && unlag->per_step >= 0 && unlag->per_step <= RDPI_Q31_ONE &&
+           rdpi_q31_in_format(unlag->asked) && within(unlag->before, RDPI_Q31_ONE) &&
+           unlag->dac_code <= last_code(params) && unlag->shift >= 1u && unlag->shift <= 63u;
 }
 
 bool rdpi_q31_chain_is_sane(const rdpi_q31_chain_t *self)
@@ -194,16 +243,13 @@ bool rdpi_q31_chain_is_sane(const rdpi_q31_chain_t *self)
         return false;
     }
     const rdpi_q31_params_t *axis = self->params->axis;
-    const rdpi_q31_unlag_t *unlag = &self->unlag;
-    return is_axis_sane(&self->axis, axis) && is_bank_sane(&self->axis.bank, axis) &&
-           is_creep_sane(&self->creep, self->params) && rdpi_q31_in_format(unlag->followed) &&
-           rdpi_q31_in_format(upper(unlag->ramp)) && unlag->shift <= 63u;
+    return is_axis_sane(&self->axis, axis) && is_rate_sane(&self->axis.rate_estimator) &&
+           is_bank_sane(&self->axis.bank, axis) && is_creep_sane(&self->creep, self->params) &&
+           is_lead_sane(&self->lead) && is_unlag_sane(&self->unlag, axis) && self->sample_time_ns > 0u &&
+           self->preview_samples <= RDPI_Q31_MAX_LEAD_NS + 2u;
 }
 
 /* ---- exchange of parameters: see rdpi_f32_state.c ---- */
-
-/* The least mantissa of a unit. */
-#define HALF ((uint32_t)1 << 31)
 
 typedef struct {
     int64_t r; /* half of the interval in which the input is, times 2 */
@@ -260,9 +306,11 @@ static void project_plays(const rdpi_q31_params_t *to, const rdpi_q31_t *from, i
         int64_t part = (r < above.r ? r : above.r) - below.r, apart = above.r - below.r;
         int64_t twice = apart > 0 ? below.y + proportion(part, above.y - below.y, apart) : above.y;
         y[k] = rdpi_q31_clamp(twice / 2, -RDPI_Q31_MAX_DRIVE, RDPI_Q31_MAX_DRIVE);
-        if (k > 0u) { /* rounding must not take them further apart than one history does */
+        if (k > 0u) {
             int32_t gap = to->play[k].r - to->play[k - 1u].r;
             y[k] = rdpi_q31_clamp(y[k], y[k - 1u] - gap, y[k - 1u] + gap);
+        } else {
+            y[k] = rdpi_q31_x_in_range(to, y[k]);
         }
     }
 }
@@ -379,16 +427,13 @@ rdpi_status_t rdpi_q31_chain_inherit(rdpi_q31_chain_t *self, const rdpi_q31_chai
         return RDPI_ERR_SAMPLE_TIME;
     }
     project_plays(params, &from->axis, y);
-    y[0] = rdpi_q31_x_in_range(params, y[0]); /* to rounding, it is */
-    rdpi_status_t status = rdpi_q31_set_memory(axis, y);
-    if (status == RDPI_OK) {
-        rdpi_q31_chain_settle(self);
-        project_creep(self, from);
-        take_output(self, from);
-        axis->guard_count = from->axis.guard_count;
-        axis->clip_count = from->axis.clip_count;
-        axis->input_count = from->axis.input_count;
-        axis->missed_count = from->axis.missed_count;
-    }
-    return status;
+    (void)rdpi_q31_set_memory(axis, y); /* it takes what project_plays makes: integers are not rounded */
+    rdpi_q31_chain_settle(self);
+    project_creep(self, from);
+    take_output(self, from);
+    axis->guard_count = from->axis.guard_count;
+    axis->clip_count = from->axis.clip_count;
+    axis->input_count = from->axis.input_count;
+    axis->missed_count = from->axis.missed_count;
+    return RDPI_OK;
 }

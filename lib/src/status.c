@@ -45,6 +45,8 @@ const char *rdpi_status_text(rdpi_status_t status)
         return "chain: a number is outside its range, the delay is too long, or creep cannot be inverted";
     case RDPI_ERR_CURVE:
         return "input curve: at most RDPI_MAX_CURVE_PIECES pieces in order, no gaps, all rising or falling, ends at codes";
+    case RDPI_ERR_SAMPLE_RANGE:
+        return "sample time is outside the range of the parameters: wrong unit, or generate them for a slower or faster sweep";
     case RDPI_ERR_STATE:
         return "the state is torn or damaged, or belongs to other parameters or another sample time";
     case RDPI_ERR_MODE:

@@ -191,7 +191,8 @@ static void tim6_interrupt(void)
 bool rdpi_port_start(uint32_t rate_hz, rdpi_port_tick_t tick)
 {
     if (tick == NULL || rate_hz == 0u || rate_hz > LAST_RATE_HZ ||
-        (reg_read(&RCC->cfgr) & (RCC_CFGR_SWS | RCC_CFGR_HPRE)) != RCC_CFGR_SWS_PLL) {
+        (reg_read(&RCC->cfgr) & (RCC_CFGR_SWS | RCC_CFGR_HPRE)) != RCC_CFGR_SWS_PLL ||
+        (reg_read(&DAC1->sr) & DAC_SR_DAC1RDY) == 0u) {
         return false;
     }
     uint32_t prescaler = ((CORE_HZ + rate_hz / 2u) / rate_hz - 1u) / 0x10000u + 1u;

@@ -90,8 +90,8 @@ bool rdpi_port_write_dac(const uint32_t *codes)
             return false;
         }
     }
-    /* BOARD: start the transfer and return, true if it was started. For a DAC on the SPI take port/drivers, which needs
-     * the two functions of rdpi_spi.h. */
+    /* BOARD: start the transfer and return, true if it was started. For a DAC on the SPI or I2C take port/drivers, which
+     * needs the two functions of rdpi_spi.h or rdpi_i2c.h. */
     return false;
 }
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The fixed-point library gives the same bits whatever compiles and runs it: tests/property/fixed.c and chain_q31.c on
-# this machine with both compilers, word sizes, and the portable paths, and on emulated Cortex-M and RISC-V, all with
-# one checksum each.
+# this machine with both compilers, word sizes, and the portable paths, and on emulated Cortex-M, RISC-V and big-endian
+# s390x, all with one checksum each.
 set -uo pipefail
 cd "$(dirname "$0")/../.." || exit
 build=build/same_bits
@@ -60,10 +60,14 @@ rv32() { # rv32 FLAGS...
             -kernel "$built" # stderr is its console
 }
 
+s390x() { # s390x FLAGS...
+    s390x-linux-gnu-gcc -static "$@" "${common[@]}" "${sources[@]}" -lm -o "$built" && timeout 300 qemu-s390x "$built"
+}
+
 for program in fixed chain_q31; do
     sources=(tests/property/$program.c "${library[@]}")
     for compiler in gcc clang; do
-        for flags in "-m64 -O2" "-m32 -O2" "-m64 -O0" "-m32 -Os" "-m64 -O2 -DRDPI_Q31_PORTABLE"; do
+        for flags in "-m64 -O2" "-m32 -O2" "-m64 -O0" "-m32 -Os" "-m64 -O3 -flto" "-m64 -O2 -DRDPI_Q31_PORTABLE"; do
             # shellcheck disable=SC2086 # several flags
             start "$program $compiler $flags" host $compiler $flags
         done
@@ -74,6 +78,9 @@ for program in fixed chain_q31; do
     start "$program Cortex-M4F -O2" core mps2-an386 4M 4M -mcpu=cortex-m4 -mfpu=fpv4-sp-d16 -mfloat-abi=hard -O2
     start "$program Cortex-M7 -O2" core mps2-an500 4M 4M -mcpu=cortex-m7 -mfpu=fpv5-d16 -mfloat-abi=hard -O2
     start "$program RV32IMAC -O2" rv32 -O2
+    for flags in -O2 -O0; do
+        start "$program s390x, big-endian, $flags" s390x $flags
+    done
     compare
 done
 echo "same-bits: $passed passed, $failed failed"

@@ -23,7 +23,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     params.plays = how & LARGE ? take_u16() : take_u8() % (RDPI_MAX_PLAYS + 2);
     params.deadzones = how & LARGE ? take_u8() : take_u8() % (RDPI_MAX_DEADZONES + 2);
     params.dac_bits = how & LARGE ? take_u8() : take_u8() % (RDPI_MAX_DAC_BITS + 2);
-    params.curve_pieces = how & LARGE ? take_u8() : take_u8() % (RDPI_MAX_CURVE_PIECES + 2);
+    uint8_t curve_byte = take_u8(); /* and whether noise is shaped: 0, 1, or what no value of it is */
+    params.curve_pieces = how & LARGE ? curve_byte : curve_byte % (RDPI_MAX_CURVE_PIECES + 2);
+    params.noise_shaping = how & LARGE ? curve_byte : curve_byte / (RDPI_MAX_CURVE_PIECES + 2) % 3;
     params.sweep_cycles = take_u16();
     params.offset_um = take_any();
     params.rate_window_s = take_any();
@@ -35,6 +37,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     params.slew_V_per_s = take_any();
     params.sweep_V_per_s = take_any();
     params.sweep_end_V = take_any();
+    params.sweep_forgotten = take_any();
     rdpi_real_t sample_time_s = take_any();
 
     bool counts_fit = params.plays >= 1 && params.plays <= RDPI_MAX_PLAYS && params.deadzones >= 1 &&
@@ -72,6 +75,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     rdpi_status_t status = rdpi_f32_init(&self, &params, sample_time_s);
     CHECK(rdpi_status_text(status) != NULL);
     if (status == RDPI_OK) {
+        count_accepted();
         CHECK(complete && params.schema == RDPI_PARAMS_SCHEMA);
         double stroke_um = fabs((double)curve[0].gain_um_per_V * (params.max_V - params.min_V));
         double low_um = fmax(params.offset_um - stroke_um, -1e30), high_um = fmin(params.offset_um + stroke_um, 1e30);

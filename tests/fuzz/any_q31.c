@@ -44,6 +44,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         params.plays %= RDPI_MAX_PLAYS + 2;
         params.deadzones %= RDPI_MAX_DEADZONES + 2;
         params.dac_bits %= RDPI_MAX_DAC_BITS + 2;
+        params.noise_shaping %= 3; /* 2 is refused */
         params.curve_pieces = params.curve_pieces % 4 ? 1 : params.curve_pieces / 4 % (RDPI_MAX_CURVE_PIECES + 2);
     }
     if (params.curve_pieces == 1) {
@@ -78,6 +79,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     rdpi_status_t status = rdpi_q31_init(&self, &params, sample_time_ns);
     CHECK(rdpi_status_text(status) != NULL);
     if (status == RDPI_OK) {
+        count_accepted();
         CHECK(complete && params.schema == RDPI_PARAMS_SCHEMA);
         call_everything(&self, -0x1p30, 0x1p30);
     }

@@ -11,6 +11,21 @@
     ((condition) ? (void)0 \
                  : (fprintf(stderr, "%s:%d: error: not true: %s\n", __FILE__, __LINE__, #condition), abort()))
 
+/* Inputs that init has accepted: where there are none, nothing else has been fuzzed. run.sh looks for the line. */
+static unsigned long accepted;
+
+static inline void print_accepted(void)
+{
+    fprintf(stderr, "accepted: %lu\n", accepted);
+}
+
+static inline void count_accepted(void)
+{
+    if (accepted++ == 0) {
+        (void)atexit(print_accepted);
+    }
+}
+
 static const uint8_t *input;
 static size_t input_left;
 

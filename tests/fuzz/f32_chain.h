@@ -16,14 +16,32 @@ static void check_chain(const rdpi_f32_chain_t *self)
     for (size_t i = 0; i < self->params->poles; i++) {
         CHECK(isfinite(self->creep.lag[i].state_um));
     }
+    if (self->params->lag_s > 0) { /* what the operator gets back */
+        axis.drive_V = self->unlag.followed_V;
+        axis.dac_code = self->unlag.dac_code;
+        check_state(&axis);
+        CHECK(isfinite(self->unlag.carried_V) && (self->unlag.first || isfinite(self->unlag.asked_V)));
+    }
+}
+
+/* The long way gives the same. */
+static void check_long_way(rdpi_f32_chain_t before, const rdpi_f32_chain_t *after, number_t reference)
+{
+    before.axis.quick = false;
+    number_t drive = rdpi_f32_chain_step(&before, reference);
+    CHECK(drive == after->axis.drive_V && before.axis.dac_code == after->axis.dac_code);
+    CHECK(before.axis.flags == after->axis.flags);
+    CHECK(after->unlag.first || before.unlag.asked_V == after->unlag.asked_V);
 }
 
 static void chain_step(rdpi_f32_chain_t *self, number_t reference)
 {
+    rdpi_f32_chain_t all_before = *self;
     rdpi_f32_t before = self->axis;
     rdpi_f32_lead_t lead = self->lead;
     number_t drive = rdpi_f32_chain_step(self, reference);
     const rdpi_f32_t *axis = &self->axis;
+    check_long_way(all_before, self, reference);
     CHECK(drive == axis->drive_V);
     CHECK(axis->guard_count == before.guard_count + ((axis->flags & RDPI_FLAG_GUARD) != 0));
     CHECK(axis->clip_count == before.clip_count + ((axis->flags & CLIPS) != 0));

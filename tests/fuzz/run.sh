@@ -37,13 +37,16 @@ for target in "${targets[@]}"; do
 done
 passed=0 failed=0
 for target in "${targets[@]}"; do
-    if wait "${jobs[$target]}"; then
-        echo "$target: $(awk '/number_of_executed_units/ { print $2 }' "$work/$target.log") inputs"
-        passed=$((passed + 1))
-    else
+    if ! wait "${jobs[$target]}"; then
         { grep -E 'error:|ERROR: ' "$work/$target.log" | head -n 5; tail -n 5 "$work/$target.log"; } | sed 's/^/    /'
         echo "$target: failed, see $work/$target.log"
         failed=$((failed + 1))
+    elif [[ $target == any_* ]] && ! grep -q '^accepted: [1-9]' "$work/$target.log"; then
+        echo "$target: failed: init has accepted no input; mend tests/fuzz/seeds.py"
+        failed=$((failed + 1))
+    else
+        echo "$target: $(awk '/number_of_executed_units/ { print $2 }' "$work/$target.log") inputs"
+        passed=$((passed + 1))
     fi
 done
 echo "fuzz: $passed passed, $failed failed"

@@ -14,7 +14,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 
     double sample_time_s = pow(10, take_between(-5, -2));
     double min_V = take_between(-200, 100), span_V = take_between(1, 300);
-    double gain = take_between(0.01, 1) * (take_u8() % 4 == 0 ? -1 : 1);
+    double size_of_gain = take_between(0.01, 1);
+    uint8_t how = take_u8();
+    double gain = how % 4 == 0 ? -size_of_gain : size_of_gain;
     double max_um_per_s = pow(10, take_between(0, 5));
     double offset_V = min_V + span_V * take_between(-0.5, 1.5);
     rdpi_f32_params_t params = {
@@ -22,6 +24,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         .plays = (uint16_t)(1 + take_u8() % RDPI_MAX_PLAYS),
         .deadzones = (uint8_t)(1 + take_u8() % RDPI_MAX_DEADZONES),
         .dac_bits = take_u8() % (RDPI_MAX_DAC_BITS + 1),
+        .noise_shaping = how / 4 % 4 == 0,
         .sweep_cycles = (uint16_t)(1 + take_u16() % 50),
         .offset_um = (rdpi_real_t)take_between(-100, 100),
         .rate_window_s = (rdpi_real_t)(sample_time_s * take_between(0, RDPI_MAX_WINDOW)),

@@ -107,7 +107,9 @@ static void take_valid(valid_q31_t *self)
         .memory = self->memory,
     };
     params->dac_bits += params->dac_bits > 0; /* not 1: a step of 2^30 has no format */
-    derive_codes(params, take_u8() % 2);
+    uint8_t how = take_u8();
+    params->noise_shaping = how / 2 % 4 == 0;
+    derive_codes(params, how % 2);
     take_curve(self);
     int64_t r = 0, y = take_whole(params->min_x, params->max_x);
     for (size_t i = 0; i < params->plays; i++) {

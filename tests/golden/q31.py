@@ -43,7 +43,7 @@ NUMBERS = {
     "min_mV": ctypes.c_int32, "max_mV": ctypes.c_int32, "unit_mantissa": ctypes.c_uint32, "unit_exponent": ctypes.c_int32,
     "drive_of_code_0": ctypes.c_int32,
     "codes_per_drive": ctypes.c_int32, "drive_per_code": ctypes.c_int32, "sweep_end": ctypes.c_int32,
-    "sweep_forgotten": ctypes.c_int32}
+    "sweep_forgotten": ctypes.c_int32, "min_sample_time_ns": ctypes.c_uint32, "max_sample_time_ns": ctypes.c_uint32}
 ARRAYS = ("play", "saturation", "inverse_saturation", "curve", "memory")
 
 
@@ -76,10 +76,10 @@ class Actuator:
         return list(rows) if name == "memory" else [number for row in rows for number in row]
 
     def digest(self) -> int:
-        """As rdpi_q31_digest on a little-endian machine."""
-        data = b"".join(bytes(kind(self.numbers[name])) for name, kind in NUMBERS.items())
+        """As rdpi_q31_digest."""
+        data = b"".join(self.numbers[name].to_bytes(ctypes.sizeof(kind), "little", signed=self.numbers[name] < 0) for name, kind in NUMBERS.items())
         for name in ARRAYS:
-            data += b"".join(bytes(ctypes.c_int32(number)) for number in self.flat(name))
+            data += b"".join(number.to_bytes(4, "little", signed=number < 0) for number in self.flat(name))
         return zlib.crc32(data)
 
 
@@ -181,7 +181,8 @@ def actuators() -> list[Actuator]:
             min_x=curve[0][1] if curve else low, max_x=curve[-1][1] if curve else high,
             curve_pieces=max(len(curve) - 1, 1), noise_shaping=0,
             min_mV=-1000, max_mV=2000, unit_mantissa=2**31, unit_exponent=-56,
-            sweep_end=(low + high) // 2, sweep_forgotten=0, **codes(bits, low, high, falling))
+            sweep_end=(low + high) // 2, sweep_forgotten=0, min_sample_time_ns=time, max_sample_time_ns=time,
+            **codes(bits, low, high, falling))
         result.append(Actuator(name, time, numbers, plays, stage, inverse, lines(list(curve)), memory, references(random, count, reach)))
 
     rising = [(i * 20000003, ONE // 4 + i * 77777777, -(ONE // 8) - i * 5555555) for i in range(10)]
@@ -313,7 +314,7 @@ def replay(lib: ctypes.CDLL, actuator: Actuator) -> list[tuple[int, ...]]:
     """Rows missed, reference, drive, rate, dac_code, flags."""
     arrays = {name: (ctypes.c_int32 * len(actuator.flat(name)))(*actuator.flat(name)) for name in ARRAYS}
     pointers = {name: ctypes.cast(array, ctypes.POINTER(ctypes.c_int32)) for name, array in arrays.items()}
-    params, axis = Params(schema=7, digest=actuator.digest(), **actuator.numbers, **pointers), Axis()
+    params, axis = Params(schema=8, digest=actuator.digest(), **actuator.numbers, **pointers), Axis()
     status = lib.init(ctypes.byref(axis), ctypes.byref(params), ctypes.c_uint32(actuator.sample_time_ns))
     if status != 0:
         sys.exit(f"{actuator.name}: rdpi_q31_init returns {status}")
@@ -371,7 +372,7 @@ def vectors(lib: ctypes.CDLL) -> str:
             "    uint32_t missed;", "    int32_t reference;", "    int32_t drive;", "    int32_t rate;",
             "    uint32_t dac_code;", "    uint32_t flags;", "} golden_q31_sample_t;", "", "typedef struct {",
             "    const char *name;",
-            "    rdpi_q31_params_t params; /* the digest is that of a little-endian machine */",
+            "    rdpi_q31_params_t params;",
             "    uint32_t sample_time_ns;", "    const golden_q31_sample_t *sample;", "    size_t samples;",
             "} golden_q31_t;", ""]
     entries = []

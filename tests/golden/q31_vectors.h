@@ -16,7 +16,7 @@ typedef struct {
 
 typedef struct {
     const char *name;
-    rdpi_q31_params_t params; /* the digest is that of a little-endian machine */
+    rdpi_q31_params_t params;
     uint32_t sample_time_ns;
     const golden_q31_sample_t *sample;
     size_t samples;
@@ -503,69 +503,73 @@ static const golden_q31_sample_t golden_q31_sample_5[] = {
 
 static const golden_q31_t golden_q31[] = {
     {"as the paper's: ten plays, three pieces, a strong rate law", {
-    .schema = RDPI_PARAMS_SCHEMA, .digest = 0xaf3b142f, .slew_per_us = 0, .sweep_per_us = 22517998136852ULL,
+    .schema = RDPI_PARAMS_SCHEMA, .digest = 0x8808d803, .slew_per_us = 0, .sweep_per_us = 22517998136852ULL,
     .plays = 10, .deadzones = 3, .dac_bits = 0, .curve_pieces = 1, .noise_shaping = 0, .sweep_cycles = 20,
     .saturation_shift = 30, .inverse_shift = 30, .code_shift = 0, .drive_shift = 0, .guard_exponent = -24,
     .min_slope_ratio = 1, .guard_mantissa = 3221225473u, .rate_window_ns = 0, .rate_filter_ns = 300000,
     .min_drive = -268435456, .max_drive = 402653184, .min_x = -268435456, .max_x = 402653184, .min_mV = -1000,
     .max_mV = 2000, .unit_mantissa = 2147483648u, .unit_exponent = -56, .drive_of_code_0 = -268435456,
-    .codes_per_drive = 0, .drive_per_code = 0, .sweep_end = 67108864, .sweep_forgotten = 0, .play = golden_q31_play_0,
+    .codes_per_drive = 0, .drive_per_code = 0, .sweep_end = 67108864, .sweep_forgotten = 0,
+    .min_sample_time_ns = 100000, .max_sample_time_ns = 100000, .play = golden_q31_play_0,
     .saturation = golden_q31_saturation_0, .inverse_saturation = golden_q31_inverse_0, .memory = golden_q31_memory_0,
     }, 100000, golden_q31_sample_0, 150},
     {"sixteen plays whose slopes cross, falling codes, slew limit, window", {
-    .schema = RDPI_PARAMS_SCHEMA, .digest = 0xaeb56bfc, .slew_per_us = 8589934592000000ULL,
+    .schema = RDPI_PARAMS_SCHEMA, .digest = 0xc4b558b9, .slew_per_us = 8589934592000000ULL,
     .sweep_per_us = 45035996273704ULL, .plays = 16, .deadzones = 2, .dac_bits = 14, .curve_pieces = 1,
     .noise_shaping = 0, .sweep_cycles = 20, .saturation_shift = 28, .inverse_shift = 28, .code_shift = 47,
     .drive_shift = 14, .guard_exponent = -23, .min_slope_ratio = 1, .guard_mantissa = 4294967295u,
     .rate_window_ns = 800000, .rate_filter_ns = 123457, .min_drive = -536870912, .max_drive = 536870912,
     .min_x = -536870912, .max_x = 536870912, .min_mV = -1000, .max_mV = 2000, .unit_mantissa = 2147483648u,
     .unit_exponent = -56, .drive_of_code_0 = 536870912, .codes_per_drive = -2147352576, .drive_per_code = -1073807364,
-    .sweep_end = 0, .sweep_forgotten = 0, .play = golden_q31_play_1, .saturation = golden_q31_saturation_1,
-    .inverse_saturation = golden_q31_inverse_1, .memory = golden_q31_memory_1,
+    .sweep_end = 0, .sweep_forgotten = 0, .min_sample_time_ns = 50000, .max_sample_time_ns = 50000,
+    .play = golden_q31_play_1, .saturation = golden_q31_saturation_1, .inverse_saturation = golden_q31_inverse_1,
+    .memory = golden_q31_memory_1,
     }, 50000, golden_q31_sample_1, 150},
     {"one play of the smallest slope, eight bits", {
-    .schema = RDPI_PARAMS_SCHEMA, .digest = 0xb9500284, .slew_per_us = 0, .sweep_per_us = 2251799813685ULL,
+    .schema = RDPI_PARAMS_SCHEMA, .digest = 0x0faf1e40, .slew_per_us = 0, .sweep_per_us = 2251799813685ULL,
     .plays = 1, .deadzones = 1, .dac_bits = 8, .curve_pieces = 1, .noise_shaping = 0, .sweep_cycles = 20,
     .saturation_shift = 30, .inverse_shift = 30, .code_shift = 53, .drive_shift = 8, .guard_exponent = -28,
     .min_slope_ratio = 1, .guard_mantissa = 2147483648u, .rate_window_ns = 0, .rate_filter_ns = 0,
     .min_drive = -536870912, .max_drive = 536870912, .min_x = -536870912, .max_x = 536870912, .min_mV = -1000,
     .max_mV = 2000, .unit_mantissa = 2147483648u, .unit_exponent = -56, .drive_of_code_0 = -536870912,
     .codes_per_drive = 2139095040, .drive_per_code = 1077952576, .sweep_end = 0, .sweep_forgotten = 0,
-    .play = golden_q31_play_2, .saturation = golden_q31_saturation_2, .inverse_saturation = golden_q31_inverse_2,
-    .memory = golden_q31_memory_2,
+    .min_sample_time_ns = 1000000, .max_sample_time_ns = 1000000, .play = golden_q31_play_2,
+    .saturation = golden_q31_saturation_2, .inverse_saturation = golden_q31_inverse_2, .memory = golden_q31_memory_2,
     }, 1000000, golden_q31_sample_2, 60},
     {"the ends of the format", {
-    .schema = RDPI_PARAMS_SCHEMA, .digest = 0xbcf2db40, .slew_per_us = 0, .sweep_per_us = 2147483648000ULL,
+    .schema = RDPI_PARAMS_SCHEMA, .digest = 0x783e6cef, .slew_per_us = 0, .sweep_per_us = 2147483648000ULL,
     .plays = 3, .deadzones = 1, .dac_bits = 20, .curve_pieces = 1, .noise_shaping = 0, .sweep_cycles = 20,
     .saturation_shift = 30, .inverse_shift = 30, .code_shift = 41, .drive_shift = 20, .guard_exponent = -28,
     .min_slope_ratio = 1, .guard_mantissa = 2147483648u, .rate_window_ns = 2097152, .rate_filter_ns = 0,
     .min_drive = -536870912, .max_drive = 536870912, .min_x = -536870912, .max_x = 536870912, .min_mV = -1000,
     .max_mV = 2000, .unit_mantissa = 2147483648u, .unit_exponent = -56, .drive_of_code_0 = -536870912,
     .codes_per_drive = 2147481600, .drive_per_code = 1073742848, .sweep_end = 0, .sweep_forgotten = 0,
-    .play = golden_q31_play_3, .saturation = golden_q31_saturation_3, .inverse_saturation = golden_q31_inverse_3,
-    .memory = golden_q31_memory_3,
+    .min_sample_time_ns = 1048576, .max_sample_time_ns = 1048576, .play = golden_q31_play_3,
+    .saturation = golden_q31_saturation_3, .inverse_saturation = golden_q31_inverse_3, .memory = golden_q31_memory_3,
     }, 1048576, golden_q31_sample_3, 80},
     {"an input curve of eight pieces, falling codes", {
-    .schema = RDPI_PARAMS_SCHEMA, .digest = 0xaecf4235, .slew_per_us = 0, .sweep_per_us = 22517998136852ULL,
+    .schema = RDPI_PARAMS_SCHEMA, .digest = 0x524e38bf, .slew_per_us = 0, .sweep_per_us = 22517998136852ULL,
     .plays = 6, .deadzones = 1, .dac_bits = 16, .curve_pieces = 8, .noise_shaping = 0, .sweep_cycles = 20,
     .saturation_shift = 30, .inverse_shift = 30, .code_shift = 45, .drive_shift = 16, .guard_exponent = -28,
     .min_slope_ratio = 1, .guard_mantissa = 2147483648u, .rate_window_ns = 0, .rate_filter_ns = 0,
     .min_drive = -536870912, .max_drive = 536870912, .min_x = -536870912, .max_x = 536870912, .min_mV = -1000,
     .max_mV = 2000, .unit_mantissa = 2147483648u, .unit_exponent = -56, .drive_of_code_0 = 536870912,
     .codes_per_drive = -2147450880, .drive_per_code = -1073758208, .sweep_end = 0, .sweep_forgotten = 0,
-    .play = golden_q31_play_4, .saturation = golden_q31_saturation_4, .inverse_saturation = golden_q31_inverse_4,
-    .curve = golden_q31_curve_4, .memory = golden_q31_memory_4,
+    .min_sample_time_ns = 100000, .max_sample_time_ns = 100000, .play = golden_q31_play_4,
+    .saturation = golden_q31_saturation_4, .inverse_saturation = golden_q31_inverse_4, .curve = golden_q31_curve_4,
+    .memory = golden_q31_memory_4,
     }, 100000, golden_q31_sample_4, 120},
     {"an input curve of two pieces, slew limit", {
-    .schema = RDPI_PARAMS_SCHEMA, .digest = 0x83d79e59, .slew_per_us = 429496729600000ULL,
+    .schema = RDPI_PARAMS_SCHEMA, .digest = 0x9f4f845e, .slew_per_us = 429496729600000ULL,
     .sweep_per_us = 22517998136852ULL, .plays = 3, .deadzones = 2, .dac_bits = 0, .curve_pieces = 2,
     .noise_shaping = 0, .sweep_cycles = 20, .saturation_shift = 30, .inverse_shift = 30, .code_shift = 0,
     .drive_shift = 0, .guard_exponent = -28, .min_slope_ratio = 1, .guard_mantissa = 2147483648u, .rate_window_ns = 0,
     .rate_filter_ns = 0, .min_drive = -268435456, .max_drive = 268435456, .min_x = -134217728, .max_x = 536870912,
     .min_mV = -1000, .max_mV = 2000, .unit_mantissa = 2147483648u, .unit_exponent = -56,
     .drive_of_code_0 = -268435456, .codes_per_drive = 0, .drive_per_code = 0, .sweep_end = 0, .sweep_forgotten = 0,
-    .play = golden_q31_play_5, .saturation = golden_q31_saturation_5, .inverse_saturation = golden_q31_inverse_5,
-    .curve = golden_q31_curve_5, .memory = golden_q31_memory_5,
+    .min_sample_time_ns = 100000, .max_sample_time_ns = 100000, .play = golden_q31_play_5,
+    .saturation = golden_q31_saturation_5, .inverse_saturation = golden_q31_inverse_5, .curve = golden_q31_curve_5,
+    .memory = golden_q31_memory_5,
     }, 100000, golden_q31_sample_5, 120},
 };
 

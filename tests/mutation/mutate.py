@@ -3,8 +3,8 @@
 
     tests/mutation/mutate.py [WORD...]    all faults, or those whose first line contains every word
 
-A fault must be seen in both builds, with the quick way of the float step and without (RDPI_QUICK_STEP), but for one
-where its object code is the same as without the fault. Unit tests, then property tests; then all of them with
+A fault must be seen in every build, with the quick way of the float step, half of it and none (RDPI_QUICK_STEP), but for
+one where its object code is the same as without the fault. Unit tests, then property tests; then all of them with
 sanitizers, which take three times as long and see what few faults need. A test that hangs has failed, one that does
 not compile has not, nor one that fails without the fault. Needs what tests/support/setup.sh tests installs.
 """
@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 WORK = ROOT / "build" / "mutation"
 [VENDOR] = (ROOT / ".gems" / "gems").glob("ceedling-*/vendor")
 UNITY, CMOCK = VENDOR / "unity", VENDOR / "cmock"
-BUILDS = "1", "0"  # values of RDPI_QUICK_STEP
+BUILDS = "2", "1", "0"  # values of RDPI_QUICK_STEP
 LANGUAGE = "-std=c99 -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -DCMOCK_MEM_DYNAMIC".split()
 WAYS = {  # to build a test, in the order in which they are tried: their options
     "plain": ["-O0"],
@@ -102,7 +102,8 @@ def varies(source: Path) -> bool:
 def sources(test: Path) -> list[Path]:
     """The test, what it uses of the library, and the drivers that it names."""
     headers = {path.stem for path in parts(test) if path.parent == Path("lib/include/rdpi")}
-    used = [path for path in LIBRARY if path.stem.removeprefix("rdpi_") in headers | {"status"}]
+    stems = headers | {name.replace("chain", "state") for name in headers} | {"status"}  # f32_chain.h has two sources
+    used = [path for path in LIBRARY if path.stem.removeprefix("rdpi_") in stems]
     drivers = re.findall(r'^TEST_SOURCE_FILE\("(port/.*)"\)', test.read_text("utf-8"), re.MULTILINE)
     return [test, *used, *(ROOT / driver for driver in drivers)]
 

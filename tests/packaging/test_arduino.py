@@ -16,7 +16,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from triangle import PARAMS, ROOT, run
+from triangle import PARAMS, ROOT, host_codes, run
 
 BOARDS = {"atmega328p": "arduino:avr:uno", "atmega2560": "arduino:avr:mega:cpu=atmega2560"}
 BUILT_IN = "/usr/share/arduino/hardware/arduino/avr/libraries"
@@ -78,7 +78,8 @@ def prints(program: Path, chip: str) -> list[str]:
 @pytest.mark.parametrize("engine", SKETCHES)
 def test_a_sketch_outputs_the_codes_of_the_host(libraries: Path, codes: dict[str, list[int]], tmp_path: Path, engine: str,
                                                 chip: str) -> None:
-    program = build(libraries, libraries / f"rdpi/examples/{SKETCHES[engine]}/{SKETCHES[engine]}.ino", BOARDS[chip], tmp_path / "build")
+    name = SKETCHES[engine]
+    program = build(libraries, libraries / f"rdpi/examples/{name}/{name}.ino", BOARDS[chip], tmp_path / "build")
     status, *said = prints(program, chip)
     assert status == "status 0"
     assert [int(line) for line in said] == codes[engine]
@@ -190,6 +191,22 @@ def test_wire_in_loop_returns_and_tells_that_no_dac_answers(libraries: Path, tmp
 def test_a_driver_on_the_spi_sends_from_a_sketch(libraries: Path, tmp_path: Path) -> None:
     sketch = sketch_of(tmp_path, SPI, DAC_ON_THE_SPI)
     assert prints(build(libraries, sketch, BOARDS["atmega328p"], tmp_path / "build"), "atmega328p") == ["1", "0", "1"]
+
+
+def test_the_sketch_is_right_for_a_sensor_whose_zero_is_elsewhere(libraries: Path, tmp_path: Path) -> None:
+    params = tmp_path / "params"
+    params.mkdir()
+    model = json.loads((PARAMS / "model.json").read_text()) | {"offset_um": -3.75}
+    (params / "model.json").write_text(json.dumps(model))
+    run(sys.executable, "-m", "rdpi", "header", params / "model.json", "-o", params / "rdpi_params.h")
+    shutil.copytree(libraries, tmp_path / "libraries")
+    shutil.copy(params / "rdpi_params.h", tmp_path / "libraries/rdpi/examples/TrackFixedPoint")
+    program = build(tmp_path / "libraries", "TrackFixedPoint", BOARDS["atmega2560"], tmp_path / "build")
+    status, *said = prints(program, "atmega2560")
+    assert status == "status 0"
+    codes = host_codes("q31", tmp_path / "host", params=params)
+    assert max(abs(int(line) - code) for line, code in zip(said, codes, strict=True)) <= 1  # its double has 32 bits
+    assert len(set(codes)) > 100
 
 
 # Headers in place of those of the IDE. They print each code as the DAC understands it, then "end".

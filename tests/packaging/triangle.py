@@ -17,23 +17,25 @@ TIMES_s = np.arange(400) / 1000
 HEIGHTS = 160 - np.abs(np.arange(400) % 320 - 160)
 
 
-def references_um(engine: str) -> np.ndarray:
+def references_um(engine: str, params: Path = PARAMS) -> np.ndarray:
     """As firmware makes them: in single precision, or whole numbers of the unit of fixed point."""
     if engine == "f32":
         return (np.float32(0.05) * HEIGHTS.astype(np.float32)).astype(float)
-    header = (PARAMS / "rdpi_params.h").read_text()
+    header = (params / "rdpi_params.h").read_text()
     um_per_unit = float(re.search(r"Q31_UM\(reference\) \(\(double\)\(reference\) \* \((\S+)\)", header)[1])
-    per_um = float(re.search(r"\(\(int32_t\)\(\(\(double\)\(um\) - \(0\.0\)\) \* \((\S+)\)", header)[1])
-    return int(0.05 * per_um + 0.5) * HEIGHTS * um_per_unit
+    found = re.search(r"\(\(int32_t\)\(\(\(double\)\(um\) - \((\S+)\)\) \* \((\S+)\)", header)
+    offset_um, per_um = float(found[1]), float(found[2])
+    return (round(-offset_um * per_um) + round(0.05 * per_um) * HEIGHTS) * um_per_unit + offset_um
 
 
-def host_codes(engine: str, work: Path, command: tuple[str, ...] = (sys.executable, "-m", "rdpi"), **options: object) -> list[int]:
-    """The codes by `rdpi compensate`; work: a directory for its files."""
+def host_codes(engine: str, work: Path, command: tuple[str, ...] = (sys.executable, "-m", "rdpi"), params: Path = PARAMS,
+               **options: object) -> list[int]:
+    """The codes by `rdpi compensate`; work: a directory for its files; params: that of model and header."""
     work.mkdir(parents=True, exist_ok=True)
     reference, drive = work / "reference.csv", work / "drive.csv"
-    rows = (f"{time_s!r},{um!r}" for time_s, um in zip(TIMES_s.tolist(), references_um(engine).tolist()))
+    rows = (f"{time_s!r},{um!r}" for time_s, um in zip(TIMES_s.tolist(), references_um(engine, params).tolist()))
     reference.write_text("\n".join(["time_s,reference_um", *rows, ""]))
-    subprocess.run([*command, "compensate", PARAMS / "model.json", reference, "-o", drive, "--engine", engine],
+    subprocess.run([*command, "compensate", params / "model.json", reference, "-o", drive, "--engine", engine],
                    check=True, capture_output=True, **options)
     with drive.open() as file:
         return [int(row["dac_code"]) for row in csv.DictReader(line for line in file if not line.startswith("#"))]

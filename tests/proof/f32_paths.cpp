@@ -139,7 +139,8 @@ static bool isfinite(Number a) { return a.kind == Number::Any ? choose() : std::
 #define RDPI_MAX_WINDOW (WINDOW + 1)
 #define RDPI_MAX_DEADZONES 2
 #define RDPI_CRC_H // says nothing of the paths
-static std::uint32_t rdpi_crc32(std::uint32_t crc, const void *, std::size_t) { return crc; }
+static std::uint32_t rdpi_crc32(std::uint32_t crc, std::uint32_t) { return crc; }
+static std::uint32_t rdpi_crc32_wide(std::uint32_t crc, std::uint64_t) { return crc; }
 #include "rdpi_f32.c"
 
 static void check(bool holds, const char *function, const char *what, unsigned plays, unsigned engaged)

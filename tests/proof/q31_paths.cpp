@@ -271,7 +271,9 @@ static I32 rdpi_q31_divide(I64 dividend, I32 divisor)
 #define RDPI_Q31_SATURATION_H
 #define RDPI_Q31_RATE_H
 #define RDPI_CRC_H
-static uint32_t rdpi_crc32(uint32_t crc, const void *, std::size_t) { return crc; }
+static uint32_t rdpi_crc32(uint32_t crc, uint32_t) { return crc; }
+static uint32_t rdpi_crc32_wide(uint32_t crc, uint64_t) { return crc; }
+static uint32_t rdpi_crc32_block(uint32_t crc, const void *, std::size_t) { return crc; }
 static I32 any32(long long low, long long high)
 {
     z3::expr x = unknown();

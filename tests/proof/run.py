@@ -33,6 +33,7 @@ STRAIGHT = "RDPI_MAX_CURVE_PIECES=1"
 # What is proved: (program, macros, runs with their arguments). The longest first, so that all cores end together.
 F32 = [
     ("f32_paths", ["PLAYS=2", "RDPI_QUICK_STEP=0"], [""]),
+    ("f32_paths", ["PLAYS=1", "RDPI_QUICK_STEP=2"], [""]),
     ("f32_paths", ["PLAYS=1", "RDPI_QUICK_STEP=1"], [""]),
     ("f32_paths", ["PLAYS=16"], [""]),
 ]
@@ -40,7 +41,7 @@ QUICK = [*F32, ("q31_paths", [], ["init 3", "bank 2"]), ("q31_divide", [], [""])
 LONG = [
     ("q31_paths", [], ["all 1"]),
     ("q31_paths", [], ["bank 3", "init 4"]),
-    ("f32_paths", ["PLAYS=2", "RDPI_QUICK_STEP=1", STRAIGHT], [""]),
+    ("f32_paths", ["PLAYS=2", "RDPI_QUICK_STEP=2", STRAIGHT], [""]),
     *F32,
     ("q31_divide", ["RDPI_Q31_PORTABLE"], [""]),
     ("q31_divide", [], [""]),
@@ -54,7 +55,7 @@ FAULTS = [
     ("f32_paths", ["PLAYS=16"], "", "f32_bank.h", r"next < count &&", "true &&"),
     ("f32_paths", ["PLAYS=1", "RDPI_QUICK_STEP=0"], "", "f32_rate.h", r"oldest \+ 1u < rate->window",
      "oldest < rate->window"),
-    ("f32_paths", ["PLAYS=1", "RDPI_QUICK_STEP=1"], "", "rdpi_f32.c",
+    ("f32_paths", ["PLAYS=1", "RDPI_QUICK_STEP=2"], "", "rdpi_f32.c",
      r"self->rate_estimator\.window == 1u &&", "true &&"),
     ("q31_divide", [], "", "q31_math.h", r"still << 1\b", "still << 2"),
     ("q31_paths", [], "init 1", "q31_check.h", r"!rdpi_q31_in_format\(params->min_drive\)", "false"),

@@ -11,8 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "rdpi/f32_chain.h"
-#include "scenario.h"
+#include "random_chain.h"
 
 #define CASES 3000
 #define STEPS 400
@@ -27,42 +26,9 @@ static void require(bool holds, const char *what, int number, int step)
     }
 }
 
-/* ---- a random chain ---- */
-
-static rdpi_f32_pole_t pole[RDPI_MAX_POLES];
-static rdpi_f32_chain_params_t params;
+static chain_t chosen;
+static rdpi_f32_chain_params_t *const params = &chosen.params;
 static double T; /* the sample time */
-
-static void random_chain(scenario_t *scenario)
-{
-    T = scenario->sample_time_s;
-    scenario->actuator.params.dac_bits = 0; /* creep follows what was asked for, not its code */
-    actuator_derive(&scenario->actuator);
-    int what = choose(4); /* bit 0: a lead; bit 1: creep */
-    double delay = what & 1 && choose(2) ? uniform(0, 50) : 0, lead = what & 1 && choose(2) ? uniform(0, 20) : 0;
-    double bend = what & 1 ? (choose(2) ? log_uniform(0.01, 100) : 0) : 0, negative = 0;
-    double limit_um = scenario->stroke_um * log_uniform(0.01, 10);
-    int poles = what & 2 ? 1 + choose(RDPI_MAX_POLES) : 0;
-    params = (rdpi_f32_chain_params_t){
-        .schema = RDPI_PARAMS_SCHEMA,
-        .poles = (uint16_t)poles,
-        .preview = (uint16_t)choose(2),
-        .delay_s = (rdpi_real_t)(T * delay),
-        .lag_s = (rdpi_real_t)(choose(3) == 0 ? T * log_uniform(0.1, 50) : 0),
-        .lead_s = (rdpi_real_t)(T * lead),
-        .lead_s2 = (rdpi_real_t)(T * T * bend),
-        .max_lead_um = (rdpi_real_t)limit_um,
-        .axis = &scenario->actuator.params,
-        .pole = pole,
-    };
-    for (int i = 0; i < poles; i++) {
-        double share = uniform(-0.1, 0.2) / poles, samples = log_uniform(0.01, 1e8);
-        pole[i] = (rdpi_f32_pole_t){(rdpi_real_t)share, (rdpi_real_t)(T * samples)};
-        negative += fmin(share, 0);
-    }
-    params.direct = (rdpi_real_t)(poles > 0 ? uniform(0.3 - negative, 1) : 1);
-    params.digest = rdpi_f32_chain_digest(&params);
-}
 
 /* ---- lead and creep by definition ---- */
 
@@ -74,7 +40,7 @@ static struct {
 /* What the lead makes of a reference after `missed` samples; how far that may be off in `*tolerance_um`. */
 static double lead_of(double ahead_um, unsigned missed, bool *limited, double *tolerance_um)
 {
-    double D = (double)params.delay_s, alpha = (double)params.lead_s, beta = (double)params.lead_s2;
+    double D = (double)params->delay_s, alpha = (double)params->lead_s, beta = (double)params->lead_s2;
     *limited = false;
     *tolerance_um = 0;
     if (D <= 0 && alpha <= 0 && beta <= 0) {
@@ -86,10 +52,10 @@ static double lead_of(double ahead_um, unsigned missed, bool *limited, double *t
         lead.any = true;
     }
     double step_um = (ahead_um - lead.latest_um) / (missed + 1), before_um = missed > 0 ? step_um : lead.before_um;
-    double f = params.preview ? D - floor(D / T + 0.5) * T : D;
+    double f = params->preview ? D - floor(D / T + 0.5) * T : D;
     double a = (alpha + f) / T, b = (beta + alpha * f + f * f / 2) / (T * T);
-    double first = params.preview ? (step_um + before_um) / 2 : (3 * step_um - before_um) / 2;
-    double add_um = a * first + b * (step_um - before_um), limit_um = (double)params.max_lead_um;
+    double first = params->preview ? (step_um + before_um) / 2 : (3 * step_um - before_um) / 2;
+    double add_um = a * first + b * (step_um - before_um), limit_um = (double)params->max_lead_um;
     if (alpha <= 0 && beta <= 0 && !(step_um * before_um > 0)) { /* a jump */
         add_um = 0;
     }
@@ -99,7 +65,7 @@ static double lead_of(double ahead_um, unsigned missed, bool *limited, double *t
     lead.latest_um = ahead_um;
     lead.before_um = step_um;
     add_um = fmax(-limit_um, fmin(add_um, limit_um));
-    return (params.preview ? ahead_um - step_um : ahead_um) + add_um;
+    return (params->preview ? ahead_um - step_um : ahead_um) + add_um;
 }
 
 static struct {
@@ -110,7 +76,7 @@ static struct {
 /* What lag^-1 makes of the operator's drive, without limits; how far that may be off in `*tolerance_V`. */
 static double undone_lag_of(double drive_V, unsigned missed, double *tolerance_V)
 {
-    double per_step = (double)params.lag_s / T;
+    double per_step = (double)params->lag_s / T;
     if (!unlag.any || missed > RDPI_MAX_MISSED) {
         unlag.latest_V = drive_V;
         unlag.before_V = 0;
@@ -126,7 +92,7 @@ static double undone_lag_of(double drive_V, unsigned missed, double *tolerance_V
     *tolerance_V = 16 * EPSILON * (1 + per_step) * (1 + fabs(drive_V) + fabs(unlag.latest_V));
     unlag.latest_V = drive_V;
     unlag.before_V = step_V;
-    return (params.preview ? drive_V - step_V : drive_V) + per_step * slope_V;
+    return (params->preview ? drive_V - step_V : drive_V) + per_step * slope_V;
 }
 
 static struct {
@@ -135,8 +101,8 @@ static struct {
 
 static void creep_start(double settled_um)
 {
-    for (size_t i = 0; i < params.poles; i++) {
-        double ratio = T / (double)pole[i].time_constant_s;
+    for (size_t i = 0; i < params->poles; i++) {
+        double ratio = T / (double)chosen.pole[i].time_constant_s;
         creep.a[i] = exp(-ratio);
         creep.g[i] = -expm1(-ratio) / ratio;
         creep.lag_um[i] = settled_um;
@@ -147,11 +113,11 @@ static void creep_start(double settled_um)
 
 static double creep_move(double h_um)
 {
-    double z_um = creep.settled_um + (double)params.direct * (h_um - creep.settled_um);
-    for (size_t i = 0; i < params.poles; i++) {
+    double z_um = creep.settled_um + (double)params->direct * (h_um - creep.settled_um);
+    for (size_t i = 0; i < params->poles; i++) {
         double a = creep.a[i], g = creep.g[i];
         creep.lag_um[i] = a * creep.lag_um[i] + (1 - g) * h_um + (g - a) * creep.before_um;
-        z_um += (double)pole[i].share * (creep.lag_um[i] - creep.settled_um);
+        z_um += (double)chosen.pole[i].share * (creep.lag_um[i] - creep.settled_um);
     }
     creep.before_um = h_um;
     creep.farthest_um = fmax(creep.farthest_um, fabs(h_um - creep.settled_um));
@@ -163,10 +129,10 @@ static double creep_move(double h_um)
 static double creep_tolerance(const rdpi_f32_creep_t *state)
 {
     double sum = 0;
-    for (size_t i = 0; i < params.poles; i++) {
-        double samples = (double)pole[i].time_constant_s / T;
+    for (size_t i = 0; i < params->poles; i++) {
+        double samples = (double)chosen.pole[i].time_constant_s / T;
         double fast = EPSILON * (1 + samples), slow = (2 * (double)state->round + 2) / samples;
-        sum += fabs((double)pole[i].share) * (SINGLE && samples > 1024 ? slow : fast);
+        sum += fabs((double)chosen.pole[i].share) * (SINGLE && samples > 1024 ? slow : fast);
     }
     return 2 * sum * creep.farthest_um;
 }
@@ -180,7 +146,10 @@ static void run_case(int number)
 {
     scenario_t scenario;
     random_scenario(&scenario, (law_t)(number % LAWS));
-    random_chain(&scenario);
+    T = scenario.sample_time_s;
+    scenario.actuator.params.dac_bits = 0; /* creep follows what was asked for, not its code */
+    actuator_derive(&scenario.actuator);
+    random_chain(&chosen, &scenario);
     const rdpi_f32_params_t *axis = &scenario.actuator.params;
     static rdpi_f32_chain_t chain;
     plant_t plant = {axis, {0}};
@@ -188,7 +157,7 @@ static void run_case(int number)
     double offset_um = (double)axis->offset_um;
     unsigned missed = 0;
 
-    require(rdpi_f32_chain_init(&chain, &params, (rdpi_real_t)T) == RDPI_OK, "init refused", number, -1);
+    require(rdpi_f32_chain_init(&chain, params, (rdpi_real_t)T) == RDPI_OK, "init refused", number, -1);
     for (size_t i = 0; i < axis->plays; i++) {
         plant.y[i] = axis->memory_um[i];
     }
@@ -213,7 +182,7 @@ static void run_case(int number)
             expected_um = lead_of((double)ahead_um, missed, &limited, &tolerance_um);
         }
         rdpi_real_t drive_V = rdpi_f32_chain_step(&chain, ahead_um);
-        bool lags = params.lag_s > 0;
+        bool lags = params->lag_s > 0;
         plant_move(&plant, plant_x(&plant, lags ? chain.unlag.followed_V : drive_V));
         double z_um = creep_move((double)plant_z(&plant, chain.axis.rate_um_per_s) + offset_um);
 
@@ -285,19 +254,19 @@ static void run_long(unsigned long samples)
                    .sweep_cycles = 1},
     };
     actuator_derive(&identity);
-    params = (rdpi_f32_chain_params_t){.schema = RDPI_PARAMS_SCHEMA, .poles = LONG_POLES, .max_lead_um = 1,
-                                       .direct = 1, .axis = &identity.params, .pole = pole};
+    *params = (rdpi_f32_chain_params_t){.schema = RDPI_PARAMS_SCHEMA, .poles = LONG_POLES, .max_lead_um = 1,
+                                       .direct = 1, .axis = &identity.params, .pole = chosen.pole};
     double blend[LONG_POLES], weight[LONG_POLES], state_um[LONG_POLES] = {0}, within = 1, h_um = 0;
     T = (double)(rdpi_real_t)5e-5;
     for (int i = 0; i < LONG_POLES; i++) {
-        pole[i] = (rdpi_f32_pole_t){(rdpi_real_t)0.02, (rdpi_real_t)pow(10, i - 1)};
-        double ratio = T / (double)pole[i].time_constant_s, g = -expm1(-ratio) / ratio;
+        chosen.pole[i] = (rdpi_f32_pole_t){(rdpi_real_t)0.02, (rdpi_real_t)pow(10, i - 1)};
+        double ratio = T / (double)chosen.pole[i].time_constant_s, g = -expm1(-ratio) / ratio;
         blend[i] = -expm1(-ratio);
-        weight[i] = (double)pole[i].share * g;
-        within += (double)pole[i].share * (1 - g);
+        weight[i] = (double)chosen.pole[i].share * g;
+        within += (double)chosen.pole[i].share * (1 - g);
     }
-    params.digest = rdpi_f32_chain_digest(&params);
-    require(rdpi_f32_chain_init(&chain, &params, (rdpi_real_t)T) == RDPI_OK, "init refused", -1, -1);
+    params->digest = rdpi_f32_chain_digest(params);
+    require(rdpi_f32_chain_init(&chain, params, (rdpi_real_t)T) == RDPI_OK, "init refused", -1, -1);
     double worst_state = 0, worst_drive = 0;
     for (unsigned long k = 0; k < samples; k++) {
         double reference_um = place_um(k), sum_um = 0;

@@ -14,7 +14,7 @@
 #include <string.h>
 
 #include "actuator_q31.h"
-#include "crc.h"
+#include "checksum.h"
 #include "random_bits.h"
 #include "rdpi/q31.h"
 #include "rdpi/q31_chain.h"
@@ -287,9 +287,9 @@ static struct {
     uint32_t checksum;
 } total;
 
-static void sum_up(const void *data, size_t size)
+static void sum_up(uint32_t number)
 {
-    total.checksum = rdpi_crc32(total.checksum, data, size);
+    total.checksum = checksum_number(total.checksum, number, sizeof number);
 }
 
 static void count(uint32_t flags)
@@ -358,10 +358,10 @@ static void compare(int32_t u, double reach)
     total.worst_drive = fmax(total.worst_drive, late > 0 ? 0 : error);
     total.squares += late > 0 ? 0 : error * error;
     count(flags);
-    sum_up(&drive, sizeof drive);
-    sum_up(&flags, sizeof flags);
-    sum_up(&axis.axis.rate, sizeof axis.axis.rate);
-    sum_up(&axis.axis.clip_count, sizeof axis.axis.clip_count);
+    sum_up((uint32_t)drive);
+    sum_up(flags);
+    sum_up((uint32_t)axis.axis.rate);
+    sum_up(axis.axis.clip_count);
 }
 
 static void run_case(void)

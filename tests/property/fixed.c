@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "crc.h"
+#include "checksum.h"
 #include "rdpi/q31.h"
 
 #define CASES 200
@@ -446,17 +446,17 @@ static struct {
     uint32_t checksum;
 } total;
 
-static void sum_up(const void *data, size_t size)
+static void sum_up(uint32_t number)
 {
-    total.checksum = rdpi_crc32(total.checksum, data, size);
+    total.checksum = checksum_number(total.checksum, number, sizeof number);
 }
 
 static void sum_up_axis(void)
 {
-    sum_up(&axis.drive, sizeof axis.drive);
-    sum_up(&axis.rate, sizeof axis.rate);
-    sum_up(&axis.dac_code, sizeof axis.dac_code);
-    sum_up(&axis.flags, sizeof axis.flags);
+    sum_up((uint32_t)axis.drive);
+    sum_up((uint32_t)axis.rate);
+    sum_up(axis.dac_code);
+    sum_up(axis.flags);
 }
 
 static void compare_step(int32_t z)
@@ -491,7 +491,7 @@ static void compare_prediction(int32_t displacement, double ideal)
 {
     total.worst_prediction = fmax(total.worst_prediction, fabs(displacement - ideal) / (2 * FULL_SCALE));
     total.predictions++;
-    sum_up(&displacement, sizeof displacement);
+    sum_up((uint32_t)displacement);
 }
 
 /* A drive near the range, and a rate up to twice the guard's; one in ten of each is of no use. */

@@ -1,7 +1,8 @@
 /* Property test: the library with the quick way (RDPI_QUICK_STEP 1, linked) and without (0, compiled into this file)
- * gives the same codes, drives, rates, flags, counters and play states, bit for bit, whatever is done with it.
+ * gives the same codes, drives, rates, flags, counters and play states, bit for bit, whatever is done with it. First
+ * operators alone, then chains around them.
  *
- *     one_code [MODELS [SEED]] */
+ *     one_code [MODELS [CHAINS [SEED]]] */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,7 +28,18 @@
 #define rdpi_f32_forget_sweep long_forget_sweep
 #define rdpi_f32_predict long_predict
 #define rdpi_f32_forward long_forward
+#define rdpi_f32_chain_digest_layout long_chain_digest_layout
+#define rdpi_f32_chain_init_layout long_chain_init_layout
+#define rdpi_f32_chain_reset long_chain_reset
+#define rdpi_f32_chain_settle long_chain_settle
+#define rdpi_f32_chain_swept long_chain_swept
+#define rdpi_f32_chain_step long_chain_step
+#define rdpi_f32_chain_missed long_chain_missed
+#define rdpi_f32_chain_sweep long_chain_sweep
 #include "rdpi_f32.c"
+#undef DIGEST_BEGIN /* each of the two files has its own */
+#undef DIGEST_END
+#include "rdpi_f32_chain.c"
 #undef rdpi_f32_digest_layout
 #undef rdpi_f32_init_layout
 #undef rdpi_f32_reset
@@ -39,8 +51,16 @@
 #undef rdpi_f32_forget_sweep
 #undef rdpi_f32_predict
 #undef rdpi_f32_forward
+#undef rdpi_f32_chain_digest_layout
+#undef rdpi_f32_chain_init_layout
+#undef rdpi_f32_chain_reset
+#undef rdpi_f32_chain_settle
+#undef rdpi_f32_chain_swept
+#undef rdpi_f32_chain_step
+#undef rdpi_f32_chain_missed
+#undef rdpi_f32_chain_sweep
 
-/* As in rdpi/f32.h. */
+/* As in rdpi/f32.h and rdpi/f32_chain.h. */
 rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi_f32_params_t *params,
                                    rdpi_real_t sample_time_s);
 void rdpi_f32_reset(rdpi_f32_t *self);
@@ -50,27 +70,142 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um);
 void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks);
 bool rdpi_f32_sweep(rdpi_f32_t *self);
 void rdpi_f32_forget_sweep(rdpi_f32_t *self);
-rdpi_real_t rdpi_f32_predict(const rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s);
 rdpi_real_t rdpi_f32_forward(rdpi_f32_t *self, rdpi_real_t drive_V, rdpi_real_t rate_um_per_s);
+rdpi_status_t rdpi_f32_chain_init_layout(uint64_t layout, rdpi_f32_chain_t *self,
+                                         const rdpi_f32_chain_params_t *params, rdpi_real_t sample_time_s);
+void rdpi_f32_chain_reset(rdpi_f32_chain_t *self);
+void rdpi_f32_chain_settle(rdpi_f32_chain_t *self);
+void rdpi_f32_chain_swept(rdpi_f32_chain_t *self, uint32_t ticks);
+rdpi_real_t rdpi_f32_chain_step(rdpi_f32_chain_t *self, rdpi_real_t ahead_um);
+void rdpi_f32_chain_missed(rdpi_f32_chain_t *self, uint32_t ticks);
+bool rdpi_f32_chain_sweep(rdpi_f32_chain_t *self);
 
-#include "scenario.h"
+#include "random_chain.h"
 
-#if defined(__SANITIZE_ADDRESS__)
-#define MODELS 200 /* ten times slower */
+#if defined(__SANITIZE_ADDRESS__) /* ten times slower */
+#define MODELS 200
+#undef CHAINS
+#define CHAINS 100
 #else
 #define MODELS 2000
+#if !defined(CHAINS)
+#define CHAINS 500
+#endif
 #endif
 #define OPERATIONS 5000
+#define CHAIN_OPERATIONS 2000
 #define SEED 15u /* the first 200 models come upon drives that have just come back to an end of the range */
 
-typedef enum { STEP, REFUSED, MISSED, SWEEP, FORWARD, SET_MEMORY, RESET, OPERATION_KINDS } operation_t;
+/* ---- both libraries ---- */
+
+typedef enum { STEP, REFUSED, MISSED_SAMPLES, SWEEP, FORWARD, SET_MEMORY, RESET, OPERATION_KINDS } operation_t;
 static const char *const names[] = {"step", "refused", "missed", "sweep", "forward", "set_memory", "reset"};
 
 typedef struct {
-    rdpi_f32_t quick, slow;
+    operation_t operation;
+    rdpi_real_t value, rate; /* a reference, or a drive and its rate */
+    uint32_t ticks;
+    rdpi_real_t y_um[RDPI_MAX_PLAYS];
+} call_t;
+
+typedef struct {
+    rdpi_status_t (*init)(uint64_t, rdpi_f32_t *, const rdpi_f32_params_t *, rdpi_real_t);
+    void (*reset)(rdpi_f32_t *);
+    rdpi_status_t (*set_memory)(rdpi_f32_t *, const rdpi_real_t *);
+    void (*get_memory)(const rdpi_f32_t *, rdpi_real_t *);
+    rdpi_real_t (*step)(rdpi_f32_t *, rdpi_real_t);
+    void (*missed)(rdpi_f32_t *, uint32_t);
+    bool (*sweep)(rdpi_f32_t *);
+    void (*forget_sweep)(rdpi_f32_t *);
+    rdpi_real_t (*forward)(rdpi_f32_t *, rdpi_real_t, rdpi_real_t);
+    rdpi_status_t (*chain_init)(uint64_t, rdpi_f32_chain_t *, const rdpi_f32_chain_params_t *, rdpi_real_t);
+    void (*chain_reset)(rdpi_f32_chain_t *);
+    void (*chain_settle)(rdpi_f32_chain_t *);
+    void (*chain_swept)(rdpi_f32_chain_t *, uint32_t);
+    rdpi_real_t (*chain_step)(rdpi_f32_chain_t *, rdpi_real_t);
+    void (*chain_missed)(rdpi_f32_chain_t *, uint32_t);
+    bool (*chain_sweep)(rdpi_f32_chain_t *);
+} library_t;
+
+static const library_t with_quick_way = {
+    rdpi_f32_init_layout, rdpi_f32_reset, rdpi_f32_set_memory, rdpi_f32_get_memory, rdpi_f32_step, rdpi_f32_missed,
+    rdpi_f32_sweep, rdpi_f32_forget_sweep, rdpi_f32_forward, rdpi_f32_chain_init_layout, rdpi_f32_chain_reset,
+    rdpi_f32_chain_settle, rdpi_f32_chain_swept, rdpi_f32_chain_step, rdpi_f32_chain_missed, rdpi_f32_chain_sweep};
+static const library_t long_way = {
+    long_init_layout, long_reset, long_set_memory, long_get_memory, long_step, long_missed,
+    long_sweep, long_forget_sweep, long_forward, long_chain_init_layout, long_chain_reset,
+    long_chain_settle, long_chain_swept, long_chain_step, long_chain_missed, long_chain_sweep};
+
+/* The operator alone. Returns the result. */
+static rdpi_real_t call_operator(const library_t *library, rdpi_f32_t *axis, const call_t *call)
+{
+    switch (call->operation) {
+    case STEP:
+    case REFUSED:
+        return library->step(axis, call->value);
+    case MISSED_SAMPLES:
+        library->missed(axis, call->ticks);
+        return 0;
+    case SWEEP: {
+        bool more = library->sweep(axis);
+        if (!more) {
+            library->forget_sweep(axis);
+        }
+        return more;
+    }
+    case FORWARD:
+        return library->forward(axis, call->value, call->rate);
+    case SET_MEMORY:
+        return (rdpi_real_t)library->set_memory(axis, call->y_um);
+    default: /* RESET */
+        library->reset(axis);
+        return 0;
+    }
+}
+
+static rdpi_real_t call_chain(const library_t *library, rdpi_f32_chain_t *chain, const call_t *call)
+{
+    rdpi_real_t result = 0;
+    switch (call->operation) {
+    case STEP:
+    case REFUSED:
+        return library->chain_step(chain, call->value);
+    case MISSED_SAMPLES:
+        library->chain_missed(chain, call->ticks);
+        break;
+    case SWEEP:
+        return library->chain_sweep(chain);
+    case RESET:
+        library->chain_reset(chain);
+        break;
+    case FORWARD: /* as an application that has swept, that many samples ago, or not */
+        result = call_operator(library, &chain->axis, call);
+        if (call->ticks > 0) {
+            library->chain_swept(chain, call->ticks);
+        } else {
+            library->chain_settle(chain);
+        }
+        break;
+    default: /* SET_MEMORY */
+        result = call_operator(library, &chain->axis, call);
+        library->chain_settle(chain);
+        break;
+    }
+    return result;
+}
+
+/* Chains, or with `alone` only what is in their axis. */
+typedef struct {
+    bool alone;
+    rdpi_f32_chain_t quick, slow;
 } twins_t;
 
-static unsigned long done[OPERATION_KINDS], quick_steps, rounded_steps, flagged;
+static unsigned long done[OPERATION_KINDS], quick_steps, rounded_steps, flagged, lagging_steps, shaped_steps;
+
+static rdpi_real_t apply(const library_t *library, bool alone, rdpi_f32_chain_t *chain, const call_t *call)
+{
+    return alone ? call_operator(library, &chain->axis, call) : call_chain(library, chain, call);
+}
 
 /* ---- what differs ---- */
 
@@ -82,7 +217,7 @@ static bool same_bits(const void *a, const void *b, size_t size)
 /* All that a user sees of them, y_um included. */
 static const char *difference(const twins_t *twins, rdpi_real_t quick_result, rdpi_real_t slow_result)
 {
-    const rdpi_f32_t *quick = &twins->quick, *slow = &twins->slow;
+    const rdpi_f32_t *quick = &twins->quick.axis, *slow = &twins->slow.axis;
     rdpi_real_t quick_um[RDPI_MAX_PLAYS] = {0}, slow_um[RDPI_MAX_PLAYS] = {0};
     rdpi_f32_get_memory(quick, quick_um);
     long_get_memory(slow, slow_um);
@@ -91,6 +226,7 @@ static const char *difference(const twins_t *twins, rdpi_real_t quick_result, rd
             return "play states";
         }
     }
+    bool same_asked = twins->alone || twins->quick.unlag.asked_V == twins->slow.unlag.asked_V;
     return quick->dac_code != slow->dac_code                                      ? "codes"
            : quick->flags != slow->flags                                          ? "flags"
            : !same_bits(&quick->drive_V, &slow->drive_V, sizeof slow->drive_V)    ? "drives"
@@ -99,6 +235,7 @@ static const char *difference(const twins_t *twins, rdpi_real_t quick_result, rd
            : quick->clip_count != slow->clip_count                                ? "clip_count"
            : quick->input_count != slow->input_count                              ? "input_count"
            : quick->missed_count != slow->missed_count                            ? "missed_count"
+           : !same_asked                                                          ? "drives ahead of the lag"
            : !same_bits(&quick_result, &slow_result, sizeof slow_result)          ? "results"
                                                                                   : NULL;
 }
@@ -147,7 +284,7 @@ static void random_model(scenario_t *scenario, int number)
  * of the input curve, or an end. */
 static rdpi_real_t delicate_reference(const twins_t *twins)
 {
-    const rdpi_f32_t *axis = &twins->slow;
+    const rdpi_f32_t *axis = &twins->slow.axis;
     const rdpi_f32_params_t *params = axis->params;
     double drive_V = (double)axis->drive_V, code_V = (double)params->V_per_code;
     switch (choose(6)) {
@@ -200,19 +337,20 @@ typedef struct {
     int sweeps_left, delicate_left;
 } user_t;
 
-static operation_t operate(twins_t *twins, user_t *user, rdpi_real_t *quick, rdpi_real_t *slow)
+/* What the user does next. */
+static call_t next_call(const twins_t *twins, user_t *user)
 {
-    const rdpi_f32_params_t *params = twins->slow.params;
-    operation_t operation = STEP;
+    const rdpi_f32_t *axis = &twins->slow.axis;
+    const rdpi_f32_params_t *params = axis->params;
+    call_t call = {.operation = STEP};
     if (user->sweeps_left > 0) {
         user->sweeps_left--;
-        operation = SWEEP;
+        call.operation = SWEEP;
     } else if (choose(40) == 0) {
-        operation = (operation_t)choose(OPERATION_KINDS);
-        user->sweeps_left = operation == SWEEP ? choose(60) : 0;
+        call.operation = (operation_t)choose(OPERATION_KINDS);
+        user->sweeps_left = call.operation == SWEEP ? choose(60) : 0;
     }
-    *quick = *slow = 0;
-    switch (operation) {
+    switch (call.operation) {
     case STEP: {
         double reference_um = profile_next(&user->profile) + (double)params->offset_um;
         if (user->grid_um > 0) {
@@ -226,89 +364,90 @@ static operation_t operate(twins_t *twins, user_t *user, rdpi_real_t *quick, rdp
             reference_um = choose(3) ? (double)delicate_reference(twins) : user->last_um;
         }
         user->last_um = reference_um;
-        bool quick_way = twins->quick.quick;
-        *quick = rdpi_f32_step(&twins->quick, (rdpi_real_t)reference_um);
-        *slow = long_step(&twins->slow, (rdpi_real_t)reference_um);
-        quick_steps += quick_way;
-        rounded_steps += params->dac_bits > 0;
-        flagged += twins->slow.flags != 0;
+        call.value = (rdpi_real_t)reference_um;
         break;
     }
-    case REFUSED: {
-        rdpi_real_t reference_um = bad_reference();
-        *quick = rdpi_f32_step(&twins->quick, reference_um);
-        *slow = long_step(&twins->slow, reference_um);
+    case REFUSED:
+        call.value = bad_reference();
         break;
-    }
-    case MISSED: {
-        unsigned ticks = few();
-        rdpi_f32_missed(&twins->quick, ticks);
-        long_missed(&twins->slow, ticks);
-        break;
-    }
-    case SWEEP:
-        *quick = rdpi_f32_sweep(&twins->quick);
-        *slow = long_sweep(&twins->slow);
-        if (!*quick && !*slow) {
-            rdpi_f32_forget_sweep(&twins->quick);
-            long_forget_sweep(&twins->slow);
-        }
+    case MISSED_SAMPLES:
+        call.ticks = few();
         break;
     case FORWARD: {
         double span_V = (double)params->max_V - (double)params->min_V;
-        double drive_V = choose(4) ? (double)twins->slow.drive_V + uniform(-0.1, 0.1) * span_V
+        double drive_V = choose(4) ? (double)axis->drive_V + uniform(-0.1, 0.1) * span_V
                                    : uniform((double)params->min_V - span_V, (double)params->max_V + span_V);
-        rdpi_real_t rate = (rdpi_real_t)(uniform(-0.1, 1.2) * (double)params->max_um_per_s);
-        *quick = rdpi_f32_forward(&twins->quick, (rdpi_real_t)drive_V, rate);
-        *slow = long_forward(&twins->slow, (rdpi_real_t)drive_V, rate);
+        call.value = (rdpi_real_t)drive_V;
+        call.rate = (rdpi_real_t)(uniform(-0.1, 1.2) * (double)params->max_um_per_s);
+        call.ticks = twins->alone || choose(2) ? 0 : few();
         break;
     }
-    case SET_MEMORY: {
-        rdpi_real_t y_um[RDPI_MAX_PLAYS];
-        long_get_memory(&twins->slow, y_um);
+    case SET_MEMORY:
+        long_get_memory(axis, call.y_um);
         if (choose(2)) {
-            memcpy(y_um, params->memory_um, params->plays * sizeof *y_um);
+            memcpy(call.y_um, params->memory_um, params->plays * sizeof *call.y_um);
         }
-        *quick = (rdpi_real_t)rdpi_f32_set_memory(&twins->quick, y_um);
-        *slow = (rdpi_real_t)long_set_memory(&twins->slow, y_um);
+        break;
+    default: /* SWEEP, RESET */
         break;
     }
-    default: /* RESET */
-        rdpi_f32_reset(&twins->quick);
-        long_reset(&twins->slow);
-        break;
-    }
-    return operation;
+    return call;
 }
 
-static void run_model(int number)
+static void init(const library_t *library, rdpi_f32_chain_t *self, const chain_t *chain, double T, int number)
 {
-    scenario_t scenario;
-    static twins_t twins;
-    random_model(&scenario, number);
-    const rdpi_f32_params_t *params = &scenario.actuator.params;
-    rdpi_real_t sample_time_s = (rdpi_real_t)scenario.sample_time_s;
-    rdpi_status_t status = long_init_layout(RDPI_F32_LAYOUT, &twins.slow, params, sample_time_s);
-    if (status != RDPI_OK ||
-        rdpi_f32_init_layout(RDPI_F32_LAYOUT, &twins.quick, params, sample_time_s) != RDPI_OK) {
+    const rdpi_f32_params_t *axis = chain->params.axis;
+    rdpi_status_t status = chain->params.schema == 0
+                               ? library->init(RDPI_F32_LAYOUT, &self->axis, axis, (rdpi_real_t)T)
+                               : library->chain_init(RDPI_F32_CHAIN_LAYOUT, self, &chain->params, (rdpi_real_t)T);
+    if (status != RDPI_OK) {
         printf("one_code: model %d: init refuses: %d\n", number, (int)status);
         exit(1);
     }
+}
+
+/* An operator alone, or in a chain with all that it can have. */
+static void run_model(int number, bool alone)
+{
+    static scenario_t scenario;
+    static twins_t twins;
+    static chain_t chain;
+    random_model(&scenario, number);
+    const rdpi_f32_params_t *params = &scenario.actuator.params;
+    if (alone) {
+        chain.params = (rdpi_f32_chain_params_t){.axis = params};
+    } else {
+        random_chain(&chain, &scenario);
+    }
+    twins.alone = alone;
+    init(&long_way, &twins.slow, &chain, scenario.sample_time_s, number);
+    init(&with_quick_way, &twins.quick, &chain, scenario.sample_time_s, number);
     user_t user = {.profile = {.stroke_um = scenario.stroke_um}};
     user.grid_um = choose(3) ? 0 : scenario.stroke_um * log_uniform(1e-6, 1e-2);
-    for (int k = 0; k < OPERATIONS; k++) {
-        rdpi_real_t quick, slow;
-        operation_t operation = operate(&twins, &user, &quick, &slow);
-        done[operation]++;
-        const char *what = difference(&twins, quick, slow);
+    for (int k = 0; k < (alone ? OPERATIONS : CHAIN_OPERATIONS); k++) {
+        const rdpi_f32_t *quick = &twins.quick.axis, *slow = &twins.slow.axis;
+        call_t call = next_call(&twins, &user);
+        bool quick_way = quick->quick;
+        rdpi_real_t quick_result = apply(&with_quick_way, alone, &twins.quick, &call);
+        rdpi_real_t slow_result = apply(&long_way, alone, &twins.slow, &call);
+        done[call.operation]++;
+        if (call.operation == STEP) {
+            quick_steps += quick_way;
+            rounded_steps += params->dac_bits > 0;
+            flagged += slow->flags != 0;
+            lagging_steps += chain.params.lag_s > 0 && quick_way;
+            shaped_steps += chain.params.lag_s > 0 && params->dac_bits > 0 && params->noise_shaping != 0u;
+        }
+        const char *what = difference(&twins, quick_result, slow_result);
         if (what != NULL) {
-            printf("one_code: model %d, operation %d, %s: other %s with the quick way than without\n"
-                   "codes %lu %lu, flags %lu %lu, drives %.9g %.9g, rates %.9g %.9g, %d bits, %d plays, window %d\n",
-                   number, k, names[operation], what, (unsigned long)twins.quick.dac_code,
-                   (unsigned long)twins.slow.dac_code, (unsigned long)twins.quick.flags,
-                   (unsigned long)twins.slow.flags, (double)twins.quick.drive_V, (double)twins.slow.drive_V,
-                   (double)twins.quick.rate_um_per_s, (double)twins.slow.rate_um_per_s, params->dac_bits,
-                   params->plays, twins.slow.rate_estimator.window);
+            printf("one_code: %s %d, operation %d, %s: other %s with the quick way than without\n"
+                   "codes %lu %lu, flags %lu %lu, drives %.9g %.9g, rates %.9g %.9g, %d bits, %d plays, window %d, "
+                   "%d poles, lag %.3g samples\n",
+                   alone ? "model" : "chain", number, k, names[call.operation], what,
+                   (unsigned long)quick->dac_code, (unsigned long)slow->dac_code, (unsigned long)quick->flags, (unsigned long)slow->flags,
+                   (double)quick->drive_V, (double)slow->drive_V, (double)quick->rate_um_per_s,
+                   (double)slow->rate_um_per_s, params->dac_bits, params->plays, slow->rate_estimator.window,
+                   chain.params.poles, (double)chain.params.lag_s / scenario.sample_time_s);
             exit(1);
         }
     }
@@ -316,21 +455,28 @@ static void run_model(int number)
 
 int main(int argc, char **argv)
 {
-    int models = argc > 1 ? atoi(argv[1]) : MODELS;
-    random_state += argc > 2 ? (uint64_t)atoi(argv[2]) : SEED;
+    int models = argc > 1 ? atoi(argv[1]) : MODELS, chains = argc > 2 ? atoi(argv[2]) : CHAINS;
+    random_state += argc > 3 ? (uint64_t)atoi(argv[3]) : SEED;
     unsigned long total = 0;
     for (int number = 0; number < models; number++) {
-        run_model(number);
+        run_model(number, true);
     }
-    printf("%d models", models);
+    for (int number = 0; number < chains; number++) {
+        run_model(number, false);
+    }
+    printf("%d models, %d chains", models, chains);
     for (int kind = 0; kind < OPERATION_KINDS; kind++) {
         printf(", %s %lu", names[kind], done[kind]);
         total += done[kind];
     }
-    printf("\n%lu operations alike; of the steps %lu had codes, %lu could take the quick way, %lu were flagged\n", total,
-           rounded_steps, quick_steps, flagged);
-    if ((QUICK_WAY && quick_steps < done[STEP] / 4) || rounded_steps < done[STEP] / 2 || flagged < done[STEP] / 20) {
-        printf("one_code: hardly a quick way, a code or a flag\n");
+    printf("\n%lu operations alike; of the steps %lu had codes, %lu could take the quick way, %lu of them ahead of a lag, "
+           "%lu were flagged, %lu shaped noise behind a lag\n",
+           total, rounded_steps, quick_steps, lagging_steps, flagged, shaped_steps);
+    unsigned long chain_steps = (unsigned long)chains * CHAIN_OPERATIONS;
+    if ((QUICK_WAY && (quick_steps < done[STEP] / 4 || lagging_steps < chain_steps / 10)) ||
+        rounded_steps < done[STEP] / 2 || flagged < done[STEP] / 20 ||
+        (RDPI_NOISE_SHAPING && shaped_steps < chain_steps / 40)) {
+        printf("one_code: hardly a quick way, a code, a lag, noise shaping or a flag\n");
         return 1;
     }
     return 0;

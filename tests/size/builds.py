@@ -32,39 +32,44 @@ UNKNOWN = "?"  # a time that belongs to code that is no longer there
 
 @dataclass(frozen=True)
 class Build:
-    library: str  # f32, f32_chain, q31 or q31_chain
+    library: str  # f32, f32_chain, f32_axis, q31, q31_chain or q31_axis
     core: str
     level: str  # of optimisation
     quick: int | None = None  # RDPI_QUICK_STEP; None: what the library makes of the level
-    least: bool = False  # neither input curve nor noise shaping
+    least: bool = False  # no input curve, noise shaping or quick way
     plays: int = 10  # the identity included
     window: int = 1
 
     @property
     def name(self) -> str:
-        way = {None: "", 0: ", no quick way", 1: ", quick way"}[self.quick]
+        way = {None: "", 0: ", no quick way", 2: ", whole quick way"}[self.quick]
         return f"rdpi_{self.library}, {self.core}, {self.level}{way}{', least' * self.least}"
 
     @property
     def compiler(self) -> list[str]:
         """The command and the options that every part of a program shares."""
         settings = {"RDPI_MAX_PLAYS": self.plays, "RDPI_MAX_WINDOW": self.window, "RDPI_MAX_POLES": 5}
-        settings |= {"RDPI_MAX_CURVE_PIECES": 1, "RDPI_NOISE_SHAPING": 0} if self.least else {}
+        settings |= {"RDPI_MAX_CURVE_PIECES": 1, "RDPI_NOISE_SHAPING": 0, "RDPI_QUICK_STEP": 0} if self.least else {}
         settings |= {} if self.quick is None else {"RDPI_QUICK_STEP": self.quick}
         return ["arm-none-eabi-gcc", "-std=c99", self.level, "-mthumb", "-ffunction-sections", "-fdata-sections",
                 *CORES[self.core].split(), *(f"-D{name}={number}" for name, number in settings.items()),
                 f"-I{ROOT / 'lib' / 'include'}"]
 
     @property
+    def number(self) -> str:
+        """The number type: f32 or q31."""
+        return self.library[:3]
+
+    @property
     def folder(self) -> Path:
-        """Of the objects, which the libraries share."""
+        """Of the objects, which operator, chain and axis share."""
         quick = "" if self.quick is None else f"-quick{self.quick}"
-        return WORK / f"{self.core}{self.level}{quick}{'-least' * self.least}-{self.plays}-{self.window}"
+        return WORK / f"{self.number}-{self.core}{self.level}{quick}{'-least' * self.least}-{self.plays}-{self.window}"
 
     def objects(self) -> list[Path]:
-        """The library, compiled once per run."""
+        """The library in this number type, compiled once per run."""
         with lock(self.folder):
-            return compiled(self.folder, tuple(self.compiler))
+            return compiled(self.folder, tuple(self.compiler), "q31" if self.number == "f32" else "f32")
 
 
 @cache
@@ -73,10 +78,11 @@ def lock(folder: Path) -> threading.Lock:
 
 
 @cache
-def compiled(folder: Path, compiler: tuple[str, ...]) -> list[Path]:
+def compiled(folder: Path, compiler: tuple[str, ...], other: str) -> list[Path]:
+    """All sources but those of the other number type."""
     folder.mkdir(parents=True, exist_ok=True)
     objects = []
-    for source in sorted((ROOT / "lib" / "src").glob("*.c")):
+    for source in sorted(path for path in (ROOT / "lib" / "src").glob("*.c") if other not in path.name):
         objects.append(folder / f"{source.stem}.o")
         run(*compiler, "-c", source, "-o", objects[-1])
     return objects
@@ -96,16 +102,18 @@ def _rows() -> tuple[Build, ...]:
     levels = {
         "f32": every,
         "f32_chain": {core: every[core] for core in ("M4F", "M7")},
+        "f32_axis": {"M4F": "-O2 -Os -O0"},
         "q31": {core: "-O2 -Os -O0" for core in ("M3", "M0")},
         "q31_chain": {core: "-O2 -Os -O0" for core in ("M3", "M0")},
+        "q31_axis": {"M0": "-O2 -Os -O0"},
     }
     rows = []
     for library, cores in levels.items():
         for core, wanted in cores.items():
             for level in wanted.split():
                 rows.append(Build(library, core, level))
-                if library.startswith("f32") and core == "M4F" and level != "-O0":
-                    rows.append(Build(library, core, level, quick=1 if level == "-Os" else 0))
+                if library in ("f32", "f32_chain") and core == "M4F" and level != "-O0":
+                    rows.append(Build(library, core, level, quick=2 if level == "-Os" else 0))
             if (library, core) in (("f32", "M4F"), ("q31", "M0")):
                 rows.append(Build(library, core, "-Os", least=True))
     return tuple(rows)
@@ -114,9 +122,9 @@ def _rows() -> tuple[Build, ...]:
 ROWS = _rows()
 ALL = tuple(
     Build(library, core, level, quick, least)
-    for library, core, level, least in itertools.product(("f32", "f32_chain", "q31", "q31_chain"), CORES,
+    for library, core, level, least in itertools.product(("f32", "f32_chain", "f32_axis", "q31", "q31_chain", "q31_axis"), CORES,
                                                          ("-O2", "-Os", "-O0"), (False, True))
-    for quick in ((None, 1 if level == "-Os" else 0) if library.startswith("f32") else (None,)))  # fmt: skip
+    for quick in ((None, 2 if level == "-Os" else 0) if library.startswith("f32") else (None,)))  # fmt: skip
 ALL_IN_ORDER = tuple(dict.fromkeys((*ROWS, *ALL)))
 
 

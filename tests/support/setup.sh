@@ -72,6 +72,8 @@ tests)
     picolibc-riscv64-unknown-elf  header  stdio.h riscv64-unknown-elf-gcc --specs=picolibc.specs
     qemu-system-misc    command  qemu-system-riscv32
     qemu-user           command  qemu-i386
+    gcc-s390x-linux-gnu  command  s390x-linux-gnu-gcc
+    libc6-dev-s390x-cross  header  stdio.h s390x-linux-gnu-gcc
     gcc-avr             command  avr-gcc
     avr-libc            header   avr/io.h avr-gcc
     arduino-core-avr    file     /usr/share/arduino/hardware/arduino/avr/boards.txt

@@ -321,3 +321,29 @@ void test_missed_samples_may_come_anywhere_in_a_round(void)
         }
     }
 }
+
+/* In the middle of a round, slow poles have a mean, a sum and rests. */
+void test_settling_forgets_the_round(void)
+{
+    add_pole(0.1, 100);
+    add_pole(0.1, 1000);
+    start();
+    for (int k = 0; k < 5001; k++) {
+        (void)step(16);
+    }
+    TEST_ASSERT_TRUE(chain.creep.mean_um > 1 && chain.creep.sum_um > 1 && fabs((double)chain.creep.lag[0].rest_um) > 0);
+    rdpi_f32_chain_settle(&chain);
+    TEST_ASSERT_TRUE(chain.creep.mean_um == 0 && chain.creep.sum_um == 0 && chain.creep.lag[0].rest_um == 0);
+}
+
+/* 1 um/V at rest, half as steep again at this rate: 8 um are 5.3 V. */
+void test_creep_goes_on_from_the_displacement_at_the_rate(void)
+{
+    add_pole(0, 1);
+    given.play[0].slope_rate_s_per_um = (rdpi_real_t)1 / 16384;
+    start();
+    (void)step(0);
+    EQUAL(8 / 1.5, step(8)); /* 8192 um/s */
+    (void)step(NAN);
+    EQUAL(8, chain.creep.h_um);
+}

@@ -15,8 +15,8 @@ void test_digest_does_not_depend_on_addresses_schema_and_digest(void);
 #include "axis_digest.inc"
 
 /* Every number but the memory, the last of each array standing for all of it. */
-#define NUMBERS 37
-#define CODE_NUMBERS 6 /* the last of them: what makes codes */
+#define NUMBERS 39
+#define CODE_NUMBERS 4 /* the last of them: what makes codes */
 
 static rdpi_real_t *number(size_t k)
 {
@@ -27,15 +27,15 @@ static rdpi_real_t *number(size_t k)
         &given.params.rate_window_s, &given.params.rate_filter_s, &given.params.max_um_per_s,
         &given.params.min_slope_ratio, &given.params.min_V, &given.params.max_V, &given.params.slew_V_per_s,
         &given.params.sweep_V_per_s, &given.params.sweep_end_V, &given.params.sweep_forgotten,
+        &given.params.min_sample_time_s, &given.params.max_sample_time_s,
         &given.play[PLAYS - 1].r_um, &given.play[PLAYS - 1].slope, &given.play[PLAYS - 1].slope_rate_s_per_um,
         &given.play[PLAYS - 1].intercept_um, &given.play[PLAYS - 1].intercept_rate_s,
         &given.saturation[DEADZONES - 1].d_um, &given.saturation[DEADZONES - 1].weight,
         &given.inverse_saturation[DEADZONES - 1].from_um, &given.inverse_saturation[DEADZONES - 1].to_um,
         &given.inverse_saturation[DEADZONES - 1].slope, &given.inverse_saturation[DEADZONES - 1].intercept_um,
-        &given.params.last_code,
+        &given.params.last_code, &given.params.V_per_code,
         &given.curve[0].codes_per_um,
-        &given.curve[0].code_of_x_0, &given.curve[0].um_per_code, &given.curve[0].x_of_code_0_um,
-        &given.params.V_per_code};
+        &given.curve[0].code_of_x_0, &given.curve[0].um_per_code, &given.curve[0].x_of_code_0_um};
     return numbers[k];
 }
 
@@ -119,6 +119,8 @@ void test_init_refuses_counts_that_were_not_generated(void)
     refused_as_they_are(RDPI_ERR_DIGEST);
 }
 
+#define REALS(crc, numbers) checksum_numbers(crc, numbers, sizeof numbers / sizeof *numbers, sizeof *numbers)
+
 void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
 {
     const rdpi_f32_params_t *from = &given.params;
@@ -126,33 +128,34 @@ void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
     const rdpi_real_t numbers[] = {
         from->offset_um, from->rate_window_s, from->rate_filter_s, from->max_um_per_s, from->min_slope_ratio,
         from->min_V, from->max_V, from->slew_V_per_s, from->sweep_V_per_s, from->sweep_end_V, from->sweep_forgotten,
+        from->min_sample_time_s, from->max_sample_time_s,
         from->last_code, from->V_per_code};
-    uint32_t crc = rdpi_crc32(0, &from->plays, sizeof from->plays);
-    crc = rdpi_crc32(crc, small, sizeof small);
-    crc = rdpi_crc32(crc, &from->sweep_cycles, sizeof from->sweep_cycles);
-    crc = rdpi_crc32(crc, numbers, sizeof numbers);
+    uint32_t crc = checksum_number(0, from->plays, 2);
+    crc = checksum_numbers(crc, small, sizeof small, 1);
+    crc = checksum_number(crc, from->sweep_cycles, 2);
+    crc = REALS(crc, numbers);
     for (size_t i = 0; i < PLAYS; i++) {
         const rdpi_real_t play[] = {given.play[i].r_um, given.play[i].slope, given.play[i].slope_rate_s_per_um,
                                     given.play[i].intercept_um, given.play[i].intercept_rate_s};
-        crc = rdpi_crc32(crc, play, sizeof play);
+        crc = REALS(crc, play);
     }
     for (size_t j = 0; j < DEADZONES; j++) {
         const rdpi_real_t term[] = {given.saturation[j].d_um, given.saturation[j].weight};
-        crc = rdpi_crc32(crc, term, sizeof term);
+        crc = REALS(crc, term);
     }
     for (size_t j = 0; j < DEADZONES; j++) {
         const rdpi_real_t piece[] = {given.inverse_saturation[j].from_um, given.inverse_saturation[j].to_um,
                                      given.inverse_saturation[j].slope, given.inverse_saturation[j].intercept_um};
-        crc = rdpi_crc32(crc, piece, sizeof piece);
+        crc = REALS(crc, piece);
     }
     for (size_t k = 0; k < given.params.curve_pieces; k++) {
         const rdpi_f32_line_t *line = &given.curve[k];
         const rdpi_real_t numbers_of[] = {line->to_V, line->to_um, line->middle_um, line->reach_um, line->gain_um_per_V,
                                       line->V_per_um, line->offset_V, line->from_code, line->to_code,
                                       line->codes_per_um, line->code_of_x_0, line->um_per_code, line->x_of_code_0_um};
-        crc = rdpi_crc32(crc, numbers_of, sizeof numbers_of);
+        crc = REALS(crc, numbers_of);
     }
-    crc = rdpi_crc32(crc, given.memory_um, PLAYS * sizeof(rdpi_real_t));
+    crc = checksum_numbers(crc, given.memory_um, PLAYS, sizeof(rdpi_real_t));
     TEST_ASSERT_EQUAL_HEX32(crc, rdpi_f32_digest(from));
 }
 
@@ -162,7 +165,7 @@ void test_init_refuses_memory_that_is_not_finite(void)
     for (size_t i = 0; i < PLAYS; i++) {
         for (size_t k = 0; k < 3; k++) {
             given.memory_um[i] = bad[k];
-            refused(RDPI_ERR_MEMORY);
+            refused(RDPI_ERR_NOT_FINITE);
         }
         given.memory_um[i] = 0;
     }

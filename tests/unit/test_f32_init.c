@@ -26,6 +26,12 @@ void test_init_refuses_a_rate_window_of_too_many_samples(void);
 void test_init_leaves_the_drive_that_holds_the_memory(void);
 void test_init_with_memory_zero_starts_at_rest(void);
 void test_init_refuses_noise_shaping_that_the_library_does_not_have(void);
+void test_init_takes_the_shortest_and_the_longest_sample_time_of_the_parameters(void);
+void test_init_refuses_a_shorter_sample_time_than_the_parameters_allow(void);
+void test_init_refuses_a_longer_sample_time_than_the_parameters_allow(void);
+void test_init_takes_any_sample_time_if_the_parameters_say_nothing(void);
+void test_init_names_the_range_of_sample_times_before_what_follows_from_a_wrong_one(void);
+void test_init_refuses_no_sample_time_whatever_their_range(void);
 #include "axis_init.inc"
 
 void test_init_refuses_gain_zero(void)

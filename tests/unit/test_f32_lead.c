@@ -258,3 +258,11 @@ void test_after_too_many_missed_samples_the_reference_is_a_first_one(void)
         EQUAL(30 + 1.5 + 2, step(31));
     }
 }
+
+void test_a_resonance_without_damping_rings_too(void)
+{
+    params.lead_s2 = T_S * T_S;
+    start();
+    (void)step(0);
+    EQUAL(16, step(16)); /* the reference before that, and 16 for the jump */
+}

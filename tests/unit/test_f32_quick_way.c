@@ -11,9 +11,9 @@ void tearDown(void);
 
 /* As f32_math.h has it, whose tgmath.h newlib's double functions do not bear. */
 #if !defined(RDPI_QUICK_STEP) && defined(__OPTIMIZE_SIZE__)
-#define RDPI_QUICK_STEP 0
-#elif !defined(RDPI_QUICK_STEP)
 #define RDPI_QUICK_STEP 1
+#elif !defined(RDPI_QUICK_STEP)
+#define RDPI_QUICK_STEP 2
 #endif
 
 /* Whether the next step may take the quick way, in a build that has one. */
@@ -62,7 +62,8 @@ static void equals_the_long_way(size_t plays)
         }
         quick_ways += quick;
     }
-    TEST_ASSERT_TRUE(RDPI_QUICK_STEP ? quick_ways > 15000 : quick_ways == 0);
+    const unsigned least[] = {0, 11000, 15000}; /* half of the quick way is not open at an end of the range */
+    TEST_ASSERT_TRUE(RDPI_QUICK_STEP ? quick_ways > least[RDPI_QUICK_STEP] : quick_ways == 0);
     TEST_ASSERT_EQUAL_UINT32(twin.clip_count, axis.clip_count);
     TEST_ASSERT_EQUAL_UINT32(twin.guard_count, axis.guard_count);
     TEST_ASSERT_TRUE(axis.clip_count > 100 && axis.guard_count > 100);

@@ -85,3 +85,16 @@ void test_sweep_reaches_both_ends_of_a_range_of_codes(void)
     TEST_ASSERT_EQUAL_UINT32(0, lowest);
     TEST_ASSERT_EQUAL_UINT32(31, highest);
 }
+
+void test_what_is_forgotten_leaves_the_drive_before_it_is_rounded(void)
+{
+    five_bit_dac(); /* 0.5 V */
+    given.params.sweep_end_V = (rdpi_real_t)0.125;
+    given.params.sweep_forgotten = (rdpi_real_t)0.5;
+    start();
+    while (rdpi_f32_sweep(&axis)) {
+    }
+    rdpi_f32_forget_sweep(&axis);
+    EQUAL(0, axis.drive_V);
+    EQUAL(0.125, axis.ramp_V);
+}

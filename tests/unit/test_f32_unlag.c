@@ -273,6 +273,62 @@ void test_the_lead_follows_what_was_asked_for_and_not_codes(void)
     }
 }
 
+/* One step of the chain, and of a twin that is made to take the long way: to the last bit the same. */
+static void same_as_the_long_way(rdpi_f32_chain_t *twin, double reference_um)
+{
+    twin->axis.quick = false;
+    rdpi_real_t long_V = rdpi_f32_chain_step(twin, (rdpi_real_t)reference_um);
+    rdpi_real_t quick_V = rdpi_f32_chain_step(&chain, (rdpi_real_t)reference_um);
+    SAME(long_V, quick_V);
+    SAME(twin->unlag.asked_V, chain.unlag.asked_V);
+    TEST_ASSERT_EQUAL_UINT32(twin->axis.dac_code, chain.axis.dac_code);
+    TEST_ASSERT_EQUAL_UINT32(twin->axis.flags, chain.axis.flags);
+}
+
+/* Where x turns round within its code, the plays that were engaged have let go: it is further from that code than it
+ * would be with them. */
+void test_quick_and_long_way_ask_for_the_same_drive(void)
+{
+    given.play[0].slope = (rdpi_real_t)0.5;
+    given.play[1] = (rdpi_f32_play_t){.r_um = 4, .slope = 2};
+    given.params.plays = 2;
+    for (uint8_t bits = 8; bits <= 16; bits += 4) { /* from 0.5 V to 0.002 V a code */
+        with_codes(bits, false);
+        start_with_lag(1);
+        rdpi_f32_chain_t twin = chain;
+        for (int k = 0; k < 4000; k++) {
+            same_as_the_long_way(&twin, (k < 2000 ? 16 : 0.125) * sin(0.01 * k));
+        }
+    }
+}
+
+/* There a code begins a piece, and rounding leaves some of these codes on the piece before it. */
+void test_quick_and_long_way_ask_for_the_same_drive_between_two_pieces_of_the_input_curve(void)
+{
+#if RDPI_MAX_CURVE_PIECES > 1
+    with_codes(13, false);
+    given.params.curve_pieces = 2;
+    given.play[1] = (rdpi_f32_play_t){.r_um = (rdpi_real_t)0.125, .slope = (rdpi_real_t)1.25};
+    given.params.plays = 2;
+    for (int side = -1; side <= 1; side += 2) {
+        for (int k = -40; k < 40; k++) {
+            given.curve[0] = (rdpi_f32_line_t){.gain_um_per_V = (rdpi_real_t)1.3, .to_V = (rdpi_real_t)(1.1 * k)};
+            given.curve[1] = (rdpi_f32_line_t){.gain_um_per_V = (rdpi_real_t)0.7};
+            start_with_lag(1);
+            rdpi_f32_chain_t twin = chain;
+            rdpi_real_t end_V = given.curve[0].to_V;
+            for (int i = 8; i >= 0; i--) { /* there from one side, then on by less than rounding */
+                same_as_the_long_way(&twin, rdpi_f32_predict(&chain.axis, end_V - (rdpi_real_t)(side * i) / 8, 0));
+            }
+            double end_um = rdpi_f32_predict(&chain.axis, end_V, 0);
+            for (int i = 0; i < 12; i++) {
+                same_as_the_long_way(&twin, end_um + side * 2e-8 * i * fabs(end_um));
+            }
+        }
+    }
+#endif
+}
+
 void test_resonances_and_creep_stand_ahead_of_it(void)
 {
     for (int poles = 0; poles < 2; poles++) {
@@ -340,6 +396,26 @@ void test_nothing_is_carried_over_a_clip(void)
     (void)step(40.1);
     TEST_ASSERT_EQUAL_UINT32(RDPI_FLAG_LEAD, chain.axis.flags);
     EQUAL(0, chain.unlag.carried_V);
+}
+
+void test_what_is_settled_carries_nothing(void)
+{
+    with_codes(8, RDPI_NOISE_SHAPING != 0); /* 0.5 V */
+    start_with_lag(1);
+    (void)step(0.1);
+    TEST_ASSERT_TRUE(RDPI_NOISE_SHAPING == 0 || fabs((double)chain.unlag.carried_V) > 0.05);
+    rdpi_f32_chain_settle(&chain);
+    EQUAL(0, chain.unlag.carried_V);
+}
+
+void test_the_operator_keeps_a_slew_limit_of_its_own(void)
+{
+    given.params.slew_V_per_s = given.params.sweep_V_per_s = 1024 * 3; /* 3 V a sample */
+    start_with_lag(1);
+    for (int k = 1; k < 8; k++) {
+        (void)step(40);
+        EQUAL(3 * k, chain.unlag.followed_V); /* what is output is a sample behind that */
+    }
 }
 
 void test_init_refuses_a_lag_that_is_none(void)

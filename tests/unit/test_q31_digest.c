@@ -29,7 +29,7 @@ void test_init_refuses_one_wrong_bit_in_any_number_and_in_the_digest_itself(void
 {
     one_bit_of(&given.params.digest, sizeof given.params.digest);
     one_bit_of(&given.params.slew_per_us,
-               offsetof(rdpi_q31_params_t, sweep_forgotten) + sizeof(int32_t) -
+               offsetof(rdpi_q31_params_t, max_sample_time_ns) + sizeof(uint32_t) -
                    offsetof(rdpi_q31_params_t, slew_per_us));
     refused_as_they_are(RDPI_OK);
 }
@@ -43,12 +43,11 @@ void test_init_refuses_one_wrong_bit_in_any_array(void)
     refused_as_they_are(RDPI_OK);
 }
 
-/* Field after field: the struct has no gaps. */
 void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
 {
     const rdpi_q31_params_t *params = &given.params;
     uint32_t crc = 0;
-#define ADD(field) crc = rdpi_crc32(crc, &params->field, sizeof params->field)
+#define ADD(field) crc = checksum_numbers(crc, &params->field, 1, sizeof params->field)
     ADD(slew_per_us);
     ADD(sweep_per_us);
     ADD(plays);
@@ -79,10 +78,12 @@ void test_digest_is_the_checksum_of_everything_in_the_order_of_the_struct(void)
     ADD(drive_per_code);
     ADD(sweep_end);
     ADD(sweep_forgotten);
+    ADD(min_sample_time_ns);
+    ADD(max_sample_time_ns);
 #undef ADD
-    crc = rdpi_crc32(crc, given.play, PLAYS * sizeof given.play[0]);
-    crc = rdpi_crc32(crc, given.saturation, DEADZONES * sizeof given.saturation[0]);
-    crc = rdpi_crc32(crc, given.inverse_saturation, DEADZONES * sizeof given.inverse_saturation[0]);
-    crc = rdpi_crc32(crc, given.memory, PLAYS * sizeof given.memory[0]);
+    crc = checksum_numbers(crc, given.play, PLAYS * sizeof given.play[0] / 4, 4);
+    crc = checksum_numbers(crc, given.saturation, DEADZONES * sizeof given.saturation[0] / 4, 4);
+    crc = checksum_numbers(crc, given.inverse_saturation, DEADZONES * sizeof given.inverse_saturation[0] / 4, 4);
+    crc = checksum_numbers(crc, given.memory, PLAYS * sizeof given.memory[0] / 4, 4);
     TEST_ASSERT_EQUAL_HEX32(crc, rdpi_q31_digest(params));
 }

@@ -16,14 +16,10 @@ void tearDown(void)
 {
 }
 
-/* The digest is over this machine's own representation. */
-void test_golden_digests_are_those_of_a_little_endian_machine(void)
+void test_golden_digests_are_those_of_any_machine(void)
 {
-    const uint16_t one = 1;
-    if (*(const unsigned char *)&one == 1u) {
-        for (size_t k = 0; k < GOLDEN; k++) {
-            TEST_ASSERT_EQUAL_HEX32(golden_q31[k].params.digest, rdpi_q31_digest(&golden_q31[k].params));
-        }
+    for (size_t k = 0; k < GOLDEN; k++) {
+        TEST_ASSERT_EQUAL_HEX32(golden_q31[k].params.digest, rdpi_q31_digest(&golden_q31[k].params));
     }
 }
 
@@ -31,9 +27,7 @@ void test_golden_samples_come_out_to_the_last_bit(void)
 {
     for (size_t k = 0; k < GOLDEN; k++) {
         rdpi_q31_t axis;
-        rdpi_q31_params_t params = golden_q31[k].params;
-        params.digest = rdpi_q31_digest(&params);
-        TEST_ASSERT_EQUAL_INT_MESSAGE(RDPI_OK, rdpi_q31_init(&axis, &params, golden_q31[k].sample_time_ns),
+        TEST_ASSERT_EQUAL_INT_MESSAGE(RDPI_OK, rdpi_q31_init(&axis, &golden_q31[k].params, golden_q31[k].sample_time_ns),
                                       golden_q31[k].name);
         for (size_t i = 0; i < golden_q31[k].samples; i++) {
             const golden_q31_sample_t *sample = &golden_q31[k].sample[i];

@@ -2,6 +2,7 @@
 #include "unity.h"
 
 #include "rdpi/q31_chain.h"
+#include "q31_unlag.h"
 
 TEST_SOURCE_FILE("lib/src/rdpi_q31.c")
 TEST_SOURCE_FILE("lib/src/rdpi_q31_chain.c")
@@ -203,6 +204,33 @@ void test_nothing_is_carried_over_a_clip(void)
     ahead(MAX / 2 + U);
     TEST_ASSERT_EQUAL_HEX32(RDPI_FLAG_LEAD, chain.axis.flags);
     TEST_ASSERT_EQUAL_INT32(0, chain.unlag.carried);
+}
+
+void test_what_is_settled_carries_nothing(void)
+{
+    actuator_q31_codes(&actuator, 8, false);
+    actuator.params.noise_shaping = RDPI_NOISE_SHAPING;
+    start_with_lag(1);
+    ahead(MAX / 255 / 3);
+    TEST_ASSERT_TRUE(RDPI_NOISE_SHAPING == 0 || chain.unlag.carried != 0);
+    rdpi_q31_chain_settle(&chain);
+    TEST_ASSERT_EQUAL_INT32(0, chain.unlag.carried);
+}
+
+void test_a_slew_limit_that_is_just_reached_is_no_clip(void)
+{
+    actuator.params.slew_per_us = actuator.params.sweep_per_us; /* MAX / 8 a sample */
+    start_with_lag(1);
+    for (int way = -1; way <= 1; way += 2) {
+        int32_t reach = (int32_t)(chain.axis.slew >> 32);
+        chain.axis.slew = (int64_t)reach * ((int64_t)1 << 32);
+        chain.unlag.ramp = 0;
+        TEST_ASSERT_TRUE(rdpi_q31_unlag_output(&chain.unlag, &chain.axis, way * reach));
+        TEST_ASSERT_EQUAL_INT32(way * reach, chain.axis.drive);
+        chain.unlag.ramp = 0;
+        TEST_ASSERT_FALSE(rdpi_q31_unlag_output(&chain.unlag, &chain.axis, way * (reach + 1)));
+        TEST_ASSERT_EQUAL_INT32(way * reach, chain.axis.drive);
+    }
 }
 
 void test_a_sweep_is_output_as_it_is(void)

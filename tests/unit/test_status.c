@@ -11,7 +11,8 @@ static const rdpi_status_t statuses[] = {
     RDPI_ERR_GAIN,       RDPI_ERR_THRESHOLDS, RDPI_ERR_SLOPES,    RDPI_ERR_GUARD,      RDPI_ERR_DEADZONES,
     RDPI_ERR_SATURATION, RDPI_ERR_SAMPLE_TIME, RDPI_ERR_RATE,     RDPI_ERR_WINDOW,     RDPI_ERR_DRIVE,
     RDPI_ERR_MEMORY,     RDPI_ERR_SWEEP,     RDPI_ERR_DIGEST,     RDPI_ERR_SIZE,
-    RDPI_ERR_CHAIN,      RDPI_ERR_CURVE};
+    RDPI_ERR_CHAIN,      RDPI_ERR_CURVE,    RDPI_ERR_SAMPLE_RANGE,
+    RDPI_ERR_STATE,      RDPI_ERR_MODE};
 #define STATUSES (sizeof statuses / sizeof statuses[0])
 
 void setUp(void)
@@ -46,7 +47,7 @@ void test_every_status_has_a_text_of_its_own(void)
 void test_a_number_that_is_no_status_has_a_text_too(void)
 {
     TEST_ASSERT_EQUAL_STRING("unknown status", rdpi_status_text((rdpi_status_t)1));
-    TEST_ASSERT_EQUAL_STRING("unknown status", rdpi_status_text((rdpi_status_t)RDPI_ERR_CURVE - 1));
+    TEST_ASSERT_EQUAL_STRING("unknown status", rdpi_status_text((rdpi_status_t)RDPI_ERR_MODE - 1));
 }
 
 /* Drive files hold these numbers. */

@@ -107,6 +107,14 @@ void test_without_the_oscillator_start_is_refused(void)
     TEST_ASSERT_FALSE(rdpi_port_start(10000, tick));
 }
 
+void test_a_dac_that_does_not_become_ready_is_refused(void)
+{
+    has_dac = false;
+    SystemInit();
+    TEST_ASSERT_FALSE(rdpi_port_start(10000, tick));
+    TEST_ASSERT_BITS_LOW(1u, fake.tim6.cr1);
+}
+
 void test_the_dac_is_on_before_main_at_the_safe_code(void)
 {
     fake.gpioa.moder = 0xABFFFCFF;

@@ -9,9 +9,14 @@
 
 #include "rdpi/rdpi.h"
 
-#if RDPI_PARAMS_SCHEMA != 7
-#error "these parameters have schema 7, the library another: generate them again with its own rdpi"
+#if RDPI_PARAMS_SCHEMA != 8
+#error "these parameters have schema 8, the library another: generate them again with its own rdpi"
 #endif
+
+/* What was identified, by the name of the actuator and the digest of the model, and which rdpi wrote this. */
+#define RDPI_PARAMS_ACTUATOR "made-up piezo stack, -20 to 120 V"
+#define RDPI_PARAMS_MODEL "sha256:abaa31fb0d9224e1ebc4877cda41ec462a39bcc98b8da067f8f03a5a2a71098d"
+#define RDPI_PARAMS_TOOL "0.1.0"
 
 #define RDPI_PARAMS_PLAYS 10 /* n + 1 */
 #define RDPI_PARAMS_DEADZONES 3 /* m + 1 */
@@ -20,6 +25,9 @@
 #define RDPI_PARAMS_NOISE_SHAPING 0 /* 1: what a code misses is carried to the next one */
 #define RDPI_PARAMS_MIN_V (-20.0) /* output range, double: code 0 ... */
 #define RDPI_PARAMS_MAX_V (120.0) /* ... and the last one */
+#define RDPI_PARAMS_MIN_SAMPLE_TIME_S (5e-07) /* init refuses shorter and longer ones ... */
+#define RDPI_PARAMS_MAX_SAMPLE_TIME_S (0.003125)
+#define RDPI_PARAMS_MAX_SWEEP_STEP_V (17.5) /* ... of which this is the sweep's change per sample */
 
 #if RDPI_PARAMS_PLAYS > RDPI_MAX_PLAYS
 #error "define RDPI_MAX_PLAYS as 10 or more, for the library and its users alike"
@@ -91,8 +99,8 @@ typedef char rdpi_params_memory_um_check[
     sizeof rdpi_params_memory_um == RDPI_PARAMS_PLAYS * sizeof(rdpi_real_t) ? 1 : -1];
 
 static const rdpi_f32_params_t rdpi_params = {
-    7u, /* schema */
-    0xD12E64F3u, /* digest of what follows */
+    8u, /* schema */
+    0x750C2E75u, /* digest of what follows */
     RDPI_PARAMS_PLAYS,
     RDPI_PARAMS_DEADZONES,
     RDPI_PARAMS_DAC_BITS,
@@ -110,6 +118,8 @@ static const rdpi_f32_params_t rdpi_params = {
     5600.00000f, /* sweep_V_per_s, V/s: speed of the start-up sweep ... */
     0.00000000f, /* sweep_end_V, V: ... and where it ends */
     0.00000000f, /* sweep_forgotten, share of what the sweep leaves in the plays that the actuator forgets */
+    4.99999999e-07f, /* min_sample_time_s, s: rdpi_f32_init refuses a shorter sample time ... */
+    0.00312500005f, /* max_sample_time_s, s: ... and a longer one */
     65535.0000f, /* last_code, 2^DAC_BITS - 1 */
     0.00213626307f, /* V_per_code, V: drive = V_per_code code + min_V */
     rdpi_params_play,
@@ -121,7 +131,7 @@ static const rdpi_f32_params_t rdpi_params = {
 
 /* The chain around it, for rdpi_f32_chain_init. */
 static const rdpi_f32_chain_params_t rdpi_chain = {
-    7u, /* schema */
+    8u, /* schema */
     0xD7495F87u, /* digest of what follows */
     0, /* poles */
     1, /* preview: 1: the caller knows the future, and passes it; 0: it is extrapolated */
@@ -138,12 +148,25 @@ static const rdpi_f32_chain_params_t rdpi_chain = {
 /* Whether there are parameters in fixed point: rdpi_params_q31, at the end. */
 #define RDPI_PARAMS_Q31 1
 
-/* Displacement in um to a reference and back; -36.6844 to 36.6844 um fit, which
+/* Displacement in um to a reference; -36.6844 to 36.6844 um fit, which
  * is not checked: beyond them, and for NaN, the result is undefined (see RDPI_Q31_NO_REFERENCE). Constant expressions
  * for constant arguments; others are evaluated twice, in double precision. */
 #define RDPI_PARAMS_Q31_REFERENCE(um) \
     ((int32_t)(((double)(um) - (0.0)) * (58539463.95434022) \
                + ((double)(um) < (0.0) ? -0.5 : 0.5)))
+
+/* A difference of displacements in um to one of references: an amplitude, a step, a distance per sample. The offset, which
+ * RDPI_PARAMS_Q31_REFERENCE takes off, cancels. Multiply this one, and add it to a reference. */
+#define RDPI_PARAMS_Q31_DIFFERENCE(um) ((int32_t)((double)(um) * (58539463.95434022) + ((double)(um) < 0 ? -0.5 : 0.5)))
+
+/* Counts of a sensor to references in integers, for a reference that is measured: of constants, initialises
+ *     static const rdpi_q31_sensor_t sensor = RDPI_PARAMS_Q31_SENSOR(um per count, um at count 0);
+ * and then `rdpi_q31_of_counts(&sensor, counts)` is the reference. */
+#define RDPI_PARAMS_Q31_SENSOR(um_per_count, um_at_count_0) \
+    RDPI_Q31_SENSOR((double)(um_per_count) * (58539463.95434022), \
+                    ((0.0) - (double)(um_at_count_0)) / (double)(um_per_count))
+
+/* A reference to displacement in um. */
 #define RDPI_PARAMS_Q31_UM(reference) ((double)(reference) * (1.7082493286579852e-08) + (0.0))
 
 /* Drive in V, and back. */
@@ -206,8 +229,8 @@ typedef char rdpi_params_q31_memory_check[
     sizeof rdpi_params_q31_memory == RDPI_PARAMS_PLAYS * sizeof(int32_t) ? 1 : -1];
 
 static const rdpi_q31_params_t rdpi_params_q31 = {
-    7u, /* schema */
-    0xFDA02183u, /* digest of what follows */
+    8u, /* schema */
+    0xFCE2CAF0u, /* digest of what follows */
     0ull, /* slew_per_us: largest change of the output, drive units per us times 2^32; 0: unlimited */
     107605955786096ull, /* sweep_per_us: speed of the start-up sweep, likewise */
     10, /* plays */
@@ -238,6 +261,8 @@ static const rdpi_q31_params_t rdpi_params_q31 = {
     1252717313, /* drive_per_code: times 2^drive_shift */
     0, /* sweep_end: drive at which the start-up sweep ends */
     0, /* sweep_forgotten: times 2^30: share of what the sweep leaves in the plays that the actuator forgets */
+    500u, /* min_sample_time_ns: ns: rdpi_q31_init refuses a shorter sample time ... */
+    3125000u, /* max_sample_time_ns: ns: ... and a longer one */
     rdpi_params_q31_play,
     rdpi_params_q31_saturation,
     rdpi_params_q31_inverse_saturation,
@@ -247,7 +272,7 @@ static const rdpi_q31_params_t rdpi_params_q31 = {
 
 /* The chain around it, for rdpi_q31_chain_init. */
 static const rdpi_q31_chain_params_t rdpi_chain_q31 = {
-    7u, /* schema */
+    8u, /* schema */
     0xD78EA6BDu, /* digest of what follows */
     0ull, /* lead_ns2: ns^2: beta of the lead */
     0u, /* delay_ns: ns: delay */

@@ -22,7 +22,8 @@ import numpy as np
 
 from ..data import Recording
 from ..errors import BadInput
-from ..firmware import NO_REFERENCE, Chain, FixedPoint, Steps, build_options, engine, write_header
+from ..firmware import (NO_REFERENCE, Chain, FixedPoint, Steps, build_options, check_sample_time, engine,
+                        write_header)
 from ..model import Model
 from . import profile, telemetry
 from .serial import refusal
@@ -63,6 +64,7 @@ def build(model: Model, reference_um: np.ndarray, run: Recording, board: str, fi
         raise BadInput("the firmware outputs DAC codes, but the model has no drive.dac_bits: give --dac-bits")
     _require_tools()
     home, rate_hz = checkout(), profile.integer_rate_hz(run)
+    check_sample_time(model, 1 / rate_hz)
     write_header(model, folder / "rdpi_params.h", source="model", chain=chain)
     if fixed_point:  # the integers themselves: as the host rounds them
         integers = FixedPoint(model, 1 / rate_hz).references(reference_um).tolist()

@@ -253,6 +253,7 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
     """
     from .. import board
     from ..data import Limits, Recording, excite, read_recording, write_recording
+    from ..firmware import beyond_sample_times
     from ..model import read_model
     from ..simulate import chain, scoring
 
@@ -274,6 +275,9 @@ def compensate(model: str, reference: str, output: str, engine: str, fixed_point
         low_um, high_um = chain.reachable_um(inverse.model)
         click.echo(f"note: the drive was clipped; the reachable range is {low_um:.5g} to {high_um:.5g} um, "
                    f"the reference spans {found.asked_um[0]:.5g} to {found.asked_um[1]:.5g} um")
+    if engine in ("f32", "q31") and (why := beyond_sample_times(inverse.model, run.sample_time_s)):
+        click.echo(f"note: a board would refuse this rate: {why}; for a board take another rate, or another --sweep-rate "
+                   "of `rdpi header`")
     single = not fixed_point and engine not in ("q31", "f64", "numpy")
     for note in scoring.doubts(parameters, inverse, run, reference_column, sweep, single):
         click.echo(f"note: {note}")

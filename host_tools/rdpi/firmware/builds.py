@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from ..errors import BadInput
 from ..model import Model
 from .chain import Chain
 
@@ -22,6 +25,24 @@ def build_options(model: Model, rate_hz: float | None = None, chain: Chain = Cha
     if rate_hz is not None:
         needs["RDPI_MAX_WINDOW"] = math.ceil(model.rate.window_s * rate_hz) + 1
     return {name: need for name, need in needs.items() if need > DEFAULTS[name]}
+
+
+def beyond_sample_times(model: Model, sample_time_s: float) -> str:
+    """Why the firmware does not take the model at this sample time; empty if it does."""
+    shortest_s, longest_s = model.sample_times_s()
+    if np.float32(shortest_s) <= np.float32(sample_time_s) <= np.float32(longest_s):
+        return ""
+    why = (f"with fewer samples the start-up sweep, {model.drive.sweep_speed():.4g} V/s, would jump"
+           if sample_time_s > longest_s else "no controller computes more, or rounding would swallow the start-up sweep")
+    return (f"sample_time_s is {sample_time_s:g}, and the firmware takes {shortest_s:.4g} to {longest_s:.4g} s, "
+            f"{1 / longest_s:.4g} to {1 / shortest_s:.4g} samples per second; {why}")
+
+
+def check_sample_time(model: Model, sample_time_s: float) -> None:
+    """Raise BadInput for a sample time at which the firmware does not take the model."""
+    if why := beyond_sample_times(model, sample_time_s):
+        raise BadInput(f"{model.where}: {why}; take another rate, or another speed of the start-up sweep "
+                       "(rdpi header --sweep-rate)")
 
 
 def build_notes(model: Model, chain: Chain = Chain()) -> list[str]:

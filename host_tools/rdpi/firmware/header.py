@@ -25,7 +25,7 @@ from .parameters import INT32_MAX, Q31
 if TYPE_CHECKING:
     import jinja2
 
-SCHEMA = 7  # of the parameters as the template fills them in; the header compares it with the library's
+SCHEMA = 8  # of the parameters as the template fills them in; the header compares it with the library's
 NAME = "rdpi_params"
 
 # What the header says of the fields of rdpi_f32_params_t, in its order. Tables: type, length, columns.
@@ -50,6 +50,8 @@ SCALARS = {
     "sweep_V_per_s": "V/s: speed of the start-up sweep ...",
     "sweep_end_V": "V: ... and where it ends",
     "sweep_forgotten": "share of what the sweep leaves in the plays that the actuator forgets",
+    "min_sample_time_s": "s: rdpi_f32_init refuses a shorter sample time ...",
+    "max_sample_time_s": "s: ... and a longer one",
     "last_code": "2^DAC_BITS - 1",
     "V_per_code": "V: drive = V_per_code code + min_V",
 }
@@ -116,6 +118,8 @@ Q31_SCALARS = {
     "drive_per_code": ("", "times 2^drive_shift"),
     "sweep_end": ("", "drive at which the start-up sweep ends"),
     "sweep_forgotten": ("", "times 2^30: share of what the sweep leaves in the plays that the actuator forgets"),
+    "min_sample_time_ns": ("u", "ns: rdpi_q31_init refuses a shorter sample time ..."),
+    "max_sample_time_ns": ("u", "ns: ... and a longer one"),
 }
 
 # Of C and C++ to date and of GNU's compilers; names of the standard headers are in templates/c_names.txt.
@@ -169,7 +173,7 @@ def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequenc
     where = source or model.where
     model.validate(where)
     try:
-        single = Firmware(model, _sample_time_s(model), "f32", chain).parameters
+        single = Firmware(model, _sample_time_s(model), "f32", chain, any_sample_time=True).parameters
     except BadInput as error:
         raise BadInput(f"{where}: rounded to single precision, {error}; move the model away from this limit") from None
     numbers, chain_numbers, reason = fixed_point(model, chain)
@@ -179,7 +183,8 @@ def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequenc
         actuator=comment(model.actuator), digest=model_digest, rate_source=model.rate.source, runs=_runs(model.fit),
         plays=single.plays, deadzones=single.deadzones, dac_bits=single.dac_bits, curve_pieces=single.curve_pieces,
         noise_shaping=single.noise_shaping, sweep_cycles=single.sweep_cycles,
-        limits_V=(float(model.drive.min_V), float(model.drive.max_V)),
+        limits_V=(float(model.drive.min_V), float(model.drive.max_V)), times_s=model.sample_times_s(),
+        sweep_step_V=float(model.sample_times_s()[1] * model.drive.sweep_speed()),
         params_digest=f"0x{digest(single):08X}u",
         tables=[(field, *about, _rows(getattr(single, field), literal)) for field, about in TABLES.items()],
         scalars=[(field, text, literal(getattr(single, field))) for field, text in SCALARS.items()],
@@ -206,7 +211,7 @@ def chain_name(name: str) -> str:
 def fixed_point(model: Model, chain: Chain = Chain()) -> tuple[Q31 | None, Q31Chain | None, str]:
     """The parameters in fixed point, or None and the reason why this valid model and its chain have none."""
     try:
-        one = FixedPoint(model, _sample_time_s(model), chain)
+        one = FixedPoint(model, _sample_time_s(model), chain, any_sample_time=True)
         return one.parameters, one.chain, ""
     except BadInput as error:
         return None, None, str(error).rpartition("no fixed point: ")[2]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..data import arguments
 from ..errors import BadInput
 from ..model import Model
 from . import parameters
+from .builds import check_sample_time
 from .chain import Chain, F32Chain, Q31Chain, f32_chain, q31_chain
 from .parameters import F32, NO_REFERENCE, Q31
 
@@ -43,37 +44,42 @@ def flag_counts(flags: np.ndarray) -> dict[str, int]:
     return {name: int(np.count_nonzero(flags & bit)) for name, bit in FLAGS.items()}
 
 
-def engine(model: Model, sample_time_s: float, name: str, chain: Chain | None = None) -> Firmware | FixedPoint:
+def engine(model: Model, sample_time_s: float, name: str, chain: Chain | None = None,
+           any_sample_time: bool = False) -> Firmware | FixedPoint:
     """The library's instance of this name: "f32", "f64" or "q31"."""
     arguments.one_of(name, ENGINES, "engine")
-    return (FixedPoint(model, sample_time_s, chain) if name == "q31" else
-            Firmware(model, sample_time_s, name, chain))
+    return (FixedPoint(model, sample_time_s, chain, any_sample_time) if name == "q31" else
+            Firmware(model, sample_time_s, name, chain, any_sample_time))
 
 
 class Firmware:
     """One rdpi_f32_t with the parameters of `model`, in single ("f32") or double ("f64") precision; with a chain, the
     one in an rdpi_f32_chain_t.
 
-    Raises BadInput with the library's own words if it refuses the parameters.
+    any_sample_time: take sample times too that the parameters as flashed refuse, for a simulation that no controller
+    runs. Raises BadInput with the library's own words if it refuses the parameters.
     """
 
-    def __init__(self, model: Model, sample_time_s: float, real: str = "f32", chain: Chain | None = None) -> None:
+    def __init__(self, model: Model, sample_time_s: float, real: str = "f32", chain: Chain | None = None,
+                 any_sample_time: bool = False) -> None:
         arguments.of_kind(model, Model, "model")
         self._module, self._dtype = _load(real)
         ffi, lib = self._module.ffi, self._module.lib
         self.parameters = parameters.f32(model, self._dtype)
-        self._params, self._arrays = _struct(self._module, "f32", self.parameters)
+        self._params, self._arrays = _struct(self._module, "f32", _unbounded(self.parameters) if any_sample_time else
+                                             self.parameters)
         sample_time_s = arguments.number(sample_time_s, "sample_time_s", finite=False)  # the library has the words
         if chain is None:
             self._chain, self._self = None, ffi.new("rdpi_f32_t *")
-            _check(self._module, lib.rdpi_f32_init(self._self, self._params, sample_time_s), sample_time_s)
+            _check_init(self._module, lib.rdpi_f32_init(self._self, self._params, sample_time_s), model, sample_time_s)
             return
         self.chain = f32_chain(chain, self._dtype)
         self._chain_params, self._poles = _struct(self._module, "f32_chain", self.chain)
         self._chain_params.axis = self._params
         self._chain = ffi.new("rdpi_f32_chain_t *")
         self._self = ffi.addressof(self._chain, "axis")
-        _check(self._module, lib.rdpi_f32_chain_init(self._chain, self._chain_params, sample_time_s), sample_time_s)
+        _check_init(self._module, lib.rdpi_f32_chain_init(self._chain, self._chain_params, sample_time_s), model,
+                    sample_time_s)
 
     def step(self, reference_um: np.ndarray) -> Steps:
         """rdpi_f32_step for each reference in um, shape (samples,), going on from the present state.
@@ -162,28 +168,33 @@ class FixedPoint:
     """One rdpi_q31_t with the parameters of `model`, or with a chain the one in an rdpi_q31_chain_t; um, V and um/s
     outside, integers inside.
 
-    Raises BadInput if 32 bits cannot hold the model, or with the library's own words if it refuses the parameters.
+    any_sample_time: as for Firmware. Raises BadInput if 32 bits cannot hold the model, or with the library's own words
+    if it refuses the parameters.
     """
 
-    def __init__(self, model: Model, sample_time_s: float, chain: Chain | None = None) -> None:
+    def __init__(self, model: Model, sample_time_s: float, chain: Chain | None = None,
+                 any_sample_time: bool = False) -> None:
         arguments.of_kind(model, Model, "model").validate()
         self._module = _load("f32")[0]
         ffi, lib = self._module.ffi, self._module.lib
         self.parameters, self._limits_V = parameters.q31(model), (model.drive.min_V, model.drive.max_V)
         self._scale = self.parameters.scale
-        self._params, self._arrays = _struct(self._module, "q31", self.parameters)
+        self._params, self._arrays = _struct(self._module, "q31", _unbounded(self.parameters) if any_sample_time else
+                                             self.parameters)
         if not 0.5e-9 < arguments.number(sample_time_s, "sample_time_s", finite=False) < 2**32 * 1e-9 - 1e-9:
             raise BadInput(f"sample_time_s is {sample_time_s:g}; fixed point takes 1 ns to 4.29 s")
         if chain is None:
             self._chain, self._self = None, ffi.new("rdpi_q31_t *")
-            self._check(lib.rdpi_q31_init(self._self, self._params, round(sample_time_s * 1e9)))
+            _check_init(self._module, lib.rdpi_q31_init(self._self, self._params, round(sample_time_s * 1e9)), model,
+                        sample_time_s)
             return
         self.chain = q31_chain(chain, self._scale, model.where)
         self._chain_params, self._poles = _struct(self._module, "q31_chain", self.chain)
         self._chain_params.axis = self._params
         self._chain = ffi.new("rdpi_q31_chain_t *")
         self._self = ffi.addressof(self._chain, "axis")
-        self._check(lib.rdpi_q31_chain_init(self._chain, self._chain_params, round(sample_time_s * 1e9)))
+        _check_init(self._module, lib.rdpi_q31_chain_init(self._chain, self._chain_params, round(sample_time_s * 1e9)),
+                    model, sample_time_s)
 
     def step(self, reference_um: np.ndarray) -> Steps:
         """rdpi_q31_step for each reference in um, shape (samples,), going on from the present state.
@@ -374,10 +385,22 @@ def _sweep(module: Any, function: Any, instance: Any, dtype: type) -> tuple[np.n
     return np.concatenate(drives)[:samples], np.concatenate(codes)[:samples]
 
 
-def _check(module: Any, status: int, sample_time_s: float | None = None) -> None:
+def _unbounded(numbers: F32 | Q31) -> F32 | Q31:
+    """The parameters for any sample time."""
+    return replace(numbers, **{item.name: 0 for item in fields(numbers) if item.name.startswith(("min_sample_time",
+                                                                                                 "max_sample_time"))})
+
+
+def _check(module: Any, status: int) -> None:
     if status != module.lib.RDPI_OK:
-        given = "" if sample_time_s is None else f" (sample_time_s is {sample_time_s:g})"
-        raise BadInput(f"the firmware library refuses: {status_text(status)}{given}")
+        raise BadInput(f"the firmware library refuses: {status_text(status)}")
+
+
+def _check_init(module: Any, status: int, model: Model, sample_time_s: float) -> None:
+    if status == module.lib.RDPI_ERR_SAMPLE_RANGE:
+        check_sample_time(model, sample_time_s)
+    if status != module.lib.RDPI_OK:
+        raise BadInput(f"the firmware library refuses: {status_text(status)} (sample_time_s is {sample_time_s:g})")
 
 
 def _load(real: str) -> tuple[Any, type]:

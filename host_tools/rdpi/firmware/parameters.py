@@ -11,10 +11,10 @@ from fractions import Fraction
 import numpy as np
 
 from ..errors import BadInput
-from ..model import MAX_REFERENCE_UM, TOLERANCE, Drive, Model, intercepts, inverse_saturation
+from ..model import LEAST_SAMPLE_S, MAX_REFERENCE_UM, TOLERANCE, Drive, Model, intercepts, inverse_saturation
 
 ONE, MAX_DRIVE, MIN_SLOPE = 2**30, 2**29, 2**24  # RDPI_Q31_...
-NO_REFERENCE, INT32_MAX = -(2**31), 2**31 - 1
+NO_REFERENCE, INT32_MAX, UINT32_MAX = -(2**31), 2**31 - 1, 2**32 - 1
 LARGEST_DRIVE = MAX_DRIVE - 256  # leaves room for rounding, of states once per play
 MIN_SPAN, MIN_CODE = 2**20, 16  # drive units in the output range, and in one step of the DAC
 
@@ -40,6 +40,8 @@ class F32:
     sweep_V_per_s: float
     sweep_end_V: float
     sweep_forgotten: float
+    min_sample_time_s: float
+    max_sample_time_s: float
     last_code: float
     V_per_code: float
     play: np.ndarray  # (n + 1, 5): r, slope, slope_rate, intercept, intercept_rate
@@ -71,7 +73,7 @@ def f32(model: Model, dtype: type = np.float32) -> F32:
             rate_window_s=rate.window_s, rate_filter_s=rate.filter_s, max_um_per_s=rate.max_um_per_s,
             min_slope_ratio=rate.min_slope_ratio, min_V=drive.min_V, max_V=drive.max_V,
             slew_V_per_s=drive.slew_V_per_s or 0.0, sweep_V_per_s=drive.sweep_speed(), sweep_end_V=model.sweep_end(),
-            sweep_forgotten=1 - model.memory.followed_share(),
+            sweep_forgotten=1 - model.memory.followed_share(), **_sample_times(model),
             **_codes(*limits_V, drive.dac_bits or 0, dtype))
         curve = _curve(model, *limits_V, rounded)
         play = (r, slopes, slope_rates, intercepts(r, slopes), intercepts(r, slope_rates))
@@ -81,6 +83,13 @@ def f32(model: Model, dtype: type = np.float32) -> F32:
             play=np.stack(play, axis=1).astype(dtype), saturation=np.stack([d, weights], axis=1).astype(dtype),
             inverse_saturation=_pieces(d, corners, np.cumsum(inverse), float(rounded(model.offset_um))).astype(dtype),
             curve=curve.astype(dtype), memory_um=np.array(model.memory.plays_um, dtype))
+
+
+def _sample_times(model: Model) -> dict[str, float]:
+    if not model.drive.sweep_speed() > 0 or model.shortest_sample_s() > 1:  # the library refuses the sweep
+        return {"min_sample_time_s": 0.0, "max_sample_time_s": 0.0}
+    shortest_s, longest_s = model.sample_times_s()
+    return {"min_sample_time_s": shortest_s, "max_sample_time_s": longest_s}
 
 
 def _codes(min_V: float, max_V: float, bits: int, dtype: type) -> dict[str, float]:
@@ -178,6 +187,8 @@ class Q31:
     drive_per_code: int
     sweep_end: int
     sweep_forgotten: int
+    min_sample_time_ns: int
+    max_sample_time_ns: int
     play: np.ndarray  # int32 (n + 1, 3): r, slope, slope_rate
     saturation: np.ndarray  # int32 (m + 1, 2): d, weight
     inverse_saturation: np.ndarray  # int32 (m + 1, 2)
@@ -260,6 +271,7 @@ def q31(model: Model) -> Q31:
         _millivolts(drive.min_V), _millivolts(drive.max_V), *_floating(um_per_reference),
         min_drive if rising else max_drive, per_drive, per_code,
         round(model.gain_um_per_V * (model.sweep_end() - model.offset_V) * per_um), round((1 - model.memory.followed_share()) * ONE),
+        max(round(LEAST_SAMPLE_S * 1e9), -(-1000 // sweep)), min(round(model.sample_times_s()[1] * 1e9), UINT32_MAX),
         np.stack([r, rest, fastest - rest], axis=1).astype(np.int32),
         saturation.astype(np.int32), inverse.astype(np.int32), curve, states(memory_um, 1 / per_um, r, math.inf),
         Scale(1 / (per_um * model.gain_um_per_V), model.offset_V, 1 / per_um, um_per_v, um_per_reference,

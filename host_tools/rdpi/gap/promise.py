@@ -147,7 +147,8 @@ def _tracked(given: Model, improved: Model, known: Passport | None, run: Recordi
     wanted = np.where(np.isfinite(wanted), wanted, np.nanmean(wanted))
     for model in (given, improved):
         by = inverse_of(model)
-        library = firmware.engine(by.model, run.sample_time_s, "f64", by.chain if by.chain.acts else None)
+        library = firmware.engine(by.model, run.sample_time_s, "f64", by.chain if by.chain.acts else None,
+                                  any_sample_time=True)
         end_V = library.sweep()[0][-1:]  # where the sweep ends; what it leaves, the models say themselves
         drive_V = library.step(firmware.ahead(by.wanted_um(run, wanted), library.preview_samples)).drive_V
         columns = {name: np.concatenate([values[:1], values]) for name, values in run.columns.items()

@@ -20,8 +20,8 @@ from ..errors import BadInput
 from . import validation
 from .curves import along
 from .documents import Document, json_key
-from .limits import (EPSILON, LARGEST, MAX_DAC_BITS, MAX_DEADZONES, MAX_PLAYS, MAX_SWEEP_CYCLES, MIN_SLOPE_RATIO,
-                     SWEEP_CYCLES, SWEEP_HZ, TINY, Source)
+from .limits import (EPSILON, LARGEST, LEAST_SAMPLE_S, MAX_DAC_BITS, MAX_DEADZONES, MAX_PLAYS, MAX_SWEEP_CYCLES,
+                     MIN_SLOPE_RATIO, SWEEP_CYCLES, SWEEP_HZ, SWEEP_SAMPLES, TINY, Source)
 from .records import EffectEntry, FitRecord, KeptRun, OperatorAlone, Passport
 from .sweep import swept_states
 
@@ -264,6 +264,11 @@ class Model(Document):
     def shortest_sample_s(self) -> float:
         """Sample time in s below which the firmware refuses: its drive could not move as slowly as the sweep."""
         return 8 * EPSILON * float(abs(self.drive.min_V) + abs(self.drive.max_V)) / float(self.drive.sweep_speed())
+
+    def sample_times_s(self) -> tuple[float, float]:
+        """Shortest and longest sample time in s for which the firmware takes the model."""
+        longest_s = float(self.drive.max_V - self.drive.min_V) / SWEEP_SAMPLES / float(self.drive.sweep_speed())
+        return max(self.shortest_sample_s(), LEAST_SAMPLE_S), longest_s
 
     def to_json(self) -> dict[str, Any]:
         """The document as written by this version, unknown keys included."""

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import BadInput
 from .curves import guard_rates, intercepts, inverse_saturation
 from .limits import (LARGEST, LEAST_SLOPE, MAX_CURVE_PIECES, MAX_DAC_BITS, MAX_OFFSET, MAX_SWEEP_CYCLES, MIN_SPAN_V,
-                     SOURCES, TOLERANCE)
+                     SOURCES, TOLERANCE, SWEEP_SAMPLES)
 
 if TYPE_CHECKING:
     from .model import Drive, Model
@@ -153,6 +153,10 @@ def _check_sweep(model: Model, refuse: Refuse) -> None:
     if model.shortest_sample_s() > 1:
         refuse(given, f"a start-up sweep of {speed:g} V/s is too slow: in single precision the drive would not "
                       "move from one sample to the next; allow a faster one or a wider range")
+    shortest_s, longest_s = model.sample_times_s()
+    if shortest_s > longest_s:
+        refuse(given, f"a start-up sweep of {speed:g} V/s crosses the range in {SWEEP_SAMPLES * longest_s:.3g} s, "
+                      f"faster than {SWEEP_SAMPLES} samples of any controller; allow a slower one")
 
 
 def _short(values: np.ndarray) -> str:

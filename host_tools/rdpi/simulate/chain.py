@@ -220,7 +220,8 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
         return numpy_inverse.step(inverted, by.chain, asked, run.sample_time_s, swept)[0], offset
     if engine == "f32":
         by.check_sweep(run)
-    library = firmware.engine(inverted, run.sample_time_s, engine, by.chain if by.chain.acts else None)
+    library = firmware.engine(inverted, run.sample_time_s, engine, by.chain if by.chain.acts else None,
+                              any_sample_time=True)
     if sweep:
         library.sweep()
     elif swept is not None:
@@ -266,7 +267,7 @@ def operator_from(model: Model, run: Recording, states_um: np.ndarray) -> Firmwa
     high_V = max(float(np.max(run.command_V)), min(LARGEST, model.offset_V + reach_V))
     unlimited = replace(model, drive=Drive(low_V, high_V),
                         memory=Memory(float(states_um[0]), np.asarray(states_um, float)))
-    return Firmware(unlimited, run.sample_time_s, "f64")
+    return Firmware(unlimited, run.sample_time_s, "f64", any_sample_time=True)
 
 
 def _predict(model: Model, run: Recording, states_um: np.ndarray, memory: str) -> Prediction:

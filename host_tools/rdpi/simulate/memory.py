@@ -89,6 +89,6 @@ def within_drive(model: Model) -> Memory:
 def reachable_um(model: Model) -> tuple[float, float]:
     """Lowest and highest displacement within the drive's range, at rest, after moving over all of it."""
     ends = np.tile([model.drive.min_V, model.drive.max_V], 2)
-    engine = Firmware(replace(model, memory=within_drive(model)), 1.0, "f64")
+    engine = Firmware(replace(model, memory=within_drive(model)), 1.0, "f64", any_sample_time=True)
     low, high = engine.forward(ends, np.zeros(4))[2:]
     return float(min(low, high)), float(max(low, high))

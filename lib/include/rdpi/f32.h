@@ -29,9 +29,10 @@
  * is the cost without them.
  *
  * The quick way: most steps take some 70 instructions if DAC codes are output, the rate window is one sample, and there
- * is no rate filter, no slew limit and no noise shaping. The macro RDPI_QUICK_STEP, defined as 0 or 1 for lib/src, leaves the quick
- * way out or compiles it. Its default is 0 with -Os and 1 otherwise, because the quick way adds 2 to 3 kB of code.
- * Codes, drives, flags and counts are the same with and without it, bit for bit. */
+ * is no rate filter, no slew limit and no noise shaping. The macro RDPI_QUICK_STEP, defined as 0, 1 or 2 for lib/src,
+ * leaves the quick way out (0), or compiles half of it (1) or all of it (2). Half of it adds 1 kB of code: steps that
+ * the quick way does not serve cost what they cost without it. All of it adds 2 to 3 kB. The default is 1 with -Os and 2
+ * otherwise. Codes, drives, flags and counts are the same with each of them, bit for bit. */
 #ifndef RDPI_F32_H
 #define RDPI_F32_H
 
@@ -124,6 +125,10 @@ typedef struct {
     rdpi_real_t sweep_end_V;     /**< where the start-up sweep ends, min_V <= end <= max_V */
     rdpi_real_t sweep_forgotten; /**< share, 0 .. 1, of y_i - x that the actuator has forgotten when the start-up sweep
                                       has ended; see rdpi_f32_forget_sweep */
+    rdpi_real_t min_sample_time_s; /**< the shortest sample time that init takes: no controller computes a step in less,
+                                        or the sweep would be lost in rounding; 0: only the sweep decides */
+    rdpi_real_t max_sample_time_s; /**< the longest: the sweep then goes from min_V to max_V in 8 samples. In fewer, its
+                                        ramps are jumps of the amplifier. 0: unlimited */
     rdpi_real_t last_code;       /**< 2^dac_bits - 1. Without codes, this and the number below are 0 */
     rdpi_real_t V_per_code;      /**< drive = V_per_code * dac_code + min_V, at no code above max_V */
     const rdpi_f32_play_t *play;                /**< [plays] */
@@ -212,8 +217,8 @@ typedef struct {
 uint32_t rdpi_f32_digest_layout(uint64_t layout, const rdpi_f32_params_t *params);
 
 /** The CRC-32 (that of zlib) of the parameters, for programs that fill in parameters themselves. It covers counts,
- * numbers and arrays in the order of the struct and in the representation of this machine. It leaves out schema, digest
- * and addresses. `params` must have pointers and counts that rdpi_f32_init accepts. O(n + m). ISR safe. */
+ * numbers and arrays in the order of the struct, each number with its lowest byte first and without padding, so that it
+ * is the same on every machine. It leaves out schema, digest and addresses. `params` must have pointers and counts that rdpi_f32_init accepts. O(n + m). ISR safe. */
 static inline uint32_t rdpi_f32_digest(const rdpi_f32_params_t *params)
 {
     return rdpi_f32_digest_layout(RDPI_F32_LAYOUT, params);
@@ -237,6 +242,7 @@ rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi
  *
  * @return RDPI_OK, or the first fault found; each kind of fault has a value of its own (rdpi_status_t). After a fault,
  * `self` must not be used. */
+RDPI_MUST_CHECK
 static inline rdpi_status_t rdpi_f32_init(rdpi_f32_t *self, const rdpi_f32_params_t *params, rdpi_real_t sample_time_s)
 {
     return rdpi_f32_init_layout(RDPI_F32_LAYOUT, self, params, sample_time_s);

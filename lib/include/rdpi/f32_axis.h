@@ -62,6 +62,7 @@ typedef struct {
     rdpi_real_t step_V;        /**< ... and how far in a sample */
     bool to_drive;             /**< the ramp goes to a drive, and the axis stops there */
     bool sane;                 /**< reset by check: the next sample goes to FAULT */
+    bool known;                /**< where the plays are: there was no fault after the latest sweep */
     volatile uint8_t posted;   /**< counts requests; the latest is request[posted % 2] */
     uint8_t taken;             /**< the request that was obeyed last */
     volatile rdpi_f32_request_t request[2]; /**< two, so that no sample reads one that is being written */
@@ -76,9 +77,9 @@ rdpi_status_t rdpi_f32_axis_init_layout(uint64_t layout, rdpi_f32_axis_t *self, 
  *
  * @return RDPI_OK; what rdpi_f32_chain_init returns; or RDPI_ERR_MEMORY if `drive_V` is not finite or outside the range.
  * After a fault the mode is OFF, and drive_V and dac_code of `self` are as before: steps hold them. Not for an ISR. */
-RDPI_MUST_CHECK static inline rdpi_status_t rdpi_f32_axis_init(rdpi_f32_axis_t *self,
-                                                               const rdpi_f32_chain_params_t *params,
-                                                               rdpi_real_t sample_time_s, rdpi_real_t drive_V)
+RDPI_MUST_CHECK
+static inline rdpi_status_t rdpi_f32_axis_init(rdpi_f32_axis_t *self, const rdpi_f32_chain_params_t *params,
+                                               rdpi_real_t sample_time_s, rdpi_real_t drive_V)
 {
     return rdpi_f32_axis_init_layout(RDPI_F32_CHAIN_LAYOUT, self, params, sample_time_s, drive_V);
 }
@@ -92,7 +93,8 @@ RDPI_MUST_CHECK static inline rdpi_status_t rdpi_f32_axis_init(rdpi_f32_axis_t *
 rdpi_real_t rdpi_f32_axis_step(rdpi_f32_axis_t *self, rdpi_real_t ahead_um);
 
 /** `n` samples at once, in any mode: as rdpi_f32_chain_block. `reference_um` holds n + chain.preview_samples references,
- * the present one first. In RAMP the first one is approached.
+ * the present one first. In RAMP the first one is approached. Where an exchange in the block asks for more preview, the
+ * last reference takes the place of those beyond.
  *
  * @return how many references were followed: `n` in RUN, 0 in other modes, part of `n` where RUN begins in the block.
  * The next block begins so many references later. The flags of all samples are in `flags`, OR-ed. With a NULL pointer,
@@ -123,12 +125,13 @@ rdpi_real_t rdpi_f32_axis_replayed(rdpi_f32_axis_t *self, uint32_t dac_code);
 rdpi_status_t rdpi_f32_axis_start(rdpi_f32_axis_t *self);
 
 /** Goes from STOPPED on to the ramp and RUN, without a sweep: the chain has followed the drive all the time.
- * @return RDPI_OK, RDPI_ERR_NULL, RDPI_ERR_MODE in other modes. */
+ * @return RDPI_OK, RDPI_ERR_NULL, RDPI_ERR_MODE in other modes, and after a fault until a sweep has ended. */
 rdpi_status_t rdpi_f32_axis_restart(rdpi_f32_axis_t *self);
 
 /** Leads the drive to `drive_V` on a straight line at `V_per_s`, and stops there. 0 V/s: the speed of the sweep. The
  * slew limit holds, too. @return RDPI_OK, RDPI_ERR_NULL, RDPI_ERR_MODE in OFF; RDPI_ERR_MEMORY for a drive that is not
- * finite or outside the range, RDPI_ERR_RATE for a speed that is not finite or negative. */
+ * finite or outside the range, RDPI_ERR_RATE for a speed that is not finite, negative, or
+ * so slow that rounding swallows the change of one sample. */
 rdpi_status_t rdpi_f32_axis_stop(rdpi_f32_axis_t *self, rdpi_real_t drive_V, rdpi_real_t V_per_s);
 
 /** Hands the actuator over to another source: the axis holds its drive until rdpi_f32_axis_follow reports another.
@@ -136,12 +139,12 @@ rdpi_status_t rdpi_f32_axis_stop(rdpi_f32_axis_t *self, rdpi_real_t drive_V, rdp
 rdpi_status_t rdpi_f32_axis_hand_over(rdpi_f32_axis_t *self);
 
 /** Takes the actuator back: from the drive that was followed last, the ramp leads to the reference.
- * @return RDPI_OK, RDPI_ERR_NULL, RDPI_ERR_MODE unless the mode is MANUAL. */
+ * @return RDPI_OK, RDPI_ERR_NULL, RDPI_ERR_MODE unless the mode is MANUAL, and after a fault until a sweep has ended. */
 rdpi_status_t rdpi_f32_axis_take_back(rdpi_f32_axis_t *self);
 
 /** Something else, such as a watchdog or an emergency stop, has brought the output to `drive_V`. The chain follows it,
- * the drive is held there, and only rdpi_f32_axis_start leads on. @return RDPI_OK, RDPI_ERR_NULL, RDPI_ERR_MODE in OFF,
- * RDPI_ERR_MEMORY for a drive that is not finite or outside the range. */
+ * the drive is held there, and only rdpi_f32_axis_start with its whole sweep leads back to RUN. @return RDPI_OK,
+ * RDPI_ERR_NULL, RDPI_ERR_MODE in OFF, RDPI_ERR_MEMORY for a drive that is not finite or outside the range. */
 rdpi_status_t rdpi_f32_axis_fault(rdpi_f32_axis_t *self, rdpi_real_t drive_V);
 
 /** Exchanges the parameters while the axis runs. `spare` is a chain that rdpi_f32_chain_init has accepted with the new
@@ -149,7 +152,7 @@ rdpi_status_t rdpi_f32_axis_fault(rdpi_f32_axis_t *self, rdpi_real_t drive_V);
  * calls rdpi_f32_chain_inherit: it takes what the chain remembers over, and the drive stays where it is. From RUN a ramp
  * leads to what the new parameters ask for. `exchanged` says whether the exchange was accepted. If not, the old
  * parameters go on.
- * @return RDPI_OK, RDPI_ERR_NULL, RDPI_ERR_MODE in OFF, SWEEP and FAULT. */
+ * @return RDPI_OK, RDPI_ERR_NULL, RDPI_ERR_MODE in OFF, SWEEP and FAULT, and while a stop is on its way. */
 rdpi_status_t rdpi_f32_axis_exchange(rdpi_f32_axis_t *self, rdpi_f32_chain_t *spare);
 
 /** Whether no sample has obeyed the latest request yet. */
@@ -159,8 +162,9 @@ static inline bool rdpi_f32_axis_pending(const rdpi_f32_axis_t *self)
 }
 
 /** Looks the state over as rdpi_f32_chain_is_sane does. If it is damaged, the next sample goes to FAULT and holds its
- * drive. For a background task: it may be interrupted by a sample. O(n + poles). @return false if it is damaged, or if
- * `self` is NULL. */
+ * drive, and the states of the chain are made anew as rdpi_f32_chain_reset does. If that does not repair them, the drive
+ * is held, and every call returns RDPI_ERR_MODE until another init. For a background task: it may be interrupted by a
+ * sample. O(n + poles). @return false if it is damaged, in OFF, or if `self` is NULL. */
 bool rdpi_f32_axis_check(rdpi_f32_axis_t *self);
 
 #ifdef __cplusplus

@@ -158,6 +158,7 @@ rdpi_status_t rdpi_f32_chain_init_layout(uint64_t layout, rdpi_f32_chain_t *self
  * rdpi_f32_chain_reset makes. As rdpi_f32_init in all else.
  *
  * @return RDPI_OK, or the first fault found: those of rdpi_f32_init, and RDPI_ERR_CHAIN. */
+RDPI_MUST_CHECK
 static inline rdpi_status_t rdpi_f32_chain_init(rdpi_f32_chain_t *self, const rdpi_f32_chain_params_t *params,
                                                 rdpi_real_t sample_time_s)
 {
@@ -214,8 +215,8 @@ rdpi_real_t rdpi_f32_chain_forward(rdpi_f32_chain_t *self, rdpi_real_t drive_V);
  *
  * @return the flags of all samples, OR-ed. RDPI_FLAG_INPUT alone if a pointer is NULL: then nothing else has happened.
  *
- * n times the amortised cost of a step, and once its O(n + m + poles): a block is dear only where x turns round or plays
- * engage, and a play that has engaged cannot do so again before x turns round. ISR safe. */
+ * n times the amortised cost of a step, and O(n + m + poles) more for each sample in which x turns round or a play
+ * engages: lib/README.md has figures. ISR safe. */
 uint32_t rdpi_f32_chain_block(rdpi_f32_chain_t *self, const rdpi_real_t *reference_um, uint32_t *codes, uint32_t n);
 
 /** Reads all that the chain remembers. Between this and rdpi_f32_chain_set_state the chain goes on to the bit: steps
@@ -230,6 +231,7 @@ rdpi_status_t rdpi_f32_chain_get_state(const rdpi_f32_chain_t *self, rdpi_f32_ch
  *
  * @return RDPI_OK, RDPI_ERR_NULL, or RDPI_ERR_STATE if the state is torn, damaged or not of this chain. Then nothing has
  * changed. */
+RDPI_MUST_CHECK
 rdpi_status_t rdpi_f32_chain_set_state(rdpi_f32_chain_t *self, const rdpi_f32_chain_state_t *state);
 
 /** Whether the state is one that a chain can have: every number is finite and within what parameters and range allow,
@@ -254,6 +256,7 @@ bool rdpi_f32_chain_is_sane(const rdpi_f32_chain_t *self);
  *
  * @return RDPI_OK; RDPI_ERR_NULL; RDPI_ERR_SAMPLE_TIME if the sample times differ; RDPI_ERR_MEMORY if the drive of `from`
  * is outside the range of `self`. Then `self` is as init made it. */
+RDPI_MUST_CHECK
 rdpi_status_t rdpi_f32_chain_inherit(rdpi_f32_chain_t *self, const rdpi_f32_chain_t *from);
 
 /** As rdpi_f32_sweep. With its last sample comes rdpi_f32_forget_sweep. Creep counts as settled in the middle of the

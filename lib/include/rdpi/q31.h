@@ -109,6 +109,8 @@ typedef struct {
     int32_t drive_per_code;     /**< its inverse, times 2^drive_shift */
     int32_t sweep_end;          /**< the drive at which the start-up sweep ends */
     int32_t sweep_forgotten;    /**< see sweep_forgotten in rdpi/f32.h; times 2^30 */
+    uint32_t min_sample_time_ns; /**< see min_sample_time_s in rdpi/f32.h */
+    uint32_t max_sample_time_ns; /**< see max_sample_time_s; 0: unlimited */
     const rdpi_q31_play_t *play;                   /**< [plays] */
     const rdpi_q31_deadzone_t *saturation;         /**< [deadzones], S (eq. 8), from v to reference units */
     const rdpi_q31_deadzone_t *inverse_saturation; /**< [deadzones], S^-1 (eq. 13), from reference units to v */
@@ -153,6 +155,34 @@ typedef struct {
     uint32_t length;   /**< how many references are on it; 0: none found yet, or its numbers do not fit */
 } rdpi_q31_piece_t;
 
+/** How the counts of a sensor become references. RDPI_PARAMS_Q31_SENSOR of a generated header fills it in. */
+typedef struct {
+    int64_t per_count; /**< reference units per count, times 2^32 */
+    int64_t rest;      /**< the reference at count_0, times 2^32, and 2^31, so that cutting rounds to the nearest */
+    int32_t count_0;   /**< the count nearest to reference 0 */
+    int32_t least;     /**< counts below this one are taken for it, ... */
+    int32_t most;      /**< ... and counts above this one for this */
+} rdpi_q31_sensor_t;
+
+/** Part of RDPI_Q31_SENSOR: the nearest number that fits 32 bits. Single precision holds these ends, too. */
+#define RDPI_Q31_WITHIN(x) ((x) > 2147483520.0 ? 2147483520.0 : ((x) < -2147483520.0 ? -2147483520.0 : (x)))
+/** Part of RDPI_Q31_SENSOR: the integer nearest to that. */
+#define RDPI_Q31_NEAREST(x) ((int32_t)(RDPI_Q31_WITHIN(x) + ((x) < 0 ? -0.5 : 0.5)))
+/** Part of RDPI_Q31_SENSOR. */
+#define RDPI_Q31_MAGNITUDE(x) ((x) < 0 ? -(x) : (x))
+
+/** An rdpi_q31_sensor_t as an initialiser, of constants in double: reference units per count, below 2^29 in magnitude and
+ * not 0, and the count at reference 0, a fraction, within 32 bits. Least and most are where the reference reaches 1.5
+ * times 2^30, beyond all that an actuator reaches. */
+#define RDPI_Q31_SENSOR(per_count, count)                                                                             \
+    {                                                                                                                 \
+        (int64_t)((per_count) * 4294967296.0 + ((per_count) < 0 ? -0.5 : 0.5)),                                       \
+            (int64_t)(((double)RDPI_Q31_NEAREST(count) - RDPI_Q31_WITHIN(count)) * (per_count) * 4294967296.0) +      \
+                ((int64_t)1 << 31),                                                                                   \
+            RDPI_Q31_NEAREST(count), RDPI_Q31_NEAREST((count) - 1610612736.0 / RDPI_Q31_MAGNITUDE(per_count)),        \
+            RDPI_Q31_NEAREST((count) + 1610612736.0 / RDPI_Q31_MAGNITUDE(per_count))                                  \
+    }
+
 /** One actuator at work. Read the fields under "result"; the others are private. */
 typedef struct {
     /* result */
@@ -188,6 +218,14 @@ typedef struct {
 /** RDPI_LAYOUT of this header. */
 #define RDPI_Q31_LAYOUT RDPI_LAYOUT(rdpi_q31_t, rdpi_q31_params_t)
 
+/** The reference for the counts of a sensor, in integers: one multiplication of 64 bits. Any counts are usable. Within
+ * least to most, the reference is within 0.75 units of the exact one if double has 64 bits. O(1). ISR safe. */
+static inline int32_t rdpi_q31_of_counts(const rdpi_q31_sensor_t *sensor, int32_t counts)
+{
+    int32_t usable = counts < sensor->least ? sensor->least : (counts > sensor->most ? sensor->most : counts);
+    return (int32_t)((((int64_t)usable - sensor->count_0) * sensor->per_count + sensor->rest) >> 32);
+}
+
 /** As rdpi_f32_digest_layout. */
 uint32_t rdpi_q31_digest_layout(uint64_t layout, const rdpi_q31_params_t *params);
 
@@ -210,6 +248,7 @@ rdpi_status_t rdpi_q31_init_layout(uint64_t layout, rdpi_q31_t *self, const rdpi
  * - saturation weights whose magnitudes add up to more than 2^31 (RDPI_ERR_SATURATION);
  * - a guard of less than one reference unit per window, or of 2^63 and more (RDPI_ERR_RATE);
  * - a window of 4.29 s and more (RDPI_ERR_WINDOW). */
+RDPI_MUST_CHECK
 static inline rdpi_status_t rdpi_q31_init(rdpi_q31_t *self, const rdpi_q31_params_t *params, uint32_t sample_time_ns)
 {
     return rdpi_q31_init_layout(RDPI_Q31_LAYOUT, self, params, sample_time_ns);

@@ -41,6 +41,7 @@ typedef struct {
     bool own_direct_output;  /**< as init has set it in the chain */
     bool to_drive;           /**< the ramp goes to a drive, and the axis stops there */
     bool sane;               /**< reset by check: the next sample goes to FAULT */
+    bool known;              /**< where the plays are: there was no fault after the latest sweep */
     volatile uint8_t posted; /**< counts requests; the latest is request[posted % 2] */
     uint8_t taken;           /**< the request that was obeyed last */
     volatile rdpi_q31_request_t request[2]; /**< two, so that no sample reads one that is being written */
@@ -51,9 +52,9 @@ rdpi_status_t rdpi_q31_axis_init_layout(uint64_t layout, rdpi_q31_axis_t *self, 
                                         uint32_t sample_time_ns, int32_t drive);
 
 /** As rdpi_f32_axis_init. `sample_time_ns` is that of rdpi_q31_init. */
-RDPI_MUST_CHECK static inline rdpi_status_t rdpi_q31_axis_init(rdpi_q31_axis_t *self,
-                                                               const rdpi_q31_chain_params_t *params,
-                                                               uint32_t sample_time_ns, int32_t drive)
+RDPI_MUST_CHECK
+static inline rdpi_status_t rdpi_q31_axis_init(rdpi_q31_axis_t *self, const rdpi_q31_chain_params_t *params,
+                                               uint32_t sample_time_ns, int32_t drive)
 {
     return rdpi_q31_axis_init_layout(RDPI_Q31_CHAIN_LAYOUT, self, params, sample_time_ns, drive);
 }

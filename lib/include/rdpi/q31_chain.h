@@ -161,6 +161,7 @@ rdpi_status_t rdpi_q31_chain_init_layout(uint64_t layout, rdpi_q31_chain_t *self
  * Scaling and overflow: init refuses what rdpi_q31_init refuses, and with RDPI_ERR_CHAIN numbers outside what their
  * fields say. It also refuses a lead that multiplies differences of references by 2^29 or more, and a lag of 2^28
  * samples or more. */
+RDPI_MUST_CHECK
 static inline rdpi_status_t rdpi_q31_chain_init(rdpi_q31_chain_t *self, const rdpi_q31_chain_params_t *params,
                                                 uint32_t sample_time_ns)
 {
@@ -199,6 +200,7 @@ uint32_t rdpi_q31_chain_block(rdpi_q31_chain_t *self, const int32_t *reference, 
 rdpi_status_t rdpi_q31_chain_get_state(const rdpi_q31_chain_t *self, rdpi_q31_chain_state_t *state);
 
 /** As rdpi_f32_chain_set_state. */
+RDPI_MUST_CHECK
 rdpi_status_t rdpi_q31_chain_set_state(rdpi_q31_chain_t *self, const rdpi_q31_chain_state_t *state);
 
 /** As rdpi_f32_chain_is_sane. Of numbers of 64 bits it looks at the upper half, which is read at once. */
@@ -209,6 +211,7 @@ bool rdpi_q31_chain_is_sane(const rdpi_q31_chain_t *self);
  * @return also RDPI_ERR_DRIVE if the output ranges, in V, differ.
  *
  * Scaling and overflow: what does not fit the formats of the new parameters saturates. It divides 64 bits by 32. */
+RDPI_MUST_CHECK
 rdpi_status_t rdpi_q31_chain_inherit(rdpi_q31_chain_t *self, const rdpi_q31_chain_t *from);
 
 /** As rdpi_f32_chain_sweep. */

@@ -13,9 +13,14 @@
 extern "C" {
 #endif
 
+#define RDPI_VERSION_MAJOR 0 /**< the version of the library */
+#define RDPI_VERSION_MINOR 1 /**< see RDPI_VERSION_MAJOR */
+#define RDPI_VERSION_PATCH 0 /**< see RDPI_VERSION_MAJOR */
+#define RDPI_VERSION "0.1.0" /**< the same as text */
+
 /** The version of the layout of rdpi_f32_params_t and rdpi_q31_params_t. It changes whenever one of the layouts does.
  * init refuses parameters of another version. */
-#define RDPI_PARAMS_SCHEMA 7u
+#define RDPI_PARAMS_SCHEMA 8u
 
 /** The most bits of a DAC. init refuses more, because single precision does not resolve more. */
 #define RDPI_MAX_DAC_BITS 20
@@ -111,6 +116,9 @@ typedef enum {
                                      2^24 samples */
     RDPI_ERR_CURVE = -20,       /**< the input curve does not have 1 to RDPI_MAX_CURVE_PIECES pieces, or these are out of
                                      order, leave a gap, do not all rise or all fall, or do not end at codes */
+    RDPI_ERR_SAMPLE_RANGE = -21, /**< the sample time is outside the range of the parameters, min_sample_time to
+                                     max_sample_time: is it in s (q31: in ns)? The macro RDPI_ANY_SAMPLE_TIME leaves
+                                     this check out */
     RDPI_ERR_STATE = -22,       /**< the state of a chain is torn or damaged, or belongs to other parameters or another
                                      sample time */
     RDPI_ERR_MODE = -23         /**< the axis does not take this call in its present mode: see rdpi/f32_axis.h */
@@ -131,7 +139,7 @@ typedef enum {
     RDPI_AXIS_RAMP,    /**< on the way to the reference, or to the drive of a stop, at a limited speed */
     RDPI_AXIS_RUN,     /**< follows the reference */
     RDPI_AXIS_MANUAL,  /**< another source drives the actuator; the chain follows it */
-    RDPI_AXIS_FAULT    /**< the drive is held; only a start with its sweep leads on */
+    RDPI_AXIS_FAULT    /**< the drive is held; only a start with its sweep leads back to RUN */
 } rdpi_axis_mode_t;
 
 /** What happened in the latest step. The bits are OR-ed. */

@@ -13,10 +13,10 @@ void setup()
     rdpi_status_t status = rdpi_q31_init(&axis, &rdpi_params_q31, 1000000000ul / RATE_HZ); /* ns */
     Serial.print("status ");
     Serial.println((int)status); /* of rdpi/types.h; 0 is RDPI_OK */
-    const int32_t step = RDPI_PARAMS_Q31_REFERENCE(0.05); /* um */
+    const int32_t bottom = RDPI_PARAMS_Q31_REFERENCE(0), step = RDPI_PARAMS_Q31_DIFFERENCE(0.05); /* um */
     for (long sample = 0; status == RDPI_OK && sample < SAMPLES; sample++) {
         long phase = sample % (2 * TURN);
-        rdpi_q31_step(&axis, step * (phase < TURN ? phase : 2 * TURN - phase));
+        rdpi_q31_step(&axis, bottom + step * (phase < TURN ? phase : 2 * TURN - phase));
         Serial.println(axis.dac_code);
     }
     Serial.println("end");

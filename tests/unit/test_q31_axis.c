@@ -1,0 +1,92 @@
+/* rdpi_q31_axis: the life of an axis. */
+#include "unity.h"
+
+#include "rdpi/q31_axis.h"
+
+TEST_SOURCE_FILE("lib/src/rdpi_q31.c")
+TEST_SOURCE_FILE("lib/src/rdpi_q31_chain.c")
+TEST_SOURCE_FILE("lib/src/rdpi_q31_state.c")
+TEST_SOURCE_FILE("lib/src/rdpi_q31_axis.c")
+
+#include "life_q31.inc"
+void setUp(void); /* there, named here for the generator of the runner */
+void tearDown(void);
+
+/* What both siblings do. */
+void test_before_init_the_axis_holds_what_its_caller_put_there(void);
+void test_off_takes_no_call(void);
+void test_every_call_refuses_null(void);
+void test_a_refused_init_leaves_drive_and_code_and_the_axis_off(void);
+void test_init_takes_both_ends_of_the_range(void);
+void test_init_stops_at_the_drive_that_is_output(void);
+void test_init_forgets_requests(void);
+void test_each_mode_takes_the_calls_of_the_table_and_no_other(void);
+void test_start_sweeps_over_the_range_ramps_and_runs(void);
+void test_the_reference_that_ends_the_ramp_is_the_first_one_followed(void);
+void test_a_ramp_goes_on_until_its_reference_is_usable_and_reached(void);
+void test_a_request_is_pending_until_a_sample_has_obeyed(void);
+void test_of_two_requests_before_a_sample_the_later_counts(void);
+void test_however_many_requests_come_before_a_sample_the_last_counts(void);
+void test_no_transition_makes_a_step_larger_than_its_speed(void);
+void test_no_transition_makes_a_step_larger_than_the_slew_limit(void);
+void test_no_transition_makes_a_larger_step_where_the_gain_is_negative(void);
+void test_plays_and_creep_follow_the_drive_in_every_mode(void);
+void test_plays_and_creep_follow_the_codes_in_every_mode(void);
+void test_plays_follow_the_drive_in_every_mode(void);
+void test_stop_goes_straight_to_its_drive_at_its_speed(void);
+void test_stop_without_a_speed_has_that_of_the_sweep(void);
+void test_stop_keeps_the_slew_limit(void);
+void test_stop_where_the_drive_is_stops_at_once(void);
+void test_another_stop_replaces_the_one_on_its_way(void);
+void test_a_slow_stop_outputs_codes_and_arrives(void);
+void test_stop_refuses_drives_outside_the_range(void);
+void test_follow_outputs_the_drive_of_the_other_source_and_tells_where_the_actuator_is(void);
+void test_follow_obeys_a_hand_over_that_is_pending(void);
+void test_follow_in_another_mode_holds_the_drive_and_flags_it(void);
+void test_follow_refuses_a_drive_that_is_none(void);
+void test_a_sweep_and_ramps_go_on_where_they_were_after_missed_samples(void);
+void test_creep_goes_on_while_samples_are_missed(void);
+void test_fault_holds_the_drive_that_was_output_elsewhere(void);
+void test_after_a_fault_only_a_whole_sweep_leads_back_to_run(void);
+void test_check_passes_every_mode(void);
+void test_a_damaged_state_leads_to_fault_at_the_same_drive(void);
+void test_a_damaged_mode_leads_to_fault(void);
+void test_a_request_that_the_mode_takes_no_longer_is_dropped(void);
+void test_damage_that_a_reset_does_not_repair_needs_another_init(void);
+void test_a_count_of_poles_that_was_damaged_is_repaired(void);
+void test_an_exchange_keeps_the_drive_and_ramps_to_what_the_new_parameters_ask_for(void);
+void test_an_exchange_of_parameters_at_rest_holds_the_drive(void);
+void test_a_refused_exchange_leaves_the_old_parameters_in_force(void);
+void test_a_stop_on_its_way_takes_no_exchange(void);
+void test_a_block_outputs_what_steps_output_and_says_how_many_references_it_followed(void);
+void test_a_block_reads_no_further_than_its_caller_knows(void);
+#include "axis_life.inc"
+
+void test_stop_refuses_a_speed_that_never_arrives(void)
+{
+    const uint64_t bad = 1000 / T_NS; /* 0.95 of the least: 2^-32 of a drive unit a sample */
+    init_at(0);
+    TEST_ASSERT_EQUAL_UINT32(0, bad); /* any speed but 0 arrives at this sample time */
+    TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_q31_axis_init(&life, &model.params, 500, 0));
+    TEST_ASSERT_EQUAL_INT(RDPI_ERR_RATE, rdpi_q31_axis_stop(&life, U, 1));
+    TEST_ASSERT_FALSE(rdpi_q31_axis_pending(&life));
+    TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_q31_axis_stop(&life, U, 2));
+}
+
+void test_follow_predicts_nothing_in_off(void)
+{
+    TEST_ASSERT_EQUAL_INT32(RDPI_Q31_NO_REFERENCE, rdpi_q31_axis_follow(&life, U));
+}
+
+void test_an_exchange_for_another_range_is_refused(void)
+{
+    bring(RDPI_AXIS_RUN);
+    int32_t drive = life.drive;
+    other.max_V = 27;
+    spare_of(&other);
+    ok(rdpi_q31_axis_exchange(&life, &spare));
+    (void)step(HOME);
+    TEST_ASSERT_EQUAL_INT(RDPI_ERR_DRIVE, life.exchanged);
+    in_mode(RDPI_AXIS_RUN);
+    SAME_NUMBER(drive, life.drive);
+}
