@@ -218,7 +218,7 @@ static inline void dac_gets(uint8_t first, uint8_t second)
     extern uint32_t lost;
     static uint16_t frames;
     Serial.println((first & 0x0F) << 8 | second);
-    if (++frames == 900) {
+    if (++frames == 1200) {
         Serial.println(lost);
         Serial.println("end");
     }
@@ -297,9 +297,9 @@ def test_a_sketch_drives_its_dac_from_a_timer(libraries: Path, tmp_path: Path, n
     *codes, lost = [int(line) for line in said if line.isdigit()]
     assert lost == 0
     assert abs(codes[0] - 20 / 140 * 4095) <= 1 and min(codes) == 0 and max(codes) == 4095  # safe code; the sweep
-    assert np.abs(np.diff(codes)).max() <= 5600 / 200 / 140 * 4095 + 1  # never faster than the sweep
+    assert np.abs(np.diff(codes)).max() <= 5600 / 400 / 140 * 4095 + 1  # never faster than the sweep
     height = 160 - np.abs(np.arange(400) % 320 - 160)
-    rows = (f"{k / 200!r},{0.05 * um!r}" for k, um in enumerate(height.tolist()))
+    rows = (f"{k / 400!r},{0.05 * um!r}" for k, um in enumerate(height.tolist()))
     (tmp_path / "reference.csv").write_text("\n".join(["time_s,reference_um", *rows, ""]))
     run(sys.executable, "-m", "rdpi", "compensate", "--sweep", "--engine", engine, params / "model.json",
         tmp_path / "reference.csv", "-o", tmp_path / "drive.csv")
@@ -307,7 +307,7 @@ def test_a_sketch_drives_its_dac_from_a_timer(libraries: Path, tmp_path: Path, n
         expected = [int(row["dac_code"]) for row in csv.DictReader(line for line in file if not line.startswith("#"))]
     assert np.ptp(expected) > 1000
     # The host goes from the sweep to the reference in one step, the sketch by a ramp, and its double has 32 bits.
-    errors = [np.abs(np.subtract(codes[k:k + 320], expected[:320])).max() for k in range(200, len(codes) - 320)]
+    errors = [np.abs(np.subtract(codes[k:k + 320], expected[:320])).max() for k in range(400, len(codes) - 320)]
     assert min(errors) <= 8
 
 

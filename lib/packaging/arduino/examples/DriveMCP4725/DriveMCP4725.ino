@@ -22,7 +22,7 @@
 
 static const double SAFE_V = 0.0;     /* drive until the actuator is accepted, and where the sweep begins */
 static const uint8_t ADDRESS = 0x62;  /* 0x60 to 0x67 */
-static const uint16_t RATE_HZ = 200;  /* a code takes 1 to 3 ms to compute and 0.1 ms to send */
+static const uint16_t RATE_HZ = 400;  /* a code takes 1 to 3 ms to compute and 0.1 ms to send */
 static const uint16_t PERIOD = 320;   /* samples of the triangle: up and down */
 static const uint8_t MOST_FAILED = 20; /* frames in a row: then the axis stops */
 

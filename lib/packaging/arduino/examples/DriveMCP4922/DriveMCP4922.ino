@@ -21,7 +21,7 @@
 
 static const double SAFE_V = 0.0;     /* drive until the actuator is accepted, and where the sweep begins */
 static const uint8_t CHIP_SELECT = 10;
-static const uint16_t RATE_HZ = 200;  /* a code takes 1 to 3 ms to compute and some us to send */
+static const uint16_t RATE_HZ = 400;  /* a code takes 1 to 3 ms to compute and some us to send */
 static const uint16_t PERIOD = 320;   /* samples of the triangle: up and down */
 
 static rdpi_f32_axis_t axis;
