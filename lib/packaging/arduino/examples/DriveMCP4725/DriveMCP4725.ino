@@ -1,6 +1,6 @@
 /* Moves an actuator: start-up sweep over the whole range, a ramp, then a triangle for ever. In fixed point, with an MCP4725
- * (12 bits) on the I2C. For an Arduino Mega and
- * other AVR boards with 64 kB of flash and 4 kB of RAM; DriveMCP4922 is for an Uno.
+ * (12 bits) on the I2C. For an Arduino Mega and other AVR boards with 128 kB of flash and 4 kB of RAM: 59 kB and 2 kB are
+ * used. An Uno is too small.
  *
  * 1. Replace rdpi_params.h by that of your actuator: `rdpi fit --dac-bits 12`, then `rdpi header`. With a
  *    header that has more bits the lower ones are left out.
@@ -15,14 +15,19 @@
 #include <drivers/mcp4725.h>
 #include "rdpi_params.h"
 
+#if !RDPI_PARAMS_Q31
+#error "this actuator has no parameters in fixed point; rdpi_params.h says why"
+#endif
 #if RDPI_PARAMS_DAC_BITS < 12
 #error "fit with --dac-bits 12"
 #endif
 #define SURPLUS_BITS (RDPI_PARAMS_DAC_BITS - 12)
 
+/* Samples per second. A code takes up to 2 ms to compute on an AVR. Below some hundred, the sweep would jump from code to code:
+ * then the start is refused, unless the header is made with a slower sweep, `rdpi header --sweep-rate`. */
+static const uint16_t RATE_HZ = 400;
 static const double SAFE_V = 0.0;     /* drive until the actuator is accepted, and where the sweep begins */
 static const uint8_t ADDRESS = 0x62;  /* 0x60 to 0x67 */
-static const uint16_t RATE_HZ = 400;  /* a code takes 1 to 3 ms to compute and 0.1 ms to send */
 static const uint16_t PERIOD = 320;   /* samples of the triangle: up and down */
 static const uint8_t MOST_FAILED = 20; /* frames in a row: then the axis stops */
 
@@ -77,12 +82,11 @@ static uint8_t take_ticks()
 
 /* ---- the axis ---- */
 
-/* Yours. A difference of two references is that of two positions: RDPI_PARAMS_Q31_REFERENCE alone is none, it takes the
- * offset of the sensor off. */
+/* Yours. A position has the offset of the sensor taken off, a difference of two positions has not. */
 static int32_t reference(uint16_t at)
 {
     const int32_t bottom = RDPI_PARAMS_Q31_REFERENCE(0.0);
-    const int32_t step = RDPI_PARAMS_Q31_REFERENCE(0.05) - bottom; /* um a sample */
+    const int32_t step = RDPI_PARAMS_Q31_DIFFERENCE(0.05); /* um a sample */
     return bottom + step * (int32_t)(at < PERIOD / 2 ? at : PERIOD - at);
 }
 

@@ -1,5 +1,6 @@
-/* Moves an actuator: start-up sweep over the whole range, a ramp, then a triangle for ever. In single precision, with an
- * MCP4922 (12 bits) on the SPI. For AVR boards with 2 kB of RAM or more, such as Uno, Nano and Mega.
+/* Moves an actuator: start-up sweep over the whole range, a ramp, then a triangle for ever. In fixed point, with an MCP4922
+ * (12 bits) on the SPI. For an Arduino Mega and other AVR boards with 128 kB of flash and 4 kB of RAM: 59 kB and 2 kB are
+ * used. An Uno is too small.
  *
  * 1. Replace rdpi_params.h by that of your actuator: `rdpi fit --dac-bits 12`, then `rdpi header`. With a
  *    header that has more bits the lower ones are left out.
@@ -14,17 +15,22 @@
 #include <drivers/mcp4922.h>
 #include "rdpi_params.h"
 
+#if !RDPI_PARAMS_Q31
+#error "this actuator has no parameters in fixed point; rdpi_params.h says why"
+#endif
 #if RDPI_PARAMS_DAC_BITS < 12
 #error "fit with --dac-bits 12"
 #endif
 #define SURPLUS_BITS (RDPI_PARAMS_DAC_BITS - 12)
 
+/* Samples per second. A code takes up to 2 ms to compute on an AVR. Below some hundred, the sweep would jump from code to code:
+ * then the start is refused, unless the header is made with a slower sweep, `rdpi header --sweep-rate`. */
+static const uint16_t RATE_HZ = 400;
 static const double SAFE_V = 0.0;     /* drive until the actuator is accepted, and where the sweep begins */
 static const uint8_t CHIP_SELECT = 10;
-static const uint16_t RATE_HZ = 400;  /* a code takes 1 to 3 ms to compute and some us to send */
 static const uint16_t PERIOD = 320;   /* samples of the triangle: up and down */
 
-static rdpi_f32_axis_t axis;
+static rdpi_q31_axis_t axis;
 static rdpi_mcp4922_t dac;
 static volatile uint8_t ticks; /* since loop looked */
 static uint16_t sample;        /* of the triangle: it counts within a period and so never wraps */
@@ -79,10 +85,12 @@ static uint8_t take_ticks()
 
 /* ---- the axis ---- */
 
-/* Yours, in um. */
-static float reference(uint16_t at)
+/* Yours. A position has the offset of the sensor taken off, a difference of two positions has not. */
+static int32_t reference(uint16_t at)
 {
-    return 0.05f * (at < PERIOD / 2 ? at : PERIOD - at);
+    const int32_t bottom = RDPI_PARAMS_Q31_REFERENCE(0.0);
+    const int32_t step = RDPI_PARAMS_Q31_DIFFERENCE(0.05); /* um a sample */
+    return bottom + step * (int32_t)(at < PERIOD / 2 ? at : PERIOD - at);
 }
 
 static uint16_t later(uint32_t samples)
@@ -106,9 +114,9 @@ void setup()
     axis.dac_code = safe_code(); /* what steps return until init has accepted */
     rdpi_mcp4922_init(&dac, &config);
     (void)rdpi_mcp4922_write_channel(&dac, RDPI_MCP4922_A, axis.dac_code >> SURPLUS_BITS);
-    rdpi_status_t status = rdpi_f32_axis_init(&axis, &rdpi_chain, 1.0f / RATE_HZ, SAFE_V);
+    rdpi_status_t status = rdpi_q31_axis_init(&axis, &rdpi_chain_q31, 1000000000ul / RATE_HZ, RDPI_PARAMS_Q31_DRIVE(SAFE_V));
     if (status == RDPI_OK) {
-        status = rdpi_f32_axis_start(&axis);
+        status = rdpi_q31_axis_start(&axis);
     }
     Serial.print("status ");
     Serial.println((int)status); /* of rdpi/types.h; unless it is 0, RDPI_OK, the DAC stays at the safe code */
@@ -122,10 +130,10 @@ void loop()
         return;
     }
     (void)rdpi_mcp4922_write_channel(&dac, RDPI_MCP4922_A, axis.dac_code >> SURPLUS_BITS);
-    rdpi_f32_axis_missed(&axis, taken - 1u);
+    rdpi_q31_axis_missed(&axis, taken - 1u);
     lost += taken - 1u;
     sample = follows ? later(taken - 1u) : 0;
-    (void)rdpi_f32_axis_step(&axis, reference(later(axis.chain.preview_samples)));
+    (void)rdpi_q31_axis_step(&axis, reference(later(axis.chain.preview_samples)));
     follows = follows || axis.mode == RDPI_AXIS_RUN; /* the ramp has reached the triangle */
     sample = follows ? later(1) : 0;
 }
