@@ -418,3 +418,50 @@ def test_begun_anew_stopped_and_gone_on_without_a_step(tmp_path: Path, q31: bool
     assert abs(stopped - 20 / 140 * 65535) <= 1
     assert abs(again) <= 1500  # at sample 0 of the reference: from below it is reached at a drive near that after the sweep
     assert largest <= 5.6 / 140 * 65535 + 2  # the speed of the sweep
+
+
+@BOTH
+def test_the_loop_for_blocks_settles_and_counts_what_the_dma_delays(tmp_path: Path, q31: bool) -> None:
+    """The C of examples/track/README.md around an actuator that is 5 % too soft and 0.3 um aside."""
+    text = (ROOT / "examples/track/README.md").read_text()
+    said = re.search(r"^```c\n(.*?)^```", text, re.DOTALL | re.MULTILINE)[1]
+    assert said.count("LOOP_WAIT_BLOCK(HALF)") == 1
+    params = parameters(16, tmp_path)
+    main = """
+        #include <stdio.h>
+        #include "axis.h"
+        #include "rdpi_params.h"
+        extern axis_t axis;
+        void half_is_free(uint32_t *codes);
+        static double um;
+        int32_t sensor_counts(void)
+        {
+            return (int32_t)((um + 3.75) / 0.0003 + 0.5);
+        }
+        int main(void)
+        {
+            static rdpi_f32_t plant;
+            static uint32_t codes[2][16];
+            double smallest = 1e9, largest = -1e9;
+            if (rdpi_f32_init(&plant, &rdpi_params, 1e-4f) != RDPI_OK || axis_start(&axis, 10000) != RDPI_OK) {
+                return 1;
+            }
+            half_is_free(codes[1]);
+            for (int block = 0; block < 2500; block++) {
+                half_is_free(codes[block % 2]);
+                for (int k = 0; k < 16; k++) {
+                    float V = (float)codes[(block + 1) % 2][k] * rdpi_params.V_per_code + rdpi_params.min_V;
+                    um = 0.95 * (double)rdpi_f32_forward(&plant, V, 0) + 0.3;
+                    if (block >= 2000) {
+                        smallest = um < smallest ? um : smallest;
+                        largest = um > largest ? um : largest;
+                    }
+                }
+            }
+            printf("%g %g", smallest - 9.0, largest - 9.0);
+        }"""
+    errors = {}
+    for wait in ("LOOP_WAIT_BLOCK(HALF)", "LOOP_WAIT_SAMPLE"):
+        (tmp_path / "axis.c").write_text(said.replace("LOOP_WAIT_BLOCK(HALF)", wait))
+        errors[wait] = np.abs([float(word) for word in host(tmp_path, main, [tmp_path / "axis.c"], q31, params).split()]).max()
+    assert errors["LOOP_WAIT_BLOCK(HALF)"] < 0.002 and errors["LOOP_WAIT_SAMPLE"] > 1
