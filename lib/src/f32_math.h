@@ -65,7 +65,7 @@
 #define RDPI_F32_HOT inline __attribute__((always_inline))
 #define RDPI_F32_SHARED RDPI_F32_HOT
 #else
-#if RDPI_QUICK_STEP
+#if RDPI_QUICK_STEP > 0
 #define RDPI_F32_SELDOM __attribute__((noinline))
 #else
 #define RDPI_F32_SELDOM

@@ -88,7 +88,7 @@ static inline rdpi_real_t rdpi_f32_rate_step(rdpi_f32_rate_t *rate, rdpi_real_t 
     }
     rdpi_real_t step_um = z_um - rate->z_um[(rate->oldest > 0u ? rate->oldest : rate->window) - 1u];
     step_um /= (rdpi_real_t)(missed + 1u);
-    if (RDPI_QUICK_STEP && rate->window == 1u && rate->keep <= 0) { /* the loop below gives the same */
+    if (RDPI_QUICK_STEP > 0 && rate->window == 1u && rate->keep <= 0) { /* the loop below gives the same */
         rate->z_um[0] = z_um;
         return fabs(step_um) * rate->per_window_s;
     }

@@ -4,7 +4,7 @@
 
 #include "f32_math.h"
 
-#if RDPI_QUICK_STEP
+#if RDPI_QUICK_STEP > 0
 /* As rdpi_f32_step, and keeps ramp_V, the drive before it is rounded to a code. A function of its own, because the quick
  * way of rdpi_f32_step must not pay for it. */
 rdpi_real_t rdpi_f32_step_asking(rdpi_f32_t *self, rdpi_real_t reference_um);

@@ -42,7 +42,7 @@ rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi
 /* What `quick` states may no longer hold. The next step takes the long way, and finds out. */
 static void end_quick(rdpi_f32_t *self)
 {
-    if (RDPI_QUICK_STEP) {
+    if (RDPI_QUICK_STEP > 0) {
         self->quick = false;
     }
 }
@@ -214,7 +214,7 @@ static inline const rdpi_f32_line_t *line_of_code(const rdpi_f32_t *self)
 
 static inline void keep_line(rdpi_f32_t *self, const rdpi_f32_line_t *line)
 {
-#if RDPI_QUICK_STEP && RDPI_MAX_CURVE_PIECES > 1
+#if RDPI_QUICK_STEP > 0 && RDPI_MAX_CURVE_PIECES > 1
     self->line = line;
 #else
     (void)self;
@@ -373,10 +373,10 @@ static RDPI_F32_HOT rdpi_real_t finish_step(rdpi_f32_t *self, rdpi_real_t climb_
         self->ramp_V = drive_V;
     }
     rdpi_real_t side = output(self, drive_V, target, line, quick);
-    if (RDPI_QUICK_STEP && !quick) {
+    if (RDPI_QUICK_STEP > 0 && !quick) {
         self->quick = next_is_quick(self);
     }
-    if (RDPI_QUICK_STEP && (quick || self->quick)) {
+    if (RDPI_QUICK_STEP > 0 && (quick || self->quick)) {
         set_edge(self, side);
     }
     return self->drive_V;
@@ -436,7 +436,7 @@ static RDPI_F32_SELDOM rdpi_real_t step_without_quick(rdpi_f32_t *self, rdpi_rea
     rdpi_real_t rate_um_per_s = limit_rate(self, rdpi_f32_rate_step(&self->rate_estimator, reference_um, self->missed));
     self->missed = 0;
     const rdpi_f32_piece_t *piece = rdpi_f32_piece_find(params->inverse_saturation, params->deadzones, reference_um);
-    if (RDPI_QUICK_STEP) {
+    if (RDPI_QUICK_STEP > 0) {
         self->latest_piece = piece;
     }
     rdpi_real_t v_um = rdpi_f32_piece_at(piece, reference_um - params->offset_um);
@@ -505,7 +505,7 @@ static RDPI_F32_HOT rdpi_real_t leave_quick_way(rdpi_f32_t *self, rdpi_real_t re
 static RDPI_F32_HOT rdpi_real_t step(rdpi_f32_t *self, rdpi_real_t reference_um, const bool asks)
 {
     const rdpi_f32_params_t *params = self->params;
-    if (!RDPI_QUICK_STEP || !self->quick) {
+    if (RDPI_QUICK_STEP == 0 || !self->quick) {
         return step_without_quick(self, reference_um);
     }
     const rdpi_f32_piece_t *piece = self->latest_piece;
@@ -553,7 +553,7 @@ rdpi_real_t rdpi_f32_step(rdpi_f32_t *self, rdpi_real_t reference_um)
     return step(self, reference_um, false);
 }
 
-#if RDPI_QUICK_STEP
+#if RDPI_QUICK_STEP > 0
 rdpi_real_t rdpi_f32_step_asking(rdpi_f32_t *self, rdpi_real_t reference_um)
 {
     return step(self, reference_um, true);

@@ -216,7 +216,7 @@ static bool is_usable(rdpi_real_t reference_um)
 /* The operator. `lags`, which the compiler knows here and below: lag^-1 comes behind it. */
 static RDPI_F32_HOT rdpi_real_t operate(rdpi_f32_chain_t *self, rdpi_real_t h_um, const bool lags)
 {
-#if RDPI_QUICK_STEP
+#if RDPI_QUICK_STEP > 0
     if (lags) {
         return rdpi_f32_step_asking(&self->axis, h_um);
     }

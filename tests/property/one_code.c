@@ -36,6 +36,8 @@
 #define rdpi_f32_chain_step long_chain_step
 #define rdpi_f32_chain_missed long_chain_missed
 #define rdpi_f32_chain_sweep long_chain_sweep
+#define rdpi_f32_chain_forward long_chain_forward
+#define rdpi_f32_chain_block long_chain_block
 #include "rdpi_f32.c"
 #undef DIGEST_BEGIN /* each of the two files has its own */
 #undef DIGEST_END
@@ -59,6 +61,8 @@
 #undef rdpi_f32_chain_step
 #undef rdpi_f32_chain_missed
 #undef rdpi_f32_chain_sweep
+#undef rdpi_f32_chain_forward
+#undef rdpi_f32_chain_block
 
 /* As in rdpi/f32.h and rdpi/f32_chain.h. */
 rdpi_status_t rdpi_f32_init_layout(uint64_t layout, rdpi_f32_t *self, const rdpi_f32_params_t *params,
