@@ -1,4 +1,15 @@
-/* One actuator, between your timer and your DAC: start-up sweep, then your reference. Copy this file and axis.c.
+/* Actuators between your timer and your DAC: start-up sweep, a ramp, then your references. Copy this file and axis.c.
+ *
+ * Each actuator is an axis_t. A C file of yours defines it, with the header of that actuator; two actuators are two such
+ * files. axis.c is compiled once:
+ *
+ *     #include "axis.h"
+ *     #include "rdpi_params.h"                                 // the actuator, made by `rdpi header`
+ *     static axis_reference_t reference(uint32_t sample) { ... }
+ *     axis_t stage = AXIS_OF(SAFE_V, reference, PERIOD);
+ *
+ * `life` in it is an rdpi_q31_axis_t or an rdpi_f32_axis_t. AXIS_LIFE(stop) and so on are the functions of its life, with
+ * AXIS_DRIVE(V) for a drive: rdpi/f32_axis.h is their manual.
  *
  * AXIS_Q31 is 1 for fixed point and 0 for single precision. By default it follows from the core: single precision if it
  * has a floating-point unit. On a PC it is 1. */
@@ -9,7 +20,6 @@
 #include <stdint.h>
 
 #include "rdpi/rdpi.h"
-#include "rdpi_params.h" /* the actuator, made by `rdpi header` */
 
 #ifndef AXIS_Q31
 #if defined(__ARM_FP) || defined(__riscv_flen)
@@ -19,29 +29,95 @@
 #endif
 #endif
 
-/* AXIS_UM: a displacement in um as a reference. Of a constant, in fixed point too, the compiler makes a number. There it
- * takes off the offset of the sensor: a step from a to b is AXIS_UM(b) - AXIS_UM(a), and not AXIS_UM(b - a). */
+/* AXIS_UM: a displacement in um as a reference. AXIS_UM_STEP: a difference of two displacements; in fixed point
+ * AXIS_UM(0.1) is not that, because it takes the offset of the sensor off. AXIS_DRIVE: a drive in V. Of a constant, the
+ * compiler makes a number, in fixed point too. */
 #if AXIS_Q31
 typedef int32_t axis_reference_t;
+typedef rdpi_q31_axis_t axis_life_t;
+typedef rdpi_q31_chain_params_t axis_params_t;
+#define AXIS_LIFE(verb) rdpi_q31_axis_##verb
+#define AXIS_PARAMS rdpi_chain_q31
 #define AXIS_UM(um) RDPI_PARAMS_Q31_REFERENCE(um)
+#define AXIS_UM_STEP(um) (RDPI_PARAMS_Q31_REFERENCE(um) - RDPI_PARAMS_Q31_REFERENCE(0.0))
+#define AXIS_DRIVE(V) RDPI_PARAMS_Q31_DRIVE(V)
+#define AXIS_AT(V) .drive = AXIS_DRIVE(V)
 #else
 typedef float axis_reference_t;
+typedef rdpi_f32_axis_t axis_life_t;
+typedef rdpi_f32_chain_params_t axis_params_t;
+#define AXIS_LIFE(verb) rdpi_f32_axis_##verb
+#define AXIS_PARAMS rdpi_chain
 #define AXIS_UM(um) ((float)(um))
+#define AXIS_UM_STEP(um) ((float)(um))
+#define AXIS_DRIVE(V) ((float)(V))
+#define AXIS_AT(V) .drive_V = AXIS_DRIVE(V)
 #endif
 
-/* Yours: the reference of a sample, counted from 0 at the end of the start-up sweep. A source that does not know the
- * future returns the present reference whatever `sample` is, and the header is made with `rdpi header --no-preview`. */
-axis_reference_t axis_reference(uint32_t sample);
+/* Yours: the reference of a sample. `sample` counts from 0, which is the sample after ramp and sweep.
+ *
+ * - It is always below the period of the axis: a periodic reference cannot jump where a counter wraps.
+ * - With period 0, it stops at UINT32_MAX: for a move that has an end.
+ * - A source that does not know the future returns the present reference whatever `sample` is. Make the header with `rdpi
+ *   header --no-preview` then. */
+typedef axis_reference_t axis_source_t(uint32_t sample);
 
-/* Once, before the timer runs. Anything but RDPI_OK: the parameters are damaged or of another version, or the rate does
- * not suit them; do not start the timer. */
-rdpi_status_t axis_start(uint32_t rate_hz);
+typedef struct axis axis_t;
+struct axis {
+    axis_life_t life;            /* life.mode says what it does; axis_look reads more */
+    const axis_params_t *params; /* the actuator */
+    axis_source_t *source;
+    uint32_t period;             /* of the reference, samples; 0: it has none */
+    axis_t *with;                /* the next axis whose reference shall begin together with this one's; NULL: none. Of axes
+                                    that are linked so, call axis_next for the first only. Its period counts for all */
+    /* private */
+    uint32_t rate_hz;
+    uint32_t sample; /* of the reference; of the first axis, as is `counts` */
+    bool counts;     /* the reference goes on with time */
+};
 
-/* The code at which the model's memory begins: for the DAC, after axis_start and before the timer runs. */
-uint32_t axis_first_code(void);
+/* An axis_t at its beginning. The DAC gets the code of `safe_V` until axis_start has accepted the actuator, and the sweep
+ * begins there. Let it be what your hardware outputs at power-up. */
+#define AXIS_OF(safe_V, of_sample, period_samples)                                                                     \
+    {                                                                                                                  \
+        .life = {AXIS_AT(safe_V), .dac_code = AXIS_CODE(safe_V)}, .params = &AXIS_PARAMS, .source = (of_sample),       \
+        .period = (period_samples)                                                                                     \
+    }
+#define AXIS_CODE(V)                                                                                                   \
+    ((uint32_t)(((double)(V) - RDPI_PARAMS_MIN_V) / (RDPI_PARAMS_MAX_V - RDPI_PARAMS_MIN_V) *                           \
+                    ((1ul << RDPI_PARAMS_DAC_BITS) - 1u) +                                                              \
+                0.5))
 
-/* The code of the next sample. Call it at the rate given to axis_start, from one context. `lost` is how many samples
- * since the previous call had no call of their own. */
-uint32_t axis_next(uint32_t lost);
+/* What a task may want to know of an axis. The counts stop at their largest values. */
+typedef struct {
+    rdpi_axis_mode_t mode;
+    uint32_t dac_code;
+    uint32_t flags;        /* of the latest sample: RDPI_FLAG_... */
+    uint32_t guard_count;  /* samples in which the rate was clamped */
+    uint32_t clip_count;   /* ... in which range, slew limit or lead was */
+    uint32_t input_count;  /* ... whose reference was refused */
+    uint32_t missed_count; /* ... without a call of their own */
+} axis_look_t;
+
+/* The axis, and those that are linked to it, begin their sweep at the drive that they output. Call it before the timer
+ * runs, and again whenever they shall begin anew, from any one context; the timer may run then. `rate_hz` is the rate at
+ * which axis_next is called. Anything but RDPI_OK: parameters that are damaged or of another version, a rate of 0 or one
+ * that does not suit them. Those axes then output the safe code. */
+RDPI_MUST_CHECK rdpi_status_t axis_start(axis_t *self, uint32_t rate_hz);
+
+/* One sample of the axis, and of those that are linked to it. Returns the code of the axis for its DAC; others have it in
+ * life.dac_code. Call it at the rate given to axis_start, from one context. `lost` is how many samples since the previous
+ * call had no call of their own. */
+uint32_t axis_next(axis_t *self, uint32_t lost);
+
+/* In place of axis_next: in this sample the DACs got these codes once more, because nobody had computed others.
+ * codes[0] is that of the axis, codes[1] of the next one that is linked to it, and so on. */
+void axis_replayed(axis_t *self, const uint32_t *codes);
+
+/* So many samples pass without a call of their own. */
+void axis_lost(axis_t *self, uint32_t samples);
+
+/* For a task that axis_next may interrupt: each number is right for itself, but they may be of two samples. */
+axis_look_t axis_look(const axis_t *self);
 
 #endif

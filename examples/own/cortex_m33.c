@@ -3,6 +3,7 @@
  *
  * Registers: Armv8-M Architecture Reference Manual (DDI 0553): SYST_CSR, SYST_RVR, SYST_CVR, CPACR. */
 #include "axis.h"
+#include "rdpi_params.h" /* for its DAC bits */
 
 #if RDPI_PARAMS_DAC_BITS == 0
 #error "fit with --dac-bits, the bits of your DAC"
@@ -19,6 +20,7 @@
 bool write_dac(uint32_t code); /* yours; false if the DAC has not got the code and outputs the one before */
 void SysTick_Handler(void);
 bool run_axis(void);
+extern axis_t axis; /* yours */
 
 static uint32_t code, lost;
 
@@ -27,7 +29,7 @@ static uint32_t code, lost;
 void SysTick_Handler(void)
 {
     if (write_dac(code)) {
-        code = axis_next(lost);
+        code = axis_next(&axis, lost);
         lost = 0;
     } else {
         lost++; /* the code is sent again: the library counts on every code that it has returned */
@@ -38,10 +40,12 @@ bool run_axis(void)
 {
     CPACR |= 0xFu << 20; /* the unit is off after reset; your start-up code may have done it */
     __asm__ volatile("dsb\n\tisb" ::: "memory");
-    if (axis_start(RATE_HZ) != RDPI_OK) {
+    rdpi_status_t status = axis_start(&axis, RATE_HZ);
+    code = axis.life.dac_code; /* the safe one */
+    if (status != RDPI_OK) {
+        (void)write_dac(code);
         return false;
     }
-    code = axis_first_code();
     SYST_RVR = CORE_HZ / RATE_HZ - 1u;
     SYST_CVR = 0u;
     SYST_CSR = 7u; /* core clock, interrupt, on */

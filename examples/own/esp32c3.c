@@ -6,6 +6,7 @@
 #include "freertos/task.h"
 
 #include "axis.h"
+#include "rdpi_params.h" /* for its DAC bits */
 
 #if RDPI_PARAMS_DAC_BITS != 16
 #error "fit with --dac-bits 16"
@@ -13,6 +14,8 @@
 
 #define RATE_HZ 1000
 #define MOST_FAILED 10u /* frames in a row: the first that gets through is a step of as many samples. Yours to choose */
+
+extern axis_t axis; /* yours */
 
 bool run_axis(spi_device_handle_t device);
 uint32_t frames_failed(void); /* since the start; 0 on a healthy bus */
@@ -53,11 +56,11 @@ static bool write_dac(uint32_t code)
 static void follow(void *context)
 {
     (void)context;
-    uint32_t code = axis_first_code(), lost = 0, in_a_row = 0;
+    uint32_t code = axis.life.dac_code, lost = 0, in_a_row = 0;
     while (in_a_row < MOST_FAILED) {
         lost += ulTaskNotifyTake(pdTRUE, portMAX_DELAY) - 1u;
         if (write_dac(code)) {
-            code = axis_next(lost);
+            code = axis_next(&axis, lost);
             lost = in_a_row = 0;
         } else {
             failed++;
@@ -78,7 +81,8 @@ uint32_t frames_failed(void)
 bool run_axis(spi_device_handle_t device)
 {
     dac = device;
-    if (axis_start(RATE_HZ) != RDPI_OK) {
+    if (axis_start(&axis, RATE_HZ) != RDPI_OK) {
+        (void)write_dac(axis.life.dac_code); /* the safe one */
         return false;
     }
     const gptimer_config_t clock = {

@@ -5,6 +5,7 @@
 #include "pico/time.h"
 
 #include "axis.h"
+#include "rdpi_params.h" /* for its DAC bits */
 
 #if RDPI_PARAMS_DAC_BITS != 16
 #error "fit with --dac-bits 16"
@@ -13,6 +14,8 @@
 #define RATE_HZ 1000
 #define SYNC_PIN 17u
 #define MOST_FAILED 10u /* frames in a row: the first that gets through is a step of as many samples. Yours to choose */
+
+extern axis_t axis; /* yours */
 
 bool run_axis(void);
 uint32_t frames_failed(void); /* since the start; 0 on a healthy bus */
@@ -43,7 +46,7 @@ static bool on_timer(repeating_timer_t *self)
 {
     (void)self;
     if (write_dac()) {
-        code = axis_next(lost);
+        code = axis_next(&axis, lost);
         lost = in_a_row = 0;
         return true;
     }
@@ -64,9 +67,11 @@ uint32_t frames_failed(void)
 
 bool run_axis(void)
 {
-    if (axis_start(RATE_HZ) != RDPI_OK) {
+    rdpi_status_t status = axis_start(&axis, RATE_HZ);
+    code = axis.life.dac_code; /* the safe one */
+    if (status != RDPI_OK) {
+        (void)write_dac();
         return false;
     }
-    code = axis_first_code();
     return add_repeating_timer_us(-1000000 / RATE_HZ, on_timer, NULL, &timer); /* < 0: from start to start */
 }

@@ -82,7 +82,29 @@ static void axis_count(rdpi_telemetry_counts_t *counts)
 }
 
 #if TRACK_LOOP
+#define LOOP_Q31 TRACK_Q31
 #include "loop.h"
+#if LOOP_NO_READING != RDPI_PORT_NO_READING
+#error "loop.h and the port must have the same value for no reading"
+#endif
+
+/* The loop is closed for the samples TRACK_CLOSE_AT .. TRACK_OPEN_AT - 1 of the reference, where there is a reading.
+ * TRACK_OPEN_AT 0: to the end. Without TRACK_FEEDFORWARD the controller alone moves the actuator: it corrects the first
+ * reference. */
+static loop_t loop = LOOP_OF(TRACK_KP, TRACK_KI, TRACK_RATE_HZ, TRACK_UM_PER_COUNT, TRACK_COUNT_0_UM);
+static uint32_t loop_sample;
+static number_t first_reference;
+
+static number_t closed_loop(number_t reference, number_t ahead, uint32_t ticks, int32_t adc_counts)
+{
+    if (loop_sample == 0u) {
+        first_reference = reference;
+    }
+    bool close = loop_sample >= TRACK_CLOSE_AT && (TRACK_OPEN_AT == 0u || loop_sample < TRACK_OPEN_AT);
+    loop_sample = ticks < UINT32_MAX - loop_sample ? loop_sample + ticks : UINT32_MAX;
+    return loop_reference(&loop, reference, TRACK_FEEDFORWARD ? ahead : first_reference, adc_counts, close,
+                          chain.axis.flags);
+}
 #endif
 #if RDPI_AXES > 1
 #include "coupling.h"
@@ -118,7 +140,7 @@ static bool axis_advance(uint32_t ticks, int32_t adc_counts, const uint32_t *cod
     number_t asked = ahead; /* its reversals count, not those that the loop makes */
 #endif
 #if TRACK_LOOP
-    ahead = loop_reference(reference, ahead, ticks, adc_counts);
+    ahead = closed_loop(reference, ahead, ticks, adc_counts);
 #else
     (void)adc_counts;
 #endif

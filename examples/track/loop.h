@@ -1,38 +1,96 @@
-/* A PI controller around the open loop, for main.c. It adds to the reference, so that the inverse, the limits and the
- * flags of the library stay what they are:
+/* A PI controller around the open loop. It adds to the reference, so that the inverse, the limits and the flags of the
+ * library stay what they are:
  *
  *     correction = KP error + KI (time integral of the error)
  *
- * - The loop is closed for the samples TRACK_CLOSE_AT .. TRACK_OPEN_AT - 1 of the reference, where there is a reading.
- *   The first sample that can be is 1: a reading belongs to the sample before. TRACK_OPEN_AT 0: to the end.
+ * A loop_t is one controller; a program may have several. LOOP_Q31 is 1 for fixed point and 0 for single precision, as
+ * AXIS_Q31 and TRACK_Q31 are. Include it behind the header of the actuator, for LOOP_CONFIG. Copy this file.
+ *
  * - Hand-over changes no correction: closing begins with the one that there is, opening holds it.
  * - The integral does not grow while the library limits the drive. It would wind up.
- * - Without TRACK_FEEDFORWARD the controller alone moves the actuator: it corrects the first reference. */
-#ifndef TRACK_LOOP_H
-#define TRACK_LOOP_H
+ * - A sample without a reading opens the loop.
+ *
+ * Each sample:
+ *
+ *     static loop_t loop = LOOP_OF(KP, LOOP_KI(RATE_HZ, LOOP_WAIT_SAMPLE, LATENCY_S), RATE_HZ, UM_PER_COUNT, COUNT_0_UM);
+ *     axis_reference_t followed = loop_reference(&loop, reference, ahead, counts, true, axis.life.flags);
+ *
+ * For blocks, as a DMA fetches them, with one reading when a block of HALF samples is computed:
+ *
+ *     static loop_t loop = LOOP_OF(KP, LOOP_KI(RATE_HZ, LOOP_WAIT_BLOCK(HALF), LATENCY_S), RATE_HZ, ...);
+ *     loop_reading(&loop, reference_of_the_code_that_is_output_now, counts, true, flags, HALF);
+ *     followed[k] = loop_corrected(&loop, ahead[k]); // of each sample of the block
+ */
+#ifndef LOOP_H
+#define LOOP_H
 
-#if TRACK_Q31
-typedef int64_t loop_wide_t; /* reference units times 2^24 */
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "rdpi/rdpi.h"
+
+#define LOOP_NO_READING INT32_MIN /* in place of counts: there is none */
+
+/* The largest integral gain that leaves a gain margin of 5, um per um and second. `wait_samples` is the mean time from a
+ * reading to the middle of the sample that it changes. `latency_s` is delay and lags, the sensor's included. */
+#define LOOP_KI(rate_hz, wait_samples, latency_s) (0.3 / ((double)(latency_s) + (double)(wait_samples) / (rate_hz)))
+#define LOOP_WAIT_SAMPLE 1.5                              /* each code is output with the next tick */
+#define LOOP_WAIT_BLOCK(half) (1.5 * (half))              /* halves of a buffer, one reading when a half is computed */
+#define LOOP_WAIT_BLOCK_OF_READINGS(half) (2.0 * (half)) /* ... a reading for each sample, from the half before */
+
+#if LOOP_Q31
+typedef int32_t loop_number_t; /* reference units */
+typedef int64_t loop_wide_t;   /* ... times 2^24 */
 #define LOOP_WIDE(number) ((loop_wide_t)((number) * (1 << 24)))
-#define LOOP_NARROW(wide) ((number_t)((wide) / (1 << 24)))
+#define LOOP_NARROW(wide) ((loop_number_t)((wide) / (1 << 24)))
 #define LOOP_LARGEST (((loop_wide_t)1 << 30) * (1 << 24)) /* the reach of the actuator */
+#define LOOP_UNIT_UM (RDPI_PARAMS_Q31_UM(1) - RDPI_PARAMS_Q31_UM(0))
+#define LOOP_PER_COUNT(um) ((int64_t)((um) / LOOP_UNIT_UM * 1024))
+#define LOOP_COUNT_0(um) ((int64_t)(((um) - RDPI_PARAMS_Q31_UM(0)) / LOOP_UNIT_UM))
+typedef int64_t loop_scale_t;
 #else
-typedef float loop_wide_t; /* um */
+typedef float loop_number_t; /* um */
+typedef float loop_wide_t;
 #define LOOP_WIDE(number) ((loop_wide_t)(number))
 #define LOOP_NARROW(wide) (wide)
 #define LOOP_LARGEST ((float)RDPI_MAX_REFERENCE_UM)
+#define LOOP_PER_COUNT(um) ((float)(um))
+#define LOOP_COUNT_0(um) ((float)(um))
+typedef float loop_scale_t;
 #endif
 
-static struct {
-    loop_wide_t correction, integral;
-    bool closed;
-    uint32_t sample;                 /* of the reference */
-    number_t first_reference, before; /* the reading belongs to the latter */
-} loop;
+typedef struct {
+    loop_wide_t kp, ki;               /* per error; KI of a sample */
+    loop_scale_t per_count, count_0; /* of the sensor; fixed point: per_count times 1024 */
+} loop_config_t;
 
-static bool loop_is_reference(number_t reference)
+typedef struct {
+    loop_config_t config;
+    /* result */
+    loop_number_t correction; /* what is added to the reference; um or reference units */
+    bool closed;              /* the latest reading was used */
+    bool limited;             /* ... and did not move the integral, because the library limits the drive */
+    /* private */
+    loop_wide_t sum, integral;
+    loop_number_t before; /* the reference that the next reading belongs to */
+    bool begun;           /* there is one */
+} loop_t;
+
+/* KP in um per um, 0 .. 100; KI in um per um and second, at most 100 times the rate; the sensor's displacement is count_0_um +
+ * um_per_count counts. A macro, so that the compiler makes the numbers of fixed point. */
+#define LOOP_CONFIG(kp_, ki_, rate_hz, um_per_count, count_0_um)                                                       \
+    {                                                                                                                  \
+        .kp = LOOP_WIDE(kp_), .ki = LOOP_WIDE((double)(ki_) / (rate_hz)), .per_count = LOOP_PER_COUNT(um_per_count),   \
+        .count_0 = LOOP_COUNT_0(count_0_um)                                                                            \
+    }
+#define LOOP_OF(kp_, ki_, rate_hz, um_per_count, count_0_um)                                                           \
+    {                                                                                                                  \
+        .config = LOOP_CONFIG(kp_, ki_, rate_hz, um_per_count, count_0_um)                                             \
+    }
+
+static inline bool loop_is_reference(loop_number_t reference)
 {
-#if TRACK_Q31
+#if LOOP_Q31
     return reference != RDPI_Q31_NO_REFERENCE;
 #else
     return reference == reference; /* not NaN */
@@ -40,74 +98,75 @@ static bool loop_is_reference(number_t reference)
 }
 
 /* A reference less a reading. */
-static number_t loop_error(number_t reference, int32_t adc_counts)
+static inline loop_number_t loop_error(const loop_t *self, loop_number_t reference, int32_t counts)
 {
-#if TRACK_Q31
-    const double um_per_reference = RDPI_PARAMS_Q31_UM(1) - RDPI_PARAMS_Q31_UM(0);
-    const int64_t per_count = (int64_t)(TRACK_UM_PER_COUNT / um_per_reference * 1024);
-    const int64_t count_0 = (int64_t)((TRACK_COUNT_0_UM - RDPI_PARAMS_Q31_UM(0)) / um_per_reference);
-    int64_t error = reference - (adc_counts * per_count / 1024 + count_0);
-    return (number_t)(error > INT32_MAX ? INT32_MAX : error < -INT32_MAX ? -INT32_MAX : error);
+#if LOOP_Q31
+    int64_t error = reference - (counts * self->config.per_count / 1024 + self->config.count_0);
+    return (loop_number_t)(error > INT32_MAX ? INT32_MAX : error < -INT32_MAX ? -INT32_MAX : error);
 #else
-    return reference - ((number_t)TRACK_COUNT_0_UM + (number_t)TRACK_UM_PER_COUNT * (number_t)adc_counts);
+    return reference - (self->config.count_0 + self->config.per_count * (float)counts);
 #endif
 }
 
-/* A reference with the correction. None stays none. */
-static number_t loop_corrected(number_t reference)
-{
-#if TRACK_Q31
-    int64_t sum = (int64_t)reference + LOOP_NARROW(loop.correction);
-    if (reference == RDPI_Q31_NO_REFERENCE) {
-        return reference;
-    }
-    return (number_t)(sum > INT32_MAX ? INT32_MAX : sum < -INT32_MAX ? -INT32_MAX : sum);
-#else
-    return reference + loop.correction;
-#endif
-}
-
-static loop_wide_t loop_limited(loop_wide_t value)
+static inline loop_wide_t loop_limited(loop_wide_t value)
 {
     return value > LOOP_LARGEST ? LOOP_LARGEST : value < -LOOP_LARGEST ? -LOOP_LARGEST : value;
 }
 
-static loop_wide_t loop_magnitude(loop_wide_t value)
+static inline loop_wide_t loop_magnitude(loop_wide_t value)
 {
     return value < 0 ? -value : value;
 }
 
-static void loop_control(number_t error)
+/* A reference with the correction. None stays none. */
+static inline loop_number_t loop_corrected(const loop_t *self, loop_number_t reference)
 {
-    loop_wide_t proportional = LOOP_WIDE(TRACK_KP) * error;
-    if (!loop.closed) {
-        loop.integral = loop_limited(loop.correction - proportional);
-        return;
+#if LOOP_Q31
+    int64_t sum = (int64_t)reference + self->correction;
+    if (reference == RDPI_Q31_NO_REFERENCE) {
+        return reference;
     }
-    loop_wide_t integral = loop_limited(loop.integral + LOOP_WIDE((double)TRACK_KI / TRACK_RATE_HZ) * error);
-    if ((chain.axis.flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) == 0u
-        || loop_magnitude(integral) < loop_magnitude(loop.integral)) {
-        loop.integral = integral;
-    }
-    loop.correction = loop_limited(proportional + loop.integral);
+    return (loop_number_t)(sum > INT32_MAX ? INT32_MAX : sum < -INT32_MAX ? -INT32_MAX : sum);
+#else
+    return reference + self->correction;
+#endif
 }
 
-/* What the library is to follow in place of `ahead`, in the sample with this reference. */
-static number_t loop_reference(number_t reference, number_t ahead, uint32_t ticks, int32_t adc_counts)
+/* A reading: `counts` of the sensor, taken while the code of `reference` was output. The loop is closed if `close`, and if
+ * there are both. `flags` are the library's of the latest sample, or of the latest block. The correction stays for
+ * `samples`, 1 .. 256, until the next reading. */
+static inline void loop_reading(loop_t *self, loop_number_t reference, int32_t counts, bool close, uint32_t flags,
+                                uint32_t samples)
 {
-    bool close = loop.sample >= TRACK_CLOSE_AT && (TRACK_OPEN_AT == 0u || loop.sample < TRACK_OPEN_AT)
-                 && adc_counts != RDPI_PORT_NO_READING && loop_is_reference(loop.before);
-    if (loop.sample == 0u) {
-        loop.first_reference = reference;
-        close = false;
+    bool usable = close && counts != LOOP_NO_READING && loop_is_reference(reference);
+    self->limited = false;
+    if (usable) {
+        loop_number_t error = loop_error(self, reference, counts);
+        loop_wide_t proportional = self->config.kp * error;
+        if (!self->closed) {
+            self->integral = loop_limited(self->sum - proportional);
+        } else {
+            loop_wide_t moved = loop_limited(self->config.ki * error);
+            loop_wide_t integral = loop_limited(self->integral + moved * (loop_wide_t)(samples < 256u ? samples : 256u));
+            self->limited = (flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW)) != 0u &&
+                            loop_magnitude(integral) >= loop_magnitude(self->integral);
+            self->integral = self->limited ? self->integral : integral;
+            self->sum = loop_limited(proportional + self->integral);
+            self->correction = LOOP_NARROW(self->sum);
+        }
     }
-    if (close) {
-        loop_control(loop_error(loop.before, adc_counts));
-    }
-    loop.closed = close;
-    loop.before = reference;
-    loop.sample += ticks;
-    return loop_corrected(TRACK_FEEDFORWARD ? ahead : loop.first_reference);
+    self->closed = usable;
+}
+
+/* What the library is to follow in place of `ahead`, in the sample with this reference. The reading belongs to the sample
+ * before. */
+static inline loop_number_t loop_reference(loop_t *self, loop_number_t reference, loop_number_t ahead, int32_t counts,
+                                           bool close, uint32_t flags)
+{
+    loop_reading(self, self->before, counts, close && self->begun, flags, 1);
+    self->before = reference;
+    self->begun = true;
+    return loop_corrected(self, ahead);
 }
 
 #endif

@@ -13,7 +13,9 @@
  *   own_limits                     what follows from the parameters of the chain, which are new
  *   limit                          sets the slew limit of the chain to that of the ramp, or back
  *   is_reached                     a step towards the reference; whether that limit did not hold it back
- *   begin_ramp, go_on              a ramp to a drive: its fields; one sample of it, true with the last one */
+ *   begin_ramp, go_on              a ramp to a drive: its fields; one sample of it, true with the last one
+ *   put_on_ramp                    a ramp to a drive goes on from the present one
+ *   drive_of_code                  the drive of a DAC code; false if the parameters have no such code */
 #ifndef RDPI_AXIS_H
 #define RDPI_AXIS_H
 
@@ -256,6 +258,51 @@ NUMBER AXIS(follow)(AXIS(t) *self, NUMBER drive)
     NUMBER displacement = manual ? CHAIN(forward)(&self->chain, drive) : hold(self);
     (void)publish(self);
     self->flags |= manual ? 0u : RDPI_FLAG_INPUT;
+    return displacement;
+}
+
+/* Where the drive that has been output leads on from, in each mode. */
+static void resume(AXIS(t) *self, NUMBER before)
+{
+    switch (self->mode) {
+    case RDPI_AXIS_STOPPED:
+        enter_stop(self, before, 0); /* back to where it has stopped */
+        break;
+    case RDPI_AXIS_RAMP:
+        if (self->to_drive) {
+            put_on_ramp(self);
+        } else {
+            limit(self, false); /* the ramp begins anew */
+            enter(self, RDPI_AXIS_RAMP);
+        }
+        break;
+    case RDPI_AXIS_RUN:
+        enter(self, RDPI_AXIS_RAMP);
+        break;
+    default: /* a sweep begins anew; MANUAL and FAULT hold the drive */
+        break;
+    }
+}
+
+NUMBER AXIS(replayed)(AXIS(t) *self, uint32_t dac_code)
+{
+    NUMBER drive = 0;
+    if (self->mode == RDPI_AXIS_OFF) {
+        self->flags = RDPI_FLAG_INPUT;
+        return NO_DISPLACEMENT;
+    }
+    prepare(self);
+    const NUMBER before = self->DRIVE;
+    const bool good = drive_of_code(self->chain.params->axis, dac_code, &drive);
+    const NUMBER displacement = CHAIN(forward)(&self->chain, good ? drive : before);
+    (void)publish(self);
+    if (good) {
+        self->DRIVE = drive; /* in FAULT, too */
+        self->dac_code = dac_code;
+        resume(self, before);
+    } else {
+        self->flags |= RDPI_FLAG_INPUT;
+    }
     return displacement;
 }
 

@@ -72,11 +72,26 @@ static bool is_reached(rdpi_f32_axis_t *self, rdpi_real_t ahead_um)
     return (self->chain.axis.flags & (RDPI_FLAG_SLEW | RDPI_FLAG_INPUT)) == 0u && free;
 }
 
-static void begin_ramp(rdpi_f32_axis_t *self, rdpi_real_t drive_V, rdpi_real_t V_per_s)
+static void put_on_ramp(rdpi_f32_axis_t *self)
 {
     self->at_V = self->drive_V;
+}
+
+static void begin_ramp(rdpi_f32_axis_t *self, rdpi_real_t drive_V, rdpi_real_t V_per_s)
+{
+    put_on_ramp(self);
     self->target_V = drive_V;
     self->step_V = step_at(self, V_per_s);
+}
+
+static bool drive_of_code(const rdpi_f32_params_t *params, uint32_t code, rdpi_real_t *drive_V)
+{
+    if (params->dac_bits == 0u || code > (uint32_t)params->last_code) {
+        return false;
+    }
+    *drive_V = rdpi_f32_clamp(rdpi_f32_fma((rdpi_real_t)code, params->V_per_code, params->min_V), params->min_V,
+                              params->max_V);
+    return true;
 }
 
 /* The drive of the nearest code, if there are codes: the plays follow what is really output. */
@@ -87,8 +102,8 @@ static rdpi_real_t rounded(const rdpi_f32_params_t *params, rdpi_real_t drive_V)
     }
     uint32_t code = (uint32_t)rdpi_f32_clamp((drive_V - params->min_V) / params->V_per_code + (rdpi_real_t)0.5, 0,
                                              params->last_code);
-    return rdpi_f32_clamp(rdpi_f32_fma((rdpi_real_t)code, params->V_per_code, params->min_V), params->min_V,
-                          params->max_V);
+    (void)drive_of_code(params, code, &drive_V);
+    return drive_V;
 }
 
 static bool go_on(rdpi_f32_axis_t *self)

@@ -58,11 +58,25 @@ static bool is_reached(rdpi_q31_axis_t *self, int32_t ahead)
     return (self->chain.axis.flags & (RDPI_FLAG_SLEW | RDPI_FLAG_INPUT)) == 0u && free;
 }
 
-static void begin_ramp(rdpi_q31_axis_t *self, int32_t drive, uint64_t per_us)
+static void put_on_ramp(rdpi_q31_axis_t *self)
 {
     self->at = rdpi_q31_widen(self->drive);
+}
+
+static void begin_ramp(rdpi_q31_axis_t *self, int32_t drive, uint64_t per_us)
+{
+    put_on_ramp(self);
     self->target = drive;
     self->step = step_at(self, per_us);
+}
+
+static bool drive_of_code(const rdpi_q31_params_t *params, uint32_t code, int32_t *drive)
+{
+    if (params->dac_bits == 0u || code >> params->dac_bits != 0u) {
+        return false;
+    }
+    *drive = rdpi_q31_clamp(rdpi_q31_drive_of_code(params, (int64_t)code), params->min_drive, params->max_drive);
+    return true;
 }
 
 /* The drive of the nearest code, if there are codes: the plays follow what is really output. */
@@ -71,8 +85,9 @@ static int32_t rounded(const rdpi_q31_params_t *params, int32_t drive)
     if (params->dac_bits == 0u) {
         return drive;
     }
-    int64_t code = rdpi_q31_code_of_drive(params, drive);
-    return rdpi_q31_clamp(rdpi_q31_drive_of_code(params, code), params->min_drive, params->max_drive);
+    int32_t nearest = drive;
+    (void)drive_of_code(params, (uint32_t)rdpi_q31_code_of_drive(params, drive), &nearest);
+    return nearest;
 }
 
 static bool go_on(rdpi_q31_axis_t *self)

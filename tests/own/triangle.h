@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "axis.h"
+#include "rdpi_params.h"
 
 #define REFERENCES 400u
 #define MOST_CODES 2000u
@@ -11,23 +12,28 @@
 #define FAIL_AT 0u
 #define FAIL_TIMES 0u
 #endif
+#ifndef OF_AXIS
+#define OF_AXIS axis
+#endif
 
 static uint16_t dac_got[MOST_CODES];
 static uint32_t dac_count, references;
 
+static axis_reference_t triangle(uint32_t sample)
+{
+    uint32_t phase = sample % 320u;
+    references = sample + 1u;
+    return AXIS_UM(0.0) + AXIS_UM_STEP(0.05) * (axis_reference_t)(phase < 160u ? phase : 320u - phase);
+}
+
+axis_t OF_AXIS = AXIS_OF(0.0, triangle, 0u);
+
 /* Whether the bus fails in this frame: so many do, from that one on. The DAC then outputs what it got before. */
-static bool frame_fails(void)
+static inline bool frame_fails(void)
 {
     static uint32_t frames;
     uint32_t frame = frames++;
     return frame >= FAIL_AT && frame - FAIL_AT < FAIL_TIMES;
-}
-
-axis_reference_t axis_reference(uint32_t sample)
-{
-    uint32_t phase = sample % 320u;
-    references = sample + 1u;
-    return AXIS_UM(0.05) * (axis_reference_t)(phase < 160u ? phase : 320u - phase);
 }
 
 static void finish(void)

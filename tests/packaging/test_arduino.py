@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import shutil
@@ -12,6 +13,7 @@ import zipfile
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from triangle import PARAMS, ROOT, host_codes, run
@@ -30,14 +32,15 @@ def libraries(package: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> 
     return folder / "libraries"
 
 
-def build(libraries: Path, sketch: Path, board: str, folder: Path) -> Path:
+def build(libraries: Path, sketch: Path, board: str, folder: Path, stand_ins: Path | None = None) -> Path:
+    """`stand_ins`: a directory of headers that come before those of all libraries."""
+    first = f" -I{stand_ins}" if stand_ins else ""
     folder.mkdir()
     done = subprocess.run([
         "arduino-builder", "-compile", "-hardware", "/usr/share/arduino/hardware", "-hardware",
-        "/usr/share/arduino-builder", "-tools", "/usr/bin", "-built-in-libraries", BUILT_IN, "-libraries", libraries,
-        "-fqbn", board, "-build-path", folder,
+        "/usr/share/arduino-builder", "-tools", "/usr/bin", "-built-in-libraries", BUILT_IN, "-libraries", libraries, "-fqbn", board, "-build-path", folder,
         # The core of Debian 12 needs it, and its avr-gcc 5.4 defines it for C only.
-        "-prefs", "compiler.cpp.extra_flags=-DDECIMAL_DIG=__DECIMAL_DIG__",
+        "-prefs", f"compiler.cpp.extra_flags=-DDECIMAL_DIG=__DECIMAL_DIG__{first}",
         sketch], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder / f"{sketch.name}.elf"
@@ -204,6 +207,121 @@ def test_the_sketch_is_right_for_a_sensor_whose_zero_is_elsewhere(libraries: Pat
     codes = host_codes("q31", tmp_path / "host", params=params)
     assert max(abs(int(line) - code) for line, code in zip(said, codes, strict=True)) <= 1  # its double has 32 bits
     assert len(set(codes)) > 100
+
+
+# Headers in place of those of the IDE. They print each code as the DAC understands it, then "end".
+STAND_IN = """
+#pragma once
+#include <Arduino.h>
+static inline void dac_gets(uint8_t first, uint8_t second)
+{
+    extern uint32_t lost;
+    static uint16_t frames;
+    Serial.println((first & 0x0F) << 8 | second);
+    if (++frames == 900) {
+        Serial.println(lost);
+        Serial.println("end");
+    }
+}
+"""
+WIRE_STAND_IN = STAND_IN + """
+struct TwoWire {
+    void begin() {}
+    void setClock(uint32_t) {}
+    void beginTransmission(uint8_t address) { right = address == 0x62; }
+    size_t write(const uint8_t *bytes, size_t count)
+    {
+        right = right && count == 2 && bytes[0] >> 4 == 0 && (SREG & 0x80); /* with interrupts: not in one */
+        if (right) {
+            dac_gets(bytes[0], bytes[1]);
+        }
+        return count;
+    }
+    uint8_t endTransmission() { return right ? 0 : 2; }
+    bool right;
+};
+static TwoWire Wire;
+"""
+SPI_STAND_IN = STAND_IN + """
+#define SPI_MODE0 0
+struct SPISettings {
+    SPISettings(uint32_t, uint8_t, uint8_t) {}
+};
+struct SPIClass {
+    void begin() {}
+    void beginTransaction(SPISettings) { count = 0; }
+    void endTransaction() {}
+    void transfer(uint8_t byte)
+    {
+        if (count++ == 0) {
+            first = byte;
+        } else if (first >> 4 == 3) { /* channel A, gain 1, on */
+            dac_gets(first, byte);
+        }
+    }
+    uint8_t first, count;
+};
+static SPIClass SPI;
+"""
+DRIVES = {"DriveMCP4725": ("Wire", WIRE_STAND_IN), "DriveMCP4922": ("SPI", SPI_STAND_IN)}
+
+
+def real_sensor(folder: Path, **drive: object) -> Path:
+    """A model with a sensor whose zero is elsewhere, and effects that a chain compensates, with its header."""
+    model = json.loads((PARAMS / "model.json").read_text())
+    model["offset_um"] = -3.75
+    model["drive"].update(dac_bits=12, **drive)
+    model["effects"] = [{"name": "creep", "stage": "actuator", "parameters": {"percent_per_decade": 3.0}},
+                        {"name": "delay", "stage": "sensor", "parameters": {"delay_s": 0.01}}]
+    folder.mkdir()
+    (folder / "model.json").write_text(json.dumps(model))
+    run(sys.executable, "-m", "rdpi", "header", folder / "model.json", "-o", folder / "rdpi_params.h")
+    header = (folder / "rdpi_params.h").read_text()
+    assert "#define RDPI_PARAMS_CHAIN 1" in header and "(um) - (-3.75)" in header
+    return folder
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_sketch_drives_its_dac_from_a_timer(libraries: Path, tmp_path: Path, name: str) -> None:
+    """The sketch as it is shipped, with another header: sweep, ramp, then the codes of `rdpi compensate`, no tick lost."""
+    library, stand_in = DRIVES[name]
+    chip = "atmega2560"
+    params = real_sensor(tmp_path / "params")
+    shutil.copytree(libraries, tmp_path / "libraries")
+    (tmp_path / "stand_ins").mkdir()
+    (tmp_path / f"stand_ins/{library}.h").write_text(stand_in)
+    sketch = tmp_path / f"libraries/rdpi/examples/{name}/{name}.ino"
+    shutil.copy(params / "rdpi_params.h", sketch.parent)
+    said = prints(build(tmp_path / "libraries", sketch, BOARDS[chip], tmp_path / "build", tmp_path / "stand_ins"), chip)
+    assert "status 0" in said
+    *codes, lost = [int(line) for line in said if line.isdigit()]
+    assert lost == 0
+    assert abs(codes[0] - 20 / 140 * 4095) <= 1 and min(codes) == 0 and max(codes) == 4095  # safe code; the sweep
+    assert np.abs(np.diff(codes)).max() <= 5600 / 400 / 140 * 4095 + 1  # never faster than the sweep
+    height = 160 - np.abs(np.arange(400) % 320 - 160)
+    rows = (f"{k / 400!r},{0.05 * um!r}" for k, um in enumerate(height.tolist()))
+    (tmp_path / "reference.csv").write_text("\n".join(["time_s,reference_um", *rows, ""]))
+    run(sys.executable, "-m", "rdpi", "compensate", "--sweep", "--engine", "q31", params / "model.json",
+        tmp_path / "reference.csv", "-o", tmp_path / "drive.csv")
+    with (tmp_path / "drive.csv").open() as file:
+        expected = [int(row["dac_code"]) for row in csv.DictReader(line for line in file if not line.startswith("#"))]
+    assert np.ptp(expected) > 1000
+    # The host goes from the sweep to the reference in one step, the sketch by a ramp, and its double has 32 bits.
+    errors = [np.abs(np.subtract(codes[k:k + 320], expected[:320])).max() for k in range(100, len(codes) - 320)]
+    assert min(errors) <= 8
+
+
+def test_a_dac_that_does_not_answer_starts_no_timer(libraries: Path, tmp_path: Path) -> None:
+    shutil.copytree(libraries, tmp_path / "libraries")
+    (tmp_path / "stand_ins").mkdir()
+    dead = WIRE_STAND_IN.replace("return right ? 0 : 2;", 'static uint8_t calls; if (++calls == 10) { Serial.println("ten"); } '
+                                 "return 2;")
+    (tmp_path / "stand_ins/Wire.h").write_text(dead)
+    sketch = tmp_path / "libraries/rdpi/examples/DriveMCP4725/DriveMCP4725.ino"
+    sketch.write_text(sketch.read_text().replace("void loop()\n{", 'void loop()\n{\n    Serial.println(TIMSK1);\n    '
+                                                 'Serial.println("end");\n', 1))
+    said = prints(build(tmp_path / "libraries", sketch, BOARDS["atmega2560"], tmp_path / "build", tmp_path / "stand_ins"), "atmega2560")
+    assert said.count("ten") == 1 and "no DAC answers" in said and said[-1] == "0"
 
 
 def test_the_library_tells_the_ide_what_it_asks_for(package: ModuleType, libraries: Path) -> None:

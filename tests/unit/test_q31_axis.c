@@ -44,6 +44,10 @@ void test_follow_outputs_the_drive_of_the_other_source_and_tells_where_the_actua
 void test_follow_obeys_a_hand_over_that_is_pending(void);
 void test_follow_in_another_mode_holds_the_drive_and_flags_it(void);
 void test_follow_refuses_a_drive_that_is_none(void);
+void test_from_codes_output_again_a_ramp_leads_back_to_the_reference(void);
+void test_plays_and_creep_follow_codes_output_again(void);
+void test_codes_output_again_in_each_mode(void);
+void test_a_code_that_there_is_not_is_not_followed(void);
 void test_a_sweep_and_ramps_go_on_where_they_were_after_missed_samples(void);
 void test_creep_goes_on_while_samples_are_missed(void);
 void test_fault_holds_the_drive_that_was_output_elsewhere(void);

@@ -15,14 +15,14 @@
  *
  * "Any" is every mode but OFF. No call and no change of mode makes a step of the drive that is larger than the slew
  * limit. In SWEEP and RAMP the step is not larger than the speed of the sweep, or than that of the stop, either. The
- * exception is `fault`, which reports a drive that something else has output.
+ * exceptions are `fault` and `replayed`, which report a drive that something else has output.
  *
  * Contexts:
  *
  * | call | context |
  * |---|---|
  * | init | main, before the timer runs |
- * | step, block, missed, follow | the sample: the timer interrupt, or the one task that makes the samples |
+ * | step, block, missed, follow, replayed | the sample: the timer interrupt, or the one task that makes the samples |
  * | start, restart, stop, hand_over, take_back, fault, exchange | any one context at a time. The next sample obeys; a later call replaces one that no sample has taken yet |
  * | check, pending | any |
  *
@@ -50,7 +50,7 @@ typedef struct {
     rdpi_real_t drive_V;   /**< the drive to output */
     uint32_t dac_code;     /**< the same as a DAC code; 0 if the parameters have no codes. Until init has accepted, both
                                 are what the caller put there: initialise them with the safe drive */
-    uint32_t flags;        /**< RDPI_FLAG_... of the latest step, follow or block; of a block OR-ed */
+    uint32_t flags;        /**< RDPI_FLAG_... of the latest step, follow, replayed or block; of a block OR-ed */
     rdpi_axis_mode_t mode; /**< see rdpi_axis_mode_t */
     rdpi_status_t exchanged; /**< what became of the latest exchange of parameters */
     rdpi_f32_chain_t chain;  /**< its counts and preview_samples are results */
@@ -110,6 +110,15 @@ void rdpi_f32_axis_missed(rdpi_f32_axis_t *self, uint32_t ticks);
  * @return the displacement in um that the chain predicts. In other modes, and for a drive that rdpi_f32_chain_forward
  * refuses, the drive is held and RDPI_FLAG_INPUT set. ISR safe. */
 rdpi_real_t rdpi_f32_axis_follow(rdpi_f32_axis_t *self, rdpi_real_t drive_V);
+
+/** In place of rdpi_f32_axis_step, in any mode: the DAC got `dac_code` in this sample, whatever the axis had asked for. A
+ * circular DMA, for example, outputs old codes again while the processor is late. The chain follows the drive of the code,
+ * and the axis goes on from there: from RUN by a ramp to the reference, from STOPPED by a ramp back to where it stopped. A
+ * sweep begins anew, a ramp goes on, MANUAL and FAULT hold the drive.
+ *
+ * @return the displacement in um that the chain predicts. In OFF, and for a code that the parameters do not have, the
+ * drive is held and RDPI_FLAG_INPUT set. O(n + m + poles). ISR safe. */
+rdpi_real_t rdpi_f32_axis_replayed(rdpi_f32_axis_t *self, uint32_t dac_code);
 
 /** Begins the start-up sweep at the present drive; then the ramp to the reference, then RUN. From FAULT, the states of
  * the chain are made anew first. @return RDPI_OK, RDPI_ERR_NULL, RDPI_ERR_MODE in OFF and MANUAL. */

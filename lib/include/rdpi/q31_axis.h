@@ -29,7 +29,7 @@ typedef struct {
     int32_t drive;         /**< the drive to output */
     uint32_t dac_code;     /**< the same as a DAC code; 0 if the parameters have no codes. Until init has accepted, both
                                 are what the caller put there: initialise them with the safe drive */
-    uint32_t flags;        /**< RDPI_FLAG_... of the latest step, follow or block; of a block OR-ed */
+    uint32_t flags;        /**< RDPI_FLAG_... of the latest step, follow, replayed or block; of a block OR-ed */
     rdpi_axis_mode_t mode; /**< see rdpi_axis_mode_t */
     rdpi_status_t exchanged; /**< what became of the latest exchange of parameters */
     rdpi_q31_chain_t chain;  /**< its counts and preview_samples are results */
@@ -70,6 +70,9 @@ void rdpi_q31_axis_missed(rdpi_q31_axis_t *self, uint32_t ticks);
 
 /** As rdpi_f32_axis_follow. RDPI_Q31_NO_REFERENCE in OFF. */
 int32_t rdpi_q31_axis_follow(rdpi_q31_axis_t *self, int32_t drive);
+
+/** As rdpi_f32_axis_replayed. RDPI_Q31_NO_REFERENCE in OFF. */
+int32_t rdpi_q31_axis_replayed(rdpi_q31_axis_t *self, uint32_t dac_code);
 
 /** As rdpi_f32_axis_start. */
 rdpi_status_t rdpi_q31_axis_start(rdpi_q31_axis_t *self);
