@@ -201,7 +201,8 @@ def test_the_sketch_is_right_for_a_sensor_whose_zero_is_elsewhere(libraries: Pat
     run(sys.executable, "-m", "rdpi", "header", params / "model.json", "-o", params / "rdpi_params.h")
     shutil.copytree(libraries, tmp_path / "libraries")
     shutil.copy(params / "rdpi_params.h", tmp_path / "libraries/rdpi/examples/TrackFixedPoint")
-    program = build(tmp_path / "libraries", "TrackFixedPoint", BOARDS["atmega2560"], tmp_path / "build")
+    sketch = tmp_path / "libraries/rdpi/examples/TrackFixedPoint/TrackFixedPoint.ino"
+    program = build(tmp_path / "libraries", sketch, BOARDS["atmega2560"], tmp_path / "build")
     status, *said = prints(program, "atmega2560")
     assert status == "status 0"
     codes = host_codes("q31", tmp_path / "host", params=params)
