@@ -39,7 +39,7 @@ typedef rdpi_q31_chain_params_t axis_params_t;
 #define AXIS_LIFE(verb) rdpi_q31_axis_##verb
 #define AXIS_PARAMS rdpi_chain_q31
 #define AXIS_UM(um) RDPI_PARAMS_Q31_REFERENCE(um)
-#define AXIS_UM_STEP(um) (RDPI_PARAMS_Q31_REFERENCE(um) - RDPI_PARAMS_Q31_REFERENCE(0.0))
+#define AXIS_UM_STEP(um) RDPI_PARAMS_Q31_DIFFERENCE(um)
 #define AXIS_DRIVE(V) RDPI_PARAMS_Q31_DRIVE(V)
 #define AXIS_AT(V) .drive = AXIS_DRIVE(V)
 #else

@@ -287,11 +287,10 @@ static void resume(AXIS(t) *self, NUMBER before)
 NUMBER AXIS(replayed)(AXIS(t) *self, uint32_t dac_code)
 {
     NUMBER drive = 0;
-    if (self->mode == RDPI_AXIS_OFF) {
+    if (!prepare(self)) {
         self->flags = RDPI_FLAG_INPUT;
         return NO_DISPLACEMENT;
     }
-    prepare(self);
     const NUMBER before = self->DRIVE;
     const bool good = drive_of_code(self->chain.params->axis, dac_code, &drive);
     const NUMBER displacement = CHAIN(forward)(&self->chain, good ? drive : before);

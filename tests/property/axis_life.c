@@ -17,6 +17,7 @@ static void sample(void);
 static double follow(void);
 static double stop(void);
 static double fault(void);
+static double replay(void);
 #include "axis_walk.h"
 
 /* Two sets of parameters: an exchange takes the other one. */
@@ -186,6 +187,14 @@ static double fault(void)
     rdpi_real_t drive_V = (rdpi_real_t)uniform(now.low, now.high);
     (void)rdpi_f32_axis_fault(&axis, drive_V);
     return (double)drive_V;
+}
+
+static double replay(void)
+{
+    const rdpi_f32_params_t *operator = params[which].axis;
+    uint32_t code = (uint32_t)uniform(0, (double)operator->last_code);
+    (void)rdpi_f32_axis_replayed(&axis, code);
+    return (double)operator->min_V + code * (double)operator->V_per_code;
 }
 
 int main(int argc, char **argv)

@@ -25,6 +25,7 @@ static void sample(void);
 static double follow(void);
 static double stop(void);
 static double fault(void);
+static double replay(void);
 #include "axis_walk.h"
 
 /* Two sets of parameters: an exchange takes the other one. */
@@ -226,6 +227,14 @@ static double fault(void)
     int32_t drive = random_between((int32_t)now.low, (int32_t)now.high);
     (void)rdpi_q31_axis_fault(&axis, drive);
     return drive;
+}
+
+static double replay(void)
+{
+    const rdpi_q31_params_t *operator = params[which].axis;
+    uint32_t code = (uint32_t)random_between(0, (1 << operator->dac_bits) - 1);
+    (void)rdpi_q31_axis_replayed(&axis, code);
+    return operator->drive_of_code_0 + code * ldexp(operator->drive_per_code, -operator->drive_shift);
 }
 
 int main(int argc, char **argv)

@@ -5,7 +5,8 @@
  *   drive_now()        axis' drive, in units in which the range is `range` wide
  *   next_axis()        another random actuator and chain: init accepts it. Sets what follows
  *   next_spare()       the same actuator, identified again: a chain for the exchange
- *   sample(), follow(), stop(), fault()   a call with random arguments; the last three return the drive that they ask for
+ *   sample(), follow(), stop(), fault(), replay()   a call with random arguments; all but the first return the drive that
+ *                      they ask for, or report
  *   h_now(), pole_now(i)   displacement of the operator, and the state of a pole
  *
  * What must hold: no drive is outside the range. No drive goes further in a sample than the slew limit, or in SWEEP and
@@ -139,6 +140,26 @@ static void manual_sample(void)
     }
 }
 
+/* A DMA has output any code. */
+static void replayed_sample(void)
+{
+    rdpi_axis_mode_t before = axis.mode;
+    double asked = replay();
+    steps++;
+    require(fabs(drive_now() - asked) <= now.rounding, "another drive than that of the code");
+    require(axis.mode == before || axis.mode == RDPI_AXIS_RAMP, "a code that is output again leads to another mode");
+    if (axis.mode != before) {
+        left[before]++;
+        entered[axis.mode]++;
+        stop_step = before == RDPI_AXIS_STOPPED ? now.sweep : stop_step; /* back, as fast as the sweep */
+    }
+    if (before == RDPI_AXIS_SWEEP || before == RDPI_AXIS_FAULT || !creep.known) {
+        creep_as_it_is();
+    } else {
+        check_creep();
+    }
+}
+
 static void some_call(void)
 {
     rdpi_axis_mode_t mode = axis.mode;
@@ -203,7 +224,9 @@ static void walk(long at_least)
             }
             some_call();
             for (int k = choose(120); k > 0; k--) {
-                if (axis.mode == RDPI_AXIS_MANUAL) {
+                if (now.code > 0 && !AXIS(pending)(&axis) && choose(300) == 0) {
+                    replayed_sample();
+                } else if (axis.mode == RDPI_AXIS_MANUAL) {
                     manual_sample();
                 } else {
                     one_sample(drive_now());
