@@ -70,6 +70,7 @@ def test_a_requirement_without_tests_is_seen() -> None:
 def test_every_status_flag_and_macro_exists() -> None:
     headers = "\n".join(path.read_text(encoding="utf-8") for path in [*(ROOT / "lib/include/rdpi").glob("*.h"),
                                                                       *(ROOT / "port/include").glob("*.h"),
+                                                                      ROOT / "examples/track/params/rdpi_params.h",
                                                                       ROOT / "examples/track/CMakeLists.txt",
                                                                       ROOT / "CMakeLists.txt", ROOT / "port/CMakeLists.txt"]
                         if path.exists())
