@@ -58,14 +58,20 @@ static void count(axis_t *self)
         any = any || is_under_way(axis);
     }
     self->counts = any && (self->counts || all);
-    self->sample = self->counts ? later(self, 1) : 0u;
+    for (axis_t *axis = self; axis != NULL; axis = axis->with) {
+        axis->sample = self->counts ? later(axis, 1) : 0u;
+    }
 }
 
 uint32_t axis_next(axis_t *self, uint32_t lost)
 {
     axis_lost(self, lost);
     for (axis_t *axis = self; axis != NULL; axis = axis->with) {
-        (void)AXIS_LIFE(step)(&axis->life, axis->source(later(self, axis->life.chain.preview_samples)));
+        if (axis->life.mode == RDPI_AXIS_MANUAL && axis->other != NULL) {
+            (void)AXIS_LIFE(follow)(&axis->life, axis->other());
+        } else {
+            (void)AXIS_LIFE(step)(&axis->life, axis->source(later(axis, axis->life.chain.preview_samples)));
+        }
     }
     count(self);
     return self->life.dac_code;
@@ -83,8 +89,8 @@ void axis_lost(axis_t *self, uint32_t samples)
 {
     for (axis_t *axis = self; samples > 0u && axis != NULL; axis = axis->with) {
         AXIS_LIFE(missed)(&axis->life, samples);
+        axis->sample = self->counts ? later(axis, samples) : 0u;
     }
-    self->sample = self->counts ? later(self, samples) : 0u;
 }
 
 axis_look_t axis_look(const axis_t *self)

@@ -62,6 +62,9 @@ typedef rdpi_f32_chain_params_t axis_params_t;
  *   header --no-preview` then. */
 typedef axis_reference_t axis_source_t(uint32_t sample);
 
+/* Yours, for a hand-over: the drive that the other source outputs in this sample, as AXIS_DRIVE(V) has it. */
+typedef axis_reference_t axis_other_t(void);
+
 typedef struct axis axis_t;
 struct axis {
     axis_life_t life;            /* life.mode says what it does; axis_look reads more */
@@ -69,11 +72,13 @@ struct axis {
     axis_source_t *source;
     uint32_t period;             /* of the reference, samples; 0: it has none */
     axis_t *with;                /* the next axis whose reference shall begin together with this one's; NULL: none. Of axes
-                                    that are linked so, call axis_next for the first only. Its period counts for all */
+                                    that are linked so, call axis_next for the first only */
+    axis_other_t *other;         /* while another source drives; NULL: its drives are not known, and the axis takes the
+                                    drive at the hand-over for them */
     /* private */
     uint32_t rate_hz;
-    uint32_t sample; /* of the reference; of the first axis, as is `counts` */
-    bool counts;     /* the reference goes on with time */
+    uint32_t sample; /* of the reference */
+    bool counts;     /* of the first axis: the references go on with time */
 };
 
 /* An axis_t at its beginning. The DAC gets the code of `safe_V` until axis_start has accepted the actuator, and the sweep

@@ -580,6 +580,14 @@ def test_two_actuators_in_one_firmware(model: Model, compiled: Callable) -> None
         "rdpi_params_schema", "")
 
 
+def test_a_second_actuator_of_the_same_name_is_an_error_and_not_skipped(model: Model, compiled: Callable) -> None:
+    headers = {"x.h": render(model), "y.h": render(edited(model, "gain_um_per_V", -0.2))}
+    twice = compiled('#include "x.h"\n#include "y.h"\nint main(void) { return 0; }', headers)
+    assert twice.returncode and "another actuator's header of this name" in twice.stderr
+    again = compiled('#include "x.h"\n#include "x.h"\nint main(void) { return 0; }', headers)
+    assert (again.returncode, again.stderr) == (0, "")
+
+
 @pytest.mark.parametrize("name", ["", "1x", "a-b", "a b", "_x", "naïve", "x;", "float", "class", "rdpi", "rdpi_max",
                                   "RDPI_MAX", "rdpi_f32_init", "x" * 41, "x\n",
                                   "NULL", "true", "bool", "size_t", "uint32_t", "own_t", "offsetof", "typeof", "asm",

@@ -113,7 +113,7 @@ static bool go_on(rdpi_f32_axis_t *self)
     return self->at_V == self->target_V;
 }
 
-#include "axis.h"
+#include "axis_life.h"
 
 rdpi_status_t rdpi_f32_axis_init_layout(uint64_t layout, rdpi_f32_axis_t *self, const rdpi_f32_chain_params_t *params,
                                         rdpi_real_t sample_time_s, rdpi_real_t drive_V)

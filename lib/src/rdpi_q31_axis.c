@@ -104,7 +104,7 @@ static bool go_on(rdpi_q31_axis_t *self)
     return self->at == target;
 }
 
-#include "axis.h"
+#include "axis_life.h"
 
 rdpi_status_t rdpi_q31_axis_init_layout(uint64_t layout, rdpi_q31_axis_t *self, const rdpi_q31_chain_params_t *params,
                                         uint32_t sample_time_ns, int32_t drive)

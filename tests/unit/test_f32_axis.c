@@ -26,6 +26,7 @@ void test_the_reference_that_ends_the_ramp_is_the_first_one_followed(void);
 void test_a_ramp_goes_on_until_its_reference_is_usable_and_reached(void);
 void test_a_request_is_pending_until_a_sample_has_obeyed(void);
 void test_of_two_requests_before_a_sample_the_later_counts(void);
+void test_no_request_pushes_out_one_that_matters_more(void);
 void test_however_many_requests_come_before_a_sample_the_last_counts(void);
 void test_no_transition_makes_a_step_larger_than_its_speed(void);
 void test_no_transition_makes_a_step_larger_than_the_slew_limit(void);

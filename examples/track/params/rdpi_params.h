@@ -4,8 +4,12 @@
  * Actuator: made-up piezo stack, -20 to 120 V
  * Model: sha256:abaa31fb0d9224e1ebc4877cda41ec462a39bcc98b8da067f8f03a5a2a71098d
  */
+#if defined(RDPI_PARAMS_H) && !defined(RDPI_PARAMS_ABAA31FB0D9224E1)
+#error "another actuator's header of this name is included: make one of them with rdpi header --name"
+#endif
 #ifndef RDPI_PARAMS_H
 #define RDPI_PARAMS_H
+#define RDPI_PARAMS_ABAA31FB0D9224E1 /* this actuator and no other */
 
 #include "rdpi/rdpi.h"
 

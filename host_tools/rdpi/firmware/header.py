@@ -185,7 +185,7 @@ def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequenc
         noise_shaping=single.noise_shaping, sweep_cycles=single.sweep_cycles,
         limits_V=(float(model.drive.min_V), float(model.drive.max_V)), times_s=model.sample_times_s(),
         sweep_step_V=float(model.sample_times_s()[1] * model.drive.sweep_speed()),
-        params_digest=f"0x{digest(single):08X}u",
+        params_digest=f"0x{digest(single):08X}u", identity=model_digest.removeprefix("sha256:")[:16].upper(),
         tables=[(field, *about, _rows(getattr(single, field), literal)) for field, about in TABLES.items()],
         scalars=[(field, text, literal(getattr(single, field))) for field, text in SCALARS.items()],
         chain=chain_name(name), **_chain_parts(chain), addends=_addends(addends),

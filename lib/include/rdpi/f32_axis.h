@@ -23,7 +23,7 @@
  * |---|---|
  * | init | main, before the timer runs |
  * | step, block, missed, follow, replayed | the sample: the timer interrupt, or the one task that makes the samples |
- * | start, restart, stop, hand_over, take_back, fault, exchange | any one context at a time. The next sample obeys; a later call replaces one that no sample has taken yet |
+ * | start, restart, stop, hand_over, take_back, fault, exchange | any one context at a time. The next sample obeys. A call replaces one that no sample has taken yet, but not one that matters more: fault, then stop, then hand_over, then the others. RDPI_ERR_MODE then: ask again after the sample |
  * | check, pending | any |
  *
  * Another context must read a field of the result through volatile. Memory and cost classes are those of rdpi/f32.h. */
@@ -38,7 +38,7 @@ extern "C" {
 
 /** Private part of rdpi_f32_axis_t: what was asked for, for the next sample to obey. */
 typedef struct {
-    uint8_t call;            /**< which function, see lib/src/axis.h */
+    uint8_t call;            /**< which function, see lib/src/axis_life.h */
     rdpi_real_t drive_V;     /**< of stop and fault */
     rdpi_real_t V_per_s;     /**< of stop */
     rdpi_f32_chain_t *spare; /**< of exchange */
@@ -150,7 +150,7 @@ rdpi_status_t rdpi_f32_axis_fault(rdpi_f32_axis_t *self, rdpi_real_t drive_V);
 /** Exchanges the parameters while the axis runs. `spare` is a chain that rdpi_f32_chain_init has accepted with the new
  * parameters and the same sample time. It must stay untouched until the request is no longer pending. The next sample
  * calls rdpi_f32_chain_inherit: it takes what the chain remembers over, and the drive stays where it is. From RUN a ramp
- * leads to what the new parameters ask for. `exchanged` says whether the exchange was accepted. If not, the old
+ * leads to what the new parameters ask for. In fixed point, references are in the units of the new parameters from then on. `exchanged` says whether the exchange was accepted. If not, the old
  * parameters go on.
  * @return RDPI_OK, RDPI_ERR_NULL, RDPI_ERR_MODE in OFF, SWEEP and FAULT, and while a stop is on its way. */
 rdpi_status_t rdpi_f32_axis_exchange(rdpi_f32_axis_t *self, rdpi_f32_chain_t *spare);

@@ -16,8 +16,8 @@
  *   begin_ramp, go_on              a ramp to a drive: its fields; one sample of it, true with the last one
  *   put_on_ramp                    a ramp to a drive goes on from the present one
  *   drive_of_code                  the drive of a DAC code; false if the parameters have no such code */
-#ifndef RDPI_AXIS_H
-#define RDPI_AXIS_H
+#ifndef RDPI_AXIS_LIFE_H
+#define RDPI_AXIS_LIFE_H
 
 #include <stddef.h>
 
@@ -307,13 +307,26 @@ NUMBER AXIS(replayed)(AXIS(t) *self, uint32_t dac_code)
 
 /* ---- requests ---- */
 
+/* A request that no sample has obeyed yet gives way to one that matters as much or more: nothing takes back a fault, and no
+ * start a stop. */
+static int rank(uint8_t call)
+{
+    return call == FAULT ? 3 : (call == STOP ? 2 : (call == HAND_OVER ? 1 : 0));
+}
+
+static bool gives_way(const AXIS(t) *self, uint8_t call)
+{
+    const uint8_t posted = self->posted;
+    return posted == self->taken || rank(call) >= rank(self->request[posted % 2u].call);
+}
+
 /* For the next sample. The request that a sample may be reading is the other one. */
 static rdpi_status_t post(AXIS(t) *self, uint8_t call, NUMBER drive, SPEED speed, CHAIN(t) *spare)
 {
     if (self == NULL) {
         return RDPI_ERR_NULL;
     }
-    if (!takes(self, call)) {
+    if (!takes(self, call) || !gives_way(self, call)) {
         return RDPI_ERR_MODE;
     }
     uint8_t next = (uint8_t)(self->posted + 1u);
