@@ -93,7 +93,7 @@ static inline bool loop_is_reference(loop_number_t reference)
 #if LOOP_Q31
     return reference != RDPI_Q31_NO_REFERENCE;
 #else
-    return reference == reference; /* not NaN */
+    return reference >= -LOOP_LARGEST && reference <= LOOP_LARGEST; /* NaN is not */
 #endif
 }
 

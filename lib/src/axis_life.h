@@ -101,6 +101,20 @@ static bool takes(const AXIS(t) *self, uint8_t call)
     }
 }
 
+/* A call that this mode does not take, in place of a sample: the drive is held, and no play moves. Returns the
+ * displacement where the chain follows the held drive. */
+static NUMBER refuse(AXIS(t) *self)
+{
+    if (self->mode == RDPI_AXIS_SWEEP) {
+        CHAIN(missed)(&self->chain, 1); /* it goes on where it was */
+    } else if (self->mode == RDPI_AXIS_RUN || (self->mode == RDPI_AXIS_RAMP && !self->to_drive)) {
+        (void)CHAIN(step)(&self->chain, NO_DISPLACEMENT); /* as a reference that cannot be used */
+    } else {
+        return hold(self);
+    }
+    return NO_DISPLACEMENT;
+}
+
 /* What has been asked for since the sample before. */
 static void obey(AXIS(t) *self)
 {
@@ -255,7 +269,7 @@ NUMBER AXIS(follow)(AXIS(t) *self, NUMBER drive)
         return NO_DISPLACEMENT;
     }
     bool manual = self->mode == RDPI_AXIS_MANUAL;
-    NUMBER displacement = manual ? CHAIN(forward)(&self->chain, drive) : hold(self);
+    NUMBER displacement = manual ? CHAIN(forward)(&self->chain, drive) : refuse(self);
     (void)publish(self);
     self->flags |= manual ? 0u : RDPI_FLAG_INPUT;
     return displacement;
@@ -293,7 +307,7 @@ NUMBER AXIS(replayed)(AXIS(t) *self, uint32_t dac_code)
     }
     const NUMBER before = self->DRIVE;
     const bool good = drive_of_code(self->chain.params->axis, dac_code, &drive);
-    const NUMBER displacement = CHAIN(forward)(&self->chain, good ? drive : before);
+    const NUMBER displacement = good ? CHAIN(forward)(&self->chain, drive) : refuse(self);
     (void)publish(self);
     if (good) {
         self->DRIVE = drive; /* in FAULT, too */
@@ -338,6 +352,9 @@ static rdpi_status_t post(AXIS(t) *self, uint8_t call, NUMBER drive, SPEED speed
     request->DRIVE = drive;
     request->PER_TIME = speed;
     request->spare = spare;
+    if (call == EXCHANGE) {
+        self->exchanged = RDPI_ERR_MODE; /* until a sample has obeyed: another request may take its place */
+    }
     self->posted = next;
     return RDPI_OK;
 }
@@ -396,7 +413,11 @@ bool AXIS(check)(AXIS(t) *self)
     if (self->mode == RDPI_AXIS_OFF) {
         return false;
     }
-    if (self->mode > RDPI_AXIS_FAULT || !CHAIN(is_sane)(&self->chain)) {
+    bool sane = false;
+    for (unsigned looks = 0; looks < 2u && !sane; looks++) { /* a sample in between makes the first one of two moments */
+        sane = self->mode <= RDPI_AXIS_FAULT && CHAIN(is_sane)(&self->chain);
+    }
+    if (!sane) {
         self->sane = false;
     }
     return self->sane;

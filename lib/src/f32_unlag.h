@@ -21,6 +21,7 @@ static inline void rdpi_f32_unlag_init(rdpi_f32_unlag_t *unlag, const rdpi_f32_c
 {
     const rdpi_f32_params_t *axis = params->axis;
     unlag->per_step = params->lag_s / sample_time_s;
+    unlag->way = 0;
     unlag->codes_per_V = axis->V_per_code > 0 ? 1 / axis->V_per_code : 0;
     unlag->max_step_V = axis->slew_V_per_s * sample_time_s;
 }
@@ -81,6 +82,7 @@ static inline bool rdpi_f32_unlag_output(rdpi_f32_unlag_t *unlag, rdpi_f32_t *ax
     rdpi_real_t drive_V = rdpi_f32_clamp(wish_V, params->min_V, params->max_V);
     if (unlag->max_step_V > 0) {
         drive_V = rdpi_f32_clamp(drive_V, unlag->ramp_V - unlag->max_step_V, unlag->ramp_V + unlag->max_step_V);
+        drive_V = rdpi_f32_clamp(drive_V, params->min_V, params->max_V); /* whatever the ramp has become */
     }
     bool allowed = drive_V == wish_V;
     unlag->ramp_V = drive_V;

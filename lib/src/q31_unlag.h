@@ -25,6 +25,8 @@ static inline void rdpi_q31_unlag_settle(rdpi_q31_unlag_t *unlag, const rdpi_q31
     unlag->dac_code = axis->dac_code;
     unlag->ramp = rdpi_q31_widen(axis->drive);
     unlag->carried = 0;
+    unlag->asked = axis->drive;
+    unlag->before = 0;
     unlag->first = true;
 }
 
@@ -81,7 +83,7 @@ static inline bool rdpi_q31_unlag_output(rdpi_q31_unlag_t *unlag, rdpi_q31_t *ax
         allowed = false;
     }
     unlag->ramp += change;
-    drive = (int32_t)(unlag->ramp >> 32);
+    drive = rdpi_q31_clamp(unlag->ramp >> 32, params->min_drive, params->max_drive);
     axis->drive = drive;
     if (params->dac_bits > 0u) {
         int32_t shaped = rdpi_q31_clamp((int64_t)drive + unlag->carried, params->min_drive, params->max_drive);

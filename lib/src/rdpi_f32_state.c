@@ -113,6 +113,12 @@ rdpi_status_t rdpi_f32_chain_get_state(const rdpi_f32_chain_t *self, rdpi_f32_ch
     return RDPI_OK;
 }
 
+/* The play of this number, if there is one. */
+static const rdpi_f32_play_t *place_of(const rdpi_f32_params_t *params, uint16_t engaged)
+{
+    return engaged < params->plays ? &params->play[engaged] : NULL;
+}
+
 rdpi_status_t rdpi_f32_chain_set_state(rdpi_f32_chain_t *self, const rdpi_f32_chain_state_t *state)
 {
     if (self == NULL || state == NULL) {
@@ -147,10 +153,10 @@ rdpi_status_t rdpi_f32_chain_set_state(rdpi_f32_chain_t *self, const rdpi_f32_ch
         next.creep.lag[i].rest_um = number[2u * i + 1u];
     }
     next.axis.quick = false; /* the next step finds piece, line and edge */
+    next.axis.bank.last_engaged = place_of(next.axis.params, next.axis.bank.engaged);
     if (!rdpi_f32_chain_is_sane(&next)) {
         return RDPI_ERR_STATE;
     }
-    next.axis.bank.last_engaged = &next.axis.params->play[next.axis.bank.engaged];
     *self = next;
     return RDPI_OK;
 }
@@ -201,22 +207,12 @@ static rdpi_real_t largest_um(const rdpi_f32_params_t *params)
     return 2 * (weights * largest_v_um(params) + fabs(params->offset_um) + RDPI_MAX_REFERENCE_UM);
 }
 
-/* Whether a place is one of the plays. Not by <: a stray address may be outside of any object. */
-static bool is_a_play(const rdpi_f32_params_t *params, const rdpi_f32_play_t *place)
-{
-    bool found = false;
-    for (size_t i = 0; i < params->plays; i++) {
-        found = found || place == &params->play[i];
-    }
-    return found;
-}
-
 static bool is_bank_sane(const rdpi_f32_bank_t *bank, const rdpi_f32_params_t *params)
 {
     rdpi_real_t most_um = largest_x_um(params), r_um = params->play[params->plays - 1u].r_um;
     rdpi_real_t most_v_um = largest_v_um(params);
     uint16_t engaged = bank->engaged;
-    bool sane = engaged < params->plays && is_a_play(params, bank->last_engaged) &&
+    bool sane = engaged < params->plays && bank->last_engaged == &params->play[engaged] &&
                 is_within(bank->y_um[0], most_um) && is_within(bank->remainder_um, most_v_um) &&
                 is_within(bank->remainder_rate_s, most_v_um);
     for (size_t i = engaged + 1u; i < params->plays; i++) {
@@ -265,10 +261,16 @@ static uint32_t last_code(const rdpi_f32_params_t *params)
     return params->dac_bits > 0u ? ((uint32_t)1 << params->dac_bits) - 1u : 0u;
 }
 
+/* In the range, to rounding. */
+static bool is_a_drive(const rdpi_f32_params_t *params, rdpi_real_t drive_V)
+{
+    rdpi_real_t slack_V = ROUNDING * (fabs(params->min_V) + fabs(params->max_V));
+    return drive_V >= params->min_V - slack_V && drive_V <= params->max_V + slack_V;
+}
+
 static bool is_axis_sane(const rdpi_f32_t *axis, const rdpi_f32_params_t *params)
 {
-    rdpi_real_t drive_V = axis->drive_V, most_V = fabs(params->min_V) + fabs(params->max_V);
-    bool sane = drive_V >= params->min_V && drive_V <= params->max_V && is_within(axis->ramp_V, 2 * most_V) &&
+    bool sane = is_a_drive(params, axis->drive_V) && is_a_drive(params, axis->ramp_V) &&
                 axis->rate_um_per_s >= 0 && axis->rate_um_per_s <= params->max_um_per_s &&
                 axis->dac_code <= last_code(params) && axis->sweep_turns <= 2u * params->sweep_cycles + 1u &&
                 (!axis->quick || is_quick_way_sane(axis, params));
@@ -316,7 +318,7 @@ static bool is_lead_sane(const rdpi_f32_lead_t *lead, bool first)
 static bool is_unlag_sane(const rdpi_f32_unlag_t *unlag, const rdpi_f32_params_t *params)
 {
     const rdpi_real_t most_V = 4 * (fabs(params->min_V) + fabs(params->max_V));
-    return is_within(unlag->followed_V, most_V) && is_within(unlag->ramp_V, most_V) && is_within(unlag->carried_V, most_V) &&
+    return is_within(unlag->followed_V, most_V) && is_a_drive(params, unlag->ramp_V) && is_within(unlag->carried_V, most_V) &&
            unlag->per_step >= 0 && unlag->per_step <= MAX_QUOTIENT && unlag->codes_per_V >= 0 &&
            unlag->codes_per_V <= MAX_QUOTIENT && unlag->max_step_V >= 0 && unlag->max_step_V <= MAX_QUOTIENT &&
            unlag->dac_code <= last_code(params) && unlag->way <= LAG &&
@@ -343,7 +345,7 @@ bool rdpi_f32_chain_is_sane(const rdpi_f32_chain_t *self)
 typedef struct {
     rdpi_real_t r_um; /* half of the interval */
     rdpi_real_t y_um; /* its middle */
-} play_state_t;
+} rdpi_f32_play_state_t;
 
 /* The x of `to` at the drive at which `from` has `x_um`. */
 static rdpi_real_t x_elsewhere(const rdpi_f32_params_t *to, const rdpi_f32_params_t *from, rdpi_real_t x_um)
@@ -353,12 +355,12 @@ static rdpi_real_t x_elsewhere(const rdpi_f32_params_t *to, const rdpi_f32_param
 }
 
 /* Play i of `from`, in the x of `to`. */
-static play_state_t play_elsewhere(const rdpi_f32_params_t *to, const rdpi_f32_t *from, size_t i)
+static rdpi_f32_play_state_t play_elsewhere(const rdpi_f32_params_t *to, const rdpi_f32_t *from, size_t i)
 {
     const rdpi_f32_params_t *params = from->params;
     rdpi_real_t y_um = rdpi_f32_bank_state(&from->bank, params->play, i), r_um = params->play[i].r_um;
     rdpi_real_t one_um = x_elsewhere(to, params, y_um - r_um), other_um = x_elsewhere(to, params, y_um + r_um);
-    play_state_t play = {fabs(other_um - one_um) / 2, (one_um + other_um) / 2};
+    rdpi_f32_play_state_t play = {fabs(other_um - one_um) / 2, (one_um + other_um) / 2};
     return play;
 }
 
@@ -376,7 +378,7 @@ static rdpi_real_t x_in_range(const rdpi_f32_params_t *to, rdpi_real_t x_um)
 static void project_plays(const rdpi_f32_params_t *to, const rdpi_f32_t *from, rdpi_real_t *y_um)
 {
     size_t i = 0;
-    play_state_t below = play_elsewhere(to, from, 0), above = below;
+    rdpi_f32_play_state_t below = play_elsewhere(to, from, 0), above = below;
     for (size_t k = 0; k < to->plays; k++) {
         rdpi_real_t r_um = to->play[k].r_um;
         while (above.r_um < r_um && i + 1u < from->params->plays) {
@@ -469,7 +471,8 @@ static rdpi_real_t displacement_um(const rdpi_f32_chain_t *self)
 /* Whether both are made for the same time between samples, to rounding. */
 static bool same_sample_time(const rdpi_f32_rate_t *one, const rdpi_f32_rate_t *other)
 {
-    rdpi_real_t per_s = one->per_window_s * one->window, other_per_s = other->per_window_s * other->window;
+    rdpi_real_t per_s = one->per_window_s * (rdpi_real_t)one->window;
+    rdpi_real_t other_per_s = other->per_window_s * (rdpi_real_t)other->window;
     return fabs(per_s - other_per_s) <= ROUNDING * per_s;
 }
 

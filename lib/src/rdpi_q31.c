@@ -222,7 +222,7 @@ static RDPI_Q31_SELDOM void count_missed(rdpi_q31_t *self, int64_t v)
 static void output(rdpi_q31_t *self, int32_t from)
 {
     const rdpi_q31_params_t *params = self->params;
-    self->drive = (int32_t)(self->ramp >> 32);
+    self->drive = rdpi_q31_in_range(params, (int32_t)(self->ramp >> 32));
     if (params->dac_bits > 0u) {
 #if RDPI_NOISE_SHAPING
         if (shapes_noise(self)) {

@@ -98,6 +98,8 @@ rdpi_status_t rdpi_q31_chain_init_layout(uint64_t layout, rdpi_q31_chain_t *self
 void rdpi_q31_chain_settle(rdpi_q31_chain_t *self)
 {
     self->first = true;
+    self->lead.latest = 0;
+    self->lead.before = 0;
     rdpi_q31_unlag_settle(&self->unlag, &self->axis);
     rdpi_q31_creep_settle(&self->creep, self->params, rdpi_q31_predict(&self->axis, self->axis.drive, 0));
 }

@@ -101,6 +101,12 @@ rdpi_status_t rdpi_q31_chain_get_state(const rdpi_q31_chain_t *self, rdpi_q31_ch
     return RDPI_OK;
 }
 
+/* The play of this number, if there is one. */
+static const rdpi_q31_play_t *place_of(const rdpi_q31_params_t *params, uint16_t engaged)
+{
+    return engaged < params->plays ? &params->play[engaged] : NULL;
+}
+
 rdpi_status_t rdpi_q31_chain_set_state(rdpi_q31_chain_t *self, const rdpi_q31_chain_state_t *state)
 {
     if (self == NULL || state == NULL) {
@@ -135,10 +141,10 @@ rdpi_status_t rdpi_q31_chain_set_state(rdpi_q31_chain_t *self, const rdpi_q31_ch
         bank->y[i] = number[RDPI_MAX_WINDOW + i];
     }
     next.axis.latest_piece.length = 0; /* the next step finds it */
+    bank->last_engaged = place_of(next.axis.params, bank->engaged);
     if (!rdpi_q31_chain_is_sane(&next)) {
         return RDPI_ERR_STATE;
     }
-    bank->last_engaged = &next.axis.params->play[bank->engaged];
     *self = next;
     return RDPI_OK;
 }
@@ -159,20 +165,10 @@ static bool is_within(int32_t value, int32_t limit)
     return value >= -limit && value <= limit;
 }
 
-/* Whether a place is one of the plays. Not by <: a stray address may be outside of any object. */
-static bool is_a_play(const rdpi_q31_params_t *params, const rdpi_q31_play_t *place)
-{
-    bool found = false;
-    for (size_t i = 0; i < params->plays; i++) {
-        found = found || place == &params->play[i];
-    }
-    return found;
-}
-
 static bool is_bank_sane(const rdpi_q31_bank_t *bank, const rdpi_q31_params_t *params)
 {
     uint16_t engaged = bank->engaged;
-    bool sane = engaged < params->plays && is_a_play(params, bank->last_engaged) && rdpi_q31_in_format(bank->y[0]) &&
+    bool sane = engaged < params->plays && bank->last_engaged == &params->play[engaged] && rdpi_q31_in_format(bank->y[0]) &&
                 bank->room >= 0 && is_within(upper(bank->f_at_rest), RDPI_Q31_ONE) &&
                 is_within(upper(bank->f_rate), RDPI_Q31_ONE);
     for (size_t i = engaged + 1u; i < params->plays; i++) {
@@ -194,12 +190,18 @@ static uint32_t last_code(const rdpi_q31_params_t *params)
     return params->dac_bits > 0u ? ((uint32_t)1 << params->dac_bits) - 1u : 0u;
 }
 
+/* In the range, to rounding. */
+static bool is_a_drive(const rdpi_q31_params_t *params, int32_t drive)
+{
+    return drive >= params->min_drive - 4 && drive <= params->max_drive + 4;
+}
+
 static bool is_axis_sane(const rdpi_q31_t *axis, const rdpi_q31_params_t *params)
 {
     int32_t drive = axis->drive, used = axis->rate;
     bool sane = drive >= params->min_drive && drive <= params->max_drive && used >= 0 && used <= RDPI_Q31_ONE &&
                 axis->dac_code <= last_code(params) && axis->sweep_turns <= 2u * params->sweep_cycles + 1u &&
-                rdpi_q31_in_format(axis->x) && rdpi_q31_in_format(upper(axis->ramp)) && axis->slew >= 0 &&
+                rdpi_q31_in_format(axis->x) && is_a_drive(params, upper(axis->ramp)) && axis->slew >= 0 &&
                 axis->sweep_step >= 1;
 #if RDPI_NOISE_SHAPING
     sane = sane && is_within(upper(axis->carried), HALF / 4);
@@ -235,7 +237,7 @@ static bool is_lead_sane(const rdpi_q31_lead_t *lead)
 
 static bool is_unlag_sane(const rdpi_q31_unlag_t *unlag, const rdpi_q31_params_t *params)
 {
-    return rdpi_q31_in_format(unlag->followed) && rdpi_q31_in_format(upper(unlag->ramp)) &&
+    return rdpi_q31_in_format(unlag->followed) && is_a_drive(params, upper(unlag->ramp)) &&
            rdpi_q31_in_format(unlag->carried) && unlag->per_step >= 0 && unlag->per_step <= RDPI_Q31_ONE &&
            rdpi_q31_in_format(unlag->asked) && is_within(unlag->before, RDPI_Q31_ONE) &&
            unlag->dac_code <= last_code(params) && unlag->shift >= 1u && unlag->shift <= 63u;
@@ -258,7 +260,7 @@ bool rdpi_q31_chain_is_sane(const rdpi_q31_chain_t *self)
 typedef struct {
     int64_t r; /* half of the interval in which the input is, times 2 */
     int64_t y; /* its middle, times 2 */
-} play_state_t;
+} rdpi_q31_play_state_t;
 
 /* a b / c, rounded towards 0. Scaling and overflow: |a| and |b| < 2^31. */
 static int64_t proportion(int64_t a, int64_t b, int64_t c)
@@ -287,19 +289,19 @@ static int32_t x_elsewhere(const rdpi_q31_params_t *to, const rdpi_q31_params_t 
 }
 
 /* Play i of `from`, in the x of `to`. */
-static play_state_t play_elsewhere(const rdpi_q31_params_t *to, const rdpi_q31_t *from, size_t i)
+static rdpi_q31_play_state_t play_elsewhere(const rdpi_q31_params_t *to, const rdpi_q31_t *from, size_t i)
 {
     const rdpi_q31_params_t *params = from->params;
     int32_t y = rdpi_q31_bank_state(&from->bank, params, i), r = params->play[i].r;
     int64_t one = x_elsewhere(to, params, y - r), other = x_elsewhere(to, params, y + r);
-    play_state_t play = {other > one ? other - one : one - other, one + other};
+    rdpi_q31_play_state_t play = {other > one ? other - one : one - other, one + other};
     return play;
 }
 
 static void project_plays(const rdpi_q31_params_t *to, const rdpi_q31_t *from, int32_t *y)
 {
     size_t i = 0;
-    play_state_t below = play_elsewhere(to, from, 0), above = below;
+    rdpi_q31_play_state_t below = play_elsewhere(to, from, 0), above = below;
     for (size_t k = 0; k < to->plays; k++) {
         int64_t r = 2 * (int64_t)to->play[k].r;
         while (above.r < r && i + 1u < from->params->plays) {
@@ -380,7 +382,7 @@ static void project_creep(rdpi_q31_chain_t *self, const rdpi_q31_chain_t *from)
         return;
     }
     int32_t share = share_of_settled(from->params);
-    int64_t behind_0 = share != 0 ? from->creep.settled / share - from->creep.h : 0;
+    int64_t behind_0 = share != 0 ? rdpi_q31_clamp(from->creep.settled / share, -MAX_H, MAX_H) - (int64_t)from->creep.h : 0;
     int32_t h_0 = rdpi_q31_clamp(creep->h + rescaled(to, old, behind_0), -MAX_H, MAX_H);
     creep->settled = rdpi_q31_mul(share_of_settled(self->params), h_0);
     creep->mean = rdpi_q31_clamp(creep->h + rescaled(to, old, (int64_t)from->creep.mean - from->creep.h), -MAX_H, MAX_H);

@@ -39,7 +39,7 @@ def output(program: Path, at: int = 0, blocked: int = 0, inside: bool = False, l
            underrun: int = 0) -> tuple[np.ndarray, np.ndarray, int, int]:
     """Codes, whether each was new, how often the processor was late, and how many samples had old codes."""
     done = subprocess.run([program, *map(str, (at, blocked, int(inside), load, samples, underrun))], capture_output=True,
-                          text=True, timeout=60)
+                          text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     *rows, last = [[int(word) for word in line.split()] for line in done.stdout.splitlines()]
     table = np.array(rows)

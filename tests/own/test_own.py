@@ -57,7 +57,7 @@ TARGETS = {
 def run(*command: object) -> str:
     """What a program says; QEMU puts what picolibc prints on its standard error."""
     done = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                          timeout=60)
+                          timeout=300)
     assert done.returncode == 0, f"{command}\n{done.stdout}"
     return done.stdout
 

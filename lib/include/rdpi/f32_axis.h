@@ -44,7 +44,8 @@ typedef struct {
     rdpi_f32_chain_t *spare; /**< of exchange */
 } rdpi_f32_request_t;
 
-/** One actuator over its whole life. All zero but for dac_code and drive_V before init. */
+/** One actuator over its whole life. All zero but for dac_code and drive_V before init. After init it stays where it is: it
+ * may hold its own address. */
 typedef struct {
     /* result */
     rdpi_real_t drive_V;   /**< the drive to output */
@@ -52,7 +53,8 @@ typedef struct {
                                 are what the caller put there: initialise them with the safe drive */
     uint32_t flags;        /**< RDPI_FLAG_... of the latest step, follow, replayed or block; of a block OR-ed */
     rdpi_axis_mode_t mode; /**< see rdpi_axis_mode_t */
-    rdpi_status_t exchanged; /**< what became of the latest exchange of parameters */
+    rdpi_status_t exchanged; /**< what became of the latest exchange of parameters; RDPI_ERR_MODE until a sample has obeyed
+                                  it, and if another request has taken its place */
     rdpi_f32_chain_t chain;  /**< its counts and preview_samples are results */
     /* private */
     rdpi_f32_params_t slow;    /**< the operator's parameters with the speed of the ramp as their slew limit */
@@ -107,8 +109,8 @@ void rdpi_f32_axis_missed(rdpi_f32_axis_t *self, uint32_t ticks);
 /** In MANUAL, in place of rdpi_f32_axis_step: the other source outputs `drive_V` in this sample. Also where the request
  * of hand_over is pending.
  *
- * @return the displacement in um that the chain predicts. In other modes, and for a drive that rdpi_f32_chain_forward
- * refuses, the drive is held and RDPI_FLAG_INPUT set. ISR safe. */
+ * @return the displacement in um that the chain predicts; NaN in SWEEP, RUN and on a ramp to the reference. In other modes,
+ * and for a drive that rdpi_f32_chain_forward refuses, the drive is held and RDPI_FLAG_INPUT set. ISR safe. */
 rdpi_real_t rdpi_f32_axis_follow(rdpi_f32_axis_t *self, rdpi_real_t drive_V);
 
 /** In place of rdpi_f32_axis_step, in any mode: the DAC got `dac_code` in this sample, whatever the axis had asked for. A
@@ -116,8 +118,8 @@ rdpi_real_t rdpi_f32_axis_follow(rdpi_f32_axis_t *self, rdpi_real_t drive_V);
  * and the axis goes on from there: from RUN by a ramp to the reference, from STOPPED by a ramp back to where it stopped. A
  * sweep begins anew, a ramp goes on, MANUAL and FAULT hold the drive.
  *
- * @return the displacement in um that the chain predicts. In OFF, and for a code that the parameters do not have, the
- * drive is held and RDPI_FLAG_INPUT set. O(n + m + poles). ISR safe. */
+ * @return the displacement in um that the chain predicts. In OFF, and for a code that the parameters do not have, NaN, or
+ * the displacement at the drive: it is held and RDPI_FLAG_INPUT set. O(n + m + poles). ISR safe. */
 rdpi_real_t rdpi_f32_axis_replayed(rdpi_f32_axis_t *self, uint32_t dac_code);
 
 /** Begins the start-up sweep at the present drive; then the ramp to the reference, then RUN. From FAULT, the states of

@@ -239,7 +239,8 @@ rdpi_status_t rdpi_f32_chain_set_state(rdpi_f32_chain_t *self, const rdpi_f32_ch
  * that leaves a number within its bounds is not found. rdpi_f32_chain_reset repairs what it finds, and rdpi_f32_chain_init
  * also what follows from the sample time.
  *
- * It reads each field once and compares it with constants only, so a step may interrupt it. On 8-bit cores mask the
+ * It reads each field once and compares nearly all with constants, so a step may interrupt it. An interrupted look can
+ * find damage that is none: then look again, as rdpi_f32_axis_check does. On 8-bit cores mask the
  * interrupt: there a number is read in parts. False for NULL. O(n + poles). */
 bool rdpi_f32_chain_is_sane(const rdpi_f32_chain_t *self);
 

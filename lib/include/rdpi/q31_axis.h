@@ -31,7 +31,7 @@ typedef struct {
                                 are what the caller put there: initialise them with the safe drive */
     uint32_t flags;        /**< RDPI_FLAG_... of the latest step, follow, replayed or block; of a block OR-ed */
     rdpi_axis_mode_t mode; /**< see rdpi_axis_mode_t */
-    rdpi_status_t exchanged; /**< what became of the latest exchange of parameters */
+    rdpi_status_t exchanged; /**< see rdpi_f32_axis_t */
     rdpi_q31_chain_t chain;  /**< its counts and preview_samples are results */
     /* private */
     int64_t at;       /**< of a ramp to a drive: where it is, times 2^32 */
