@@ -26,5 +26,21 @@ void test_two_loops_do_not_share_anything(void);
 void test_it_says_that_the_library_limits_it(void);
 void test_a_reading_of_a_block_counts_for_its_samples(void);
 void test_the_largest_error_does_not_wrap(void);
+void test_references_that_the_library_refuses_correct_nothing(void);
 
 #include "track_loop.inc"
+
+/* The library holds at them; the integral must not take them for an error. */
+void test_references_that_the_library_refuses_correct_nothing(void)
+{
+    const float refused[] = {INFINITY, -INFINITY, 2e6f};
+    double corrections_um[CLOSE_AT + 30];
+    for (size_t k = 0; k < sizeof refused / sizeof refused[0]; k++) {
+        setUp();
+        follow(corrections_um, CLOSE_AT + 30);
+        float before_um = loop.correction;
+        (void)next(refused[k], refused[k], reading(NUMBER(REFERENCE_UM)));
+        (void)next(NUMBER(REFERENCE_UM), NUMBER(REFERENCE_UM), reading(NUMBER(REFERENCE_UM)));
+        TEST_ASSERT_FLOAT_WITHIN(0.5f, before_um, loop.correction);
+    }
+}
