@@ -113,12 +113,6 @@ rdpi_status_t rdpi_f32_chain_get_state(const rdpi_f32_chain_t *self, rdpi_f32_ch
     return RDPI_OK;
 }
 
-/* The play of this number, if there is one. */
-static const rdpi_f32_play_t *place_of(const rdpi_f32_params_t *params, uint16_t engaged)
-{
-    return engaged < params->plays ? &params->play[engaged] : NULL;
-}
-
 rdpi_status_t rdpi_f32_chain_set_state(rdpi_f32_chain_t *self, const rdpi_f32_chain_state_t *state)
 {
     if (self == NULL || state == NULL) {
@@ -153,7 +147,8 @@ rdpi_status_t rdpi_f32_chain_set_state(rdpi_f32_chain_t *self, const rdpi_f32_ch
         next.creep.lag[i].rest_um = number[2u * i + 1u];
     }
     next.axis.quick = false; /* the next step finds piece, line and edge */
-    next.axis.bank.last_engaged = place_of(next.axis.params, next.axis.bank.engaged);
+    /* of an engaged that is none, is_sane finds that */
+    next.axis.bank.last_engaged = &next.axis.params->play[next.axis.bank.engaged % next.axis.params->plays];
     if (!rdpi_f32_chain_is_sane(&next)) {
         return RDPI_ERR_STATE;
     }

@@ -101,12 +101,6 @@ rdpi_status_t rdpi_q31_chain_get_state(const rdpi_q31_chain_t *self, rdpi_q31_ch
     return RDPI_OK;
 }
 
-/* The play of this number, if there is one. */
-static const rdpi_q31_play_t *place_of(const rdpi_q31_params_t *params, uint16_t engaged)
-{
-    return engaged < params->plays ? &params->play[engaged] : NULL;
-}
-
 rdpi_status_t rdpi_q31_chain_set_state(rdpi_q31_chain_t *self, const rdpi_q31_chain_state_t *state)
 {
     if (self == NULL || state == NULL) {
@@ -141,7 +135,8 @@ rdpi_status_t rdpi_q31_chain_set_state(rdpi_q31_chain_t *self, const rdpi_q31_ch
         bank->y[i] = number[RDPI_MAX_WINDOW + i];
     }
     next.axis.latest_piece.length = 0; /* the next step finds it */
-    bank->last_engaged = place_of(next.axis.params, bank->engaged);
+    /* of an engaged that is none, is_sane finds that */
+    bank->last_engaged = &next.axis.params->play[bank->engaged % next.axis.params->plays];
     if (!rdpi_q31_chain_is_sane(&next)) {
         return RDPI_ERR_STATE;
     }
