@@ -197,9 +197,7 @@ static RDPI_F32_SHARED uint32_t rdpi_f32_scan_block(uint32_t crc, const void *bl
     for (size_t offset = 0; offset < bytes; offset += sizeof(rdpi_real_t)) {
         rdpi_real_t value;
         memcpy(&value, (const unsigned char *)block + offset, sizeof value);
-        if (!(fabs(value) <= scan->limit)) {
-            scan->within = false;
-        }
+        scan->within = scan->within && fabs(value) <= scan->limit;
         crc = rdpi_f32_crc32(crc, value);
     }
     return crc;
