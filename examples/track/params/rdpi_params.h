@@ -159,9 +159,10 @@ static const rdpi_f32_chain_params_t rdpi_chain = {
     ((int32_t)(((double)(um) - (0.0)) * (58539463.95434022) \
                + ((double)(um) < (0.0) ? -0.5 : 0.5)))
 
-/* A difference of displacements in um to one of references: an amplitude, a step, a distance per sample. The offset, which
- * RDPI_PARAMS_Q31_REFERENCE takes off, cancels. Multiply this one, and add it to a reference. */
-#define RDPI_PARAMS_Q31_DIFFERENCE(um) ((int32_t)((double)(um) * (58539463.95434022) + ((double)(um) < 0 ? -0.5 : 0.5)))
+/* A difference of displacements in um to one of references: an amplitude, a step, a distance per sample. The offset,
+ * which RDPI_PARAMS_Q31_REFERENCE takes off, cancels. Multiply this one, and add it to a reference. */
+#define RDPI_PARAMS_Q31_DIFFERENCE(um) \
+    ((int32_t)((double)(um) * (58539463.95434022) + ((double)(um) < 0 ? -0.5 : 0.5)))
 
 /* Counts of a sensor to references in integers, for a reference that is measured: of constants, initialises
  *     static const rdpi_q31_sensor_t sensor = RDPI_PARAMS_Q31_SENSOR(um per count, um at count 0);
