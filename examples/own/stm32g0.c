@@ -67,12 +67,10 @@ void HAL_DAC_DMAUnderrunCallbackCh1(DAC_HandleTypeDef *hdac)
 bool run_axis(void)
 {
     underrun = false;
-    const bool again = circular.begun; /* then TIM2 runs, and the DAC holds a code that the first word goes on from */
-    bool good = again || HAL_TIM_Base_Start(&htim2) == HAL_OK;
+    bool good = circular.begun || HAL_TIM_Base_Start(&htim2) == HAL_OK; /* it runs on from the first time */
     good = axis_start(&axis, RATE_HZ) == RDPI_OK && good;
-    if (!again) { /* the first trigger outputs this, and fetches the first word */
-        good = HAL_DAC_SetValue(&hdac1, DAC_CHANNEL_1, DAC_ALIGN_12B_R, axis.life.dac_code) == HAL_OK && good;
-    }
+    /* the first trigger outputs this, and fetches the first word */
+    good = HAL_DAC_SetValue(&hdac1, DAC_CHANNEL_1, DAC_ALIGN_12B_R, axis.life.dac_code) == HAL_OK && good;
     circular_begin(&circular);
     return HAL_DAC_Start_DMA(&hdac1, DAC_CHANNEL_1, words, 2u * HALF, DAC_ALIGN_12B_R) == HAL_OK &&
            HAL_TIM_Base_Start(&htim6) == HAL_OK && good;
