@@ -37,7 +37,9 @@ def q31(how: int, plays: int, deadzones: int, dac_bits: int, window_ns: int, fil
     """As any_q31.c takes it: rdpi_q31_params_t up to its pointers, sample time, plays, stages, memory, calls."""
     drives = (-(2**28), 2**29, -(2**28), 2**29, 0, 0, 0, 1000, 2**28)  # the three of the codes are derived
     fields = (7, 0, slew, 2**45, plays, deadzones, dac_bits, 1, shaped, 4, 30, 30, 0, 0, -20, 2**12, 2**31)
-    parameters = struct.pack("@IIQQH4BH4BhHIII9i", *fields, window_ns, filter_ns, *drives)
+    units, sample_times = (-1000, 2000, 2**31, -55), (0, 0)
+    parameters = struct.pack("@IIQQH4BH4BhHIII6iI6i2I", *fields, window_ns, filter_ns, *drives[:4], *units, *drives[4:],
+                             *sample_times)
     parameters += bytes(-len(parameters) % 8)
     bank = [(i * 10**7, 2**29 + i * 10**7, -(2**27)) for i in range(plays)]
     stage = [(j * 10**8, 2**30 if j == 0 else -(2**26)) for j in range(deadzones)]
