@@ -8,15 +8,9 @@
 #include "f32_drive.h"
 #include "f32_lead.h"
 #include "f32_math.h"
+#include "f32_output.h"
 #include "f32_unlag.h"
 #include "f32_way.h"
-
-/* rdpi_f32_forward takes a drive that is further outside the range by so many widths, and no more. */
-#define MAX_SPANS 16
-
-/* The largest magnitude of a number, and what rounding may do to one, relative: as in f32_check.h. */
-#define MAX_NUMBER ((rdpi_real_t)1e7)
-#define ROUNDING ((rdpi_real_t)1e-5)
 
 /* The largest number of a lag in samples, of a speed in V per sample, and of codes in a V. */
 #define MAX_QUOTIENT (MAX_NUMBER * (1 + ROUNDING) / RDPI_MIN_SAMPLE_TIME_S)
@@ -455,12 +449,7 @@ static void project_creep(rdpi_f32_creep_t *self, const rdpi_f32_creep_t *from, 
  * what was. */
 static rdpi_real_t displacement_um(const rdpi_f32_chain_t *self)
 {
-    const rdpi_f32_t *axis = &self->axis;
-    if ((axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW | RDPI_FLAG_INPUT)) == 0u) {
-        return self->creep.h_um;
-    }
-    rdpi_real_t drive_V = self->unlag.per_step > 0 ? self->unlag.followed_V : axis->drive_V;
-    return rdpi_f32_predict(axis, drive_V, axis->rate_um_per_s) - self->creep.settled_um;
+    return was_clipped(&self->axis) ? output_um(self) : self->creep.h_um;
 }
 
 /* Whether both are made for the same time between samples, to rounding. */
@@ -483,7 +472,7 @@ static void take_output(rdpi_f32_chain_t *self, const rdpi_f32_chain_t *from)
     const rdpi_f32_params_t *params = axis->params;
     rdpi_real_t drive_V = from->axis.drive_V;
     self->unlag.ramp_V = drive_V;
-    if (!(self->unlag.per_step > 0)) {
+    if (!has_lag(self)) {
         axis->ramp_V = drive_V;
     }
     axis->drive_V = drive_V;
