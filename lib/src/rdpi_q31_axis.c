@@ -38,13 +38,12 @@ static bool speed_is_good(const rdpi_q31_axis_t *self, uint64_t per_us)
     return step_at(self, per_us) >= 1;
 }
 
-/* The limit of a ramp is a slew limit. The direct way to a code knows none, and does not keep x. */
+/* The limit of a ramp is a slew limit. The direct way to a code knows none. */
 static void limit(rdpi_q31_axis_t *self, bool ramps)
 {
     rdpi_q31_t *axis = &self->chain.axis;
     axis->slew = ramps ? step_at(self, 0) : self->own_slew;
     axis->direct_output = self->own_direct_output && !ramps;
-    axis->x = rdpi_q31_x_in_range(axis->params, axis->bank.y[0]);
 }
 
 static bool is_reached(rdpi_q31_axis_t *self, int32_t ahead)
