@@ -314,9 +314,19 @@ static bool is_unlag_sane(const rdpi_f32_unlag_t *unlag, const rdpi_f32_params_t
            (unlag->first || (is_within(unlag->asked_V, most_V) && is_within(unlag->before_V, most_V)));
 }
 
+/* Whether what the chain points to are parameters, and those of its operator: in a ramp of an axis, a copy with the same
+ * digest. It sees a pointer that was damaged, if there is something else to read there. */
+static bool has_parameters(const rdpi_f32_chain_t *self)
+{
+    const rdpi_f32_chain_params_t *params = self->params;
+    const rdpi_f32_params_t *axis = self->axis.params;
+    return params != NULL && axis != NULL && params->schema == RDPI_PARAMS_SCHEMA && axis->schema == RDPI_PARAMS_SCHEMA &&
+           params->axis != NULL && axis->digest == params->axis->digest;
+}
+
 bool rdpi_f32_chain_is_sane(const rdpi_f32_chain_t *self)
 {
-    if (self == NULL || self->params == NULL || self->axis.params == NULL) {
+    if (self == NULL || !has_parameters(self)) {
         return false;
     }
     const rdpi_f32_chain_params_t *params = self->params;

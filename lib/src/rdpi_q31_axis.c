@@ -26,6 +26,11 @@ static void own_limits(rdpi_q31_axis_t *self)
     self->own_direct_output = self->chain.axis.direct_output;
 }
 
+static bool own_limits_are_sane(const rdpi_q31_axis_t *self)
+{
+    return self->own_slew >= 0;
+}
+
 /* How far a drive may go in a sample at a speed, times 2^32; 0 for that of the sweep. */
 static int64_t step_at(const rdpi_q31_axis_t *self, uint64_t per_us)
 {

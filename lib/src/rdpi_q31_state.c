@@ -274,9 +274,18 @@ static bool is_unlag_sane(const rdpi_q31_unlag_t *unlag, const rdpi_q31_params_t
            unlag->dac_code <= last_code(params) && unlag->shift >= 1u && unlag->shift <= 63u;
 }
 
+/* Whether what the chain points to are parameters, and those of its operator. */
+static bool has_parameters(const rdpi_q31_chain_t *self)
+{
+    const rdpi_q31_chain_params_t *params = self->params;
+    const rdpi_q31_params_t *axis = self->axis.params;
+    return params != NULL && axis != NULL && params->schema == RDPI_PARAMS_SCHEMA && axis->schema == RDPI_PARAMS_SCHEMA &&
+           params->axis != NULL && axis->digest == params->axis->digest;
+}
+
 bool rdpi_q31_chain_is_sane(const rdpi_q31_chain_t *self)
 {
-    if (self == NULL || self->params == NULL || self->axis.params == NULL) {
+    if (self == NULL || !has_parameters(self)) {
         return false;
     }
     const rdpi_q31_params_t *axis = self->params->axis;

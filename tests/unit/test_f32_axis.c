@@ -62,6 +62,7 @@ void test_a_damaged_mode_leads_to_fault(void);
 void test_a_request_that_the_mode_takes_no_longer_is_dropped(void);
 void test_damage_that_a_reset_does_not_repair_needs_another_init(void);
 void test_a_count_of_poles_that_was_damaged_is_repaired(void);
+void test_a_pointer_of_the_operator_that_was_damaged_is_repaired(void);
 void test_an_exchange_keeps_the_drive_and_ramps_to_what_the_new_parameters_ask_for(void);
 void test_an_exchange_of_parameters_at_rest_holds_the_drive(void);
 void test_a_refused_exchange_leaves_the_old_parameters_in_force(void);
@@ -121,5 +122,23 @@ void test_a_ramp_begins_at_the_code_that_was_output(void)
         ok(LIFE(take_back)(&life));
         (void)step(Z(-20));
         TEST_ASSERT_EQUAL_UINT32(code - 34u, life.dac_code);
+    }
+}
+
+/* In RAM: an upset memory cell would let a ramp leave the range, or go faster. */
+void test_damaged_limits_of_ramps_are_found_and_made_anew(void)
+{
+    for (int kind = 0; kind < 3; kind++) {
+        setUp();
+        bring(RDPI_AXIS_RAMP);
+        rdpi_real_t *field[] = {&life.slow.min_V, &life.slow.max_V, &life.slow.slew_V_per_s};
+        rdpi_real_t before = *field[kind];
+        *field[kind] *= 2;
+        TEST_ASSERT_FALSE(LIFE(check)(&life));
+        (void)step(HOME);
+        in_mode(RDPI_AXIS_FAULT);
+        SAME_NUMBER(before, *field[kind]);
+        TEST_ASSERT_TRUE(LIFE(check)(&life));
+        only_a_sweep_leads_on();
     }
 }

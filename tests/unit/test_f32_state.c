@@ -22,6 +22,7 @@ void test_get_and_set_refuse_null(void);
 void test_no_chain_and_one_that_init_has_not_accepted_is_not_sane(void);
 void test_every_state_that_a_chain_reaches_is_sane(void);
 void test_damage_of_each_field_is_found(void);
+void test_pointers_that_do_not_lead_to_the_parameters_of_one_operator_are_found(void);
 #include "chain_state.inc"
 
 static const rdpi_f32_play_t given_elsewhere = {.slope = 1};

@@ -62,6 +62,7 @@ void test_a_damaged_mode_leads_to_fault(void);
 void test_a_request_that_the_mode_takes_no_longer_is_dropped(void);
 void test_damage_that_a_reset_does_not_repair_needs_another_init(void);
 void test_a_count_of_poles_that_was_damaged_is_repaired(void);
+void test_a_pointer_of_the_operator_that_was_damaged_is_repaired(void);
 void test_an_exchange_keeps_the_drive_and_ramps_to_what_the_new_parameters_ask_for(void);
 void test_an_exchange_of_parameters_at_rest_holds_the_drive(void);
 void test_a_refused_exchange_leaves_the_old_parameters_in_force(void);
@@ -97,4 +98,15 @@ void test_an_exchange_for_another_range_is_refused(void)
     TEST_ASSERT_EQUAL_INT(RDPI_ERR_DRIVE, life.exchanged);
     in_mode(RDPI_AXIS_RUN);
     SAME_NUMBER(drive, life.drive);
+}
+
+void test_a_damaged_slew_limit_is_found(void)
+{
+    bring(RDPI_AXIS_RUN);
+    life.own_slew = -1;
+    TEST_ASSERT_FALSE(LIFE(check)(&life));
+    (void)step(HOME);
+    in_mode(RDPI_AXIS_FAULT);
+    init_and_run();
+    TEST_ASSERT_TRUE(LIFE(check)(&life));
 }
