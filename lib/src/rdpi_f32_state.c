@@ -310,8 +310,18 @@ static bool is_unlag_sane(const rdpi_f32_unlag_t *unlag, const rdpi_f32_params_t
     return is_within(unlag->followed_V, most_V) && is_a_drive(params, unlag->ramp_V) && is_within(unlag->carried_V, most_V) &&
            unlag->per_step >= 0 && unlag->per_step <= MAX_QUOTIENT && unlag->codes_per_V >= 0 &&
            unlag->codes_per_V <= MAX_QUOTIENT && unlag->max_step_V >= 0 && unlag->max_step_V <= MAX_QUOTIENT &&
-           unlag->dac_code <= last_code(params) && unlag->way <= LAG &&
+           unlag->dac_code <= last_code(params) &&
            (unlag->first || (is_within(unlag->asked_V, most_V) && is_within(unlag->before_V, most_V)));
+}
+
+/* A way through a lead or creep that the chain does not have would read what nothing has set up. */
+static bool are_ways_sane(const rdpi_f32_chain_t *self)
+{
+    const rdpi_f32_chain_params_t *params = self->params;
+    const bool leads = rdpi_f32_lead_wanted(params);
+    const unsigned usual = (uint8_t)((leads ? LEAD : PLAIN) + (params->poles > 0u ? CREEP : PLAIN));
+    const unsigned outer = self->way, way = has_lag(self) ? self->unlag.way : outer;
+    return self->usual == usual && (way == usual || (leads && way == GENERAL)) && (outer == LAG) == has_lag(self);
 }
 
 /* Whether what the chain points to are parameters, and those of its operator: in a ramp of an axis, a copy with the same
@@ -333,8 +343,8 @@ bool rdpi_f32_chain_is_sane(const rdpi_f32_chain_t *self)
     return is_axis_sane(&self->axis, params->axis) && is_rate_sane(&self->axis.rate_estimator) &&
            is_bank_sane(&self->axis.bank, params->axis) && is_creep_sane(&self->creep, params) &&
            is_unlag_sane(&self->unlag, params->axis) &&
-           (!rdpi_f32_lead_wanted(params) || is_lead_sane(&self->lead, self->first)) && self->usual <= LEAD_CREEP &&
-           self->way <= LAG && self->preview_samples <= MAX_DELAY + 2u;
+           (!rdpi_f32_lead_wanted(params) || is_lead_sane(&self->lead, self->first)) && are_ways_sane(self) &&
+           self->preview_samples <= MAX_DELAY + 2u;
 }
 
 /* ---- exchange of parameters ---- */
