@@ -194,7 +194,7 @@ static void repair(AXIS(t) *self)
         limit(self, false);
         own_limits(self);
         CHAIN(reset)(chain);
-        self->sane = CHAIN(is_sane)(chain) && own_limits_are_sane(self);
+        self->sane = CHAIN(is_sane)(chain);
     }
 }
 

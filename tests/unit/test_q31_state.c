@@ -172,6 +172,8 @@ void test_plays_that_no_history_leads_to_are_refused(void)
     forged();
     with_plays(x, x, x + R(2) + 1);
     forged();
+    with_plays(x, x + R(1), x - R(1) - 1); /* its corner is before that of the play below it */
+    forged();
     with_plays(most, -most, most);
     forged();
     with_plays(x, x + R(1), x - R(1)); /* no further than they may be */
