@@ -112,6 +112,9 @@ static bool is_one_history(const rdpi_q31_t *axis)
         if (lag > gap || lag < -gap || !rdpi_q31_in_format(y[i])) {
             return false;
         }
+        if (bank->y[i] != y[i]) { /* of an engaged play: rdpi_q31_bank_retreat reads its place, too */
+            return false;
+        }
     }
     rdpi_q31_bank_t anew = *bank, here = *bank;
     rdpi_q31_bank_set(&anew, params, y);

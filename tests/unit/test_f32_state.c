@@ -17,6 +17,7 @@ void test_a_state_that_was_set_goes_on_to_the_bit_in_every_way_and_at_every_mome
 void test_a_chain_that_gets_its_own_state_back_goes_on_to_the_bit(void);
 void test_a_torn_state_is_refused_whatever_word_is_torn(void);
 void test_a_state_in_which_no_chain_can_be_is_refused(void);
+void test_a_forged_state_is_refused_or_steps_go_on_from_it(void);
 void test_a_state_of_another_chain_is_refused(void);
 void test_get_and_set_refuse_null(void);
 void test_no_chain_and_one_that_init_has_not_accepted_is_not_sane(void);

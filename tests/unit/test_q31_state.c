@@ -17,6 +17,7 @@ void test_a_state_that_was_set_goes_on_to_the_bit_in_every_way_and_at_every_mome
 void test_a_chain_that_gets_its_own_state_back_goes_on_to_the_bit(void);
 void test_a_torn_state_is_refused_whatever_word_is_torn(void);
 void test_a_state_in_which_no_chain_can_be_is_refused(void);
+void test_a_forged_state_is_refused_or_steps_go_on_from_it(void);
 void test_a_state_of_another_chain_is_refused(void);
 void test_get_and_set_refuse_null(void);
 void test_no_chain_and_one_that_init_has_not_accepted_is_not_sane(void);
@@ -195,6 +196,16 @@ void test_engaged_plays_beyond_their_format_are_refused(void)
         spare.axis.bank.y[2] = 0;
         forged();
     }
+}
+
+/* A step back over a corner reads the place of a play that is engaged; what is saved there is what x implies. */
+void test_another_state_in_the_place_of_an_engaged_play_is_refused(void)
+{
+    moment(40);
+    TEST_ASSERT_GREATER_THAN_UINT16(0, chain.axis.bank.engaged);
+    state.number[RDPI_Q31_STATE_NUMBERS - RDPI_MAX_PLAYS + 1]++;
+    reseal(&state);
+    refused(RDPI_ERR_STATE);
 }
 
 void test_what_follows_from_the_plays_must_fit_them(void)
