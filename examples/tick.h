@@ -12,6 +12,10 @@
 #define TICK_MAX_OVERRUNS 0 /* go on, however many are lost */
 #endif
 
+#ifndef TICK_MAX_HELD
+#define TICK_MAX_HELD 10u /* ticks in a row without the DAC: the reference goes on, and what then gets through is a step */
+#endif
+
 #define INFO_EVERY 1000u    /* samples */
 #define END_INFO_EVERY 100u /* after the last: the host waits for one to get through */
 
@@ -20,6 +24,8 @@ static rdpi_telemetry_t line[] = {RDPI_EACH_AXIS(LINE_OF)};
 static rdpi_telemetry_counts_t counts;            /* of the board; an application adds those of an axis */
 static rdpi_telemetry_sample_t sample[RDPI_AXES]; /* the latest; sent one tick later, with its reading */
 static volatile bool finished;
+static uint32_t held;   /* ticks in a row in which the DAC has not taken the codes of `sample` */
+static uint32_t waited; /* ticks in which no codes were computed for that */
 
 /* Puts the next code of each axis, `ticks` after the one before, into `sample`. The readings belong to the codes before.
  * False at the end. */
@@ -57,21 +63,50 @@ static bool write_codes(void)
     return rdpi_port_write_dac(codes);
 }
 
+/* The next codes. Those that the DAC has not taken are the next ones once more: an axis counts on every code that it has
+ * returned, and two steps at once could be more than its slew limit. */
+static bool next_codes(uint32_t ticks, const int32_t *adc_counts)
+{
+    if (held > 0u) {
+        waited += ticks;
+        for (uint32_t k = 0; k < RDPI_AXES; k++) {
+            sample[k].flags &= (uint16_t)~RDPI_TELEMETRY_HELD;
+        }
+        return true;
+    }
+    ticks += waited;
+    waited = 0;
+    return advance(ticks, adc_counts);
+}
+
+/* Whether the DAC takes the codes, or is given another try. */
+static bool output_codes(void)
+{
+    if (write_codes()) {
+        held = 0;
+        return true;
+    }
+    for (uint32_t k = 0; k < RDPI_AXES; k++) {
+        sample[k].flags |= RDPI_TELEMETRY_HELD;
+    }
+    counts.held_count++;
+    held++;
+    return held < TICK_MAX_HELD;
+}
+
 /* Outputs the next codes, and only then sends the samples before: no code is late for telemetry's sake. */
 static void take_sample(uint32_t ticks, const int32_t *adc_counts)
 {
     rdpi_telemetry_sample_t before[RDPI_AXES];
     memcpy(before, sample, sizeof before);
-    if (too_many_lost(ticks)) {
+    bool safe = too_many_lost(ticks);
+    if (!safe && !next_codes(ticks, adc_counts)) {
+        counts.state = RDPI_TELEMETRY_FINISHED;
+    } else if (safe || !output_codes()) {
         rdpi_port_safe();
         counts.state = RDPI_TELEMETRY_SAFE;
-    } else if (!advance(ticks, adc_counts)) {
-        counts.state = RDPI_TELEMETRY_FINISHED;
-    } else if (!write_codes()) {
-        for (uint32_t k = 0; k < RDPI_AXES; k++) {
-            sample[k].flags |= RDPI_TELEMETRY_HELD; /* taken as output all the same; the next brings both together */
-        }
-        counts.held_count++;
+    } else {
+        /* the codes are on their way, or are tried again in the next tick */
     }
     for (uint32_t k = 0; k < RDPI_AXES && before[k].tick > 0u; k++) {
         before[k].adc_counts = adc_counts[k]; /* what its code has led to: the reading after one period */
@@ -125,13 +160,14 @@ static bool start_ticks(uint32_t rate_hz)
     if (rdpi_port_watchdog_reset()) {
         counts.state = RDPI_TELEMETRY_RESET;
     } else {
-        (void)write_codes();
+        bool taken = write_codes(); /* if not, nobody knows where the actuator is: it must not be driven from here */
+        counts.held_count += taken ? 0u : 1u;
         counts.state = RDPI_TELEMETRY_RUNNING;
-        if (rdpi_port_start(rate_hz, tick)) {
+        if (taken && rdpi_port_start(rate_hz, tick)) {
             return true;
         }
         rdpi_port_safe();
-        counts.state = RDPI_TELEMETRY_REFUSED; /* with status ok: no timer of that rate */
+        counts.state = RDPI_TELEMETRY_REFUSED; /* with status ok: no timer of that rate or, with a code held, no DAC */
     }
     send_infos();
     return false;

@@ -2,10 +2,8 @@
 
 #if AXIS_Q31
 #define SAMPLE_TIME(rate_hz) ((1000000000u + (rate_hz) / 2u) / (rate_hz)) /* ns */
-#define SAFE_DRIVE(self) ((self)->life.drive)
 #else
 #define SAMPLE_TIME(rate_hz) (1.0f / (float)(rate_hz))
-#define SAFE_DRIVE(self) ((self)->life.drive_V)
 #endif
 
 static rdpi_status_t start_one(axis_t *self, uint32_t rate_hz)
@@ -13,7 +11,7 @@ static rdpi_status_t start_one(axis_t *self, uint32_t rate_hz)
     rdpi_status_t status = RDPI_ERR_SAMPLE_TIME;
     if (rate_hz > 0u && self->life.mode == RDPI_AXIS_OFF) {
         self->rate_hz = rate_hz;
-        status = AXIS_LIFE(init)(&self->life, self->params, SAMPLE_TIME(rate_hz), SAFE_DRIVE(self));
+        status = AXIS_LIFE(init)(&self->life, self->params, SAMPLE_TIME(rate_hz), self->safe);
     } else if (rate_hz > 0u && rate_hz == self->rate_hz) {
         status = RDPI_OK;
     } else {
@@ -75,6 +73,13 @@ uint32_t axis_next(axis_t *self, uint32_t lost)
     }
     count(self);
     return self->life.dac_code;
+}
+
+void axis_fault(axis_t *self)
+{
+    for (axis_t *axis = self; axis != NULL; axis = axis->with) {
+        (void)AXIS_LIFE(fault)(&axis->life, axis->safe); /* refused in OFF, where the safe code is output anyway */
+    }
 }
 
 void axis_replayed(axis_t *self, const uint32_t *codes)

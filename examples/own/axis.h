@@ -31,28 +31,34 @@
 
 /* AXIS_UM: a displacement in um as a reference. AXIS_UM_STEP: a difference of two displacements; in fixed point
  * AXIS_UM(0.1) is not that, because it takes the offset of the sensor off. AXIS_DRIVE: a drive in V. Of a constant, the
- * compiler makes a number, in fixed point too. */
+ * compiler makes a number, in fixed point too.
+ *
+ * With a header of another name, as of `rdpi header --name stage_x`: AXIS_NAMED_UM(STAGE_X, um) and so on, and
+ * AXIS_NAMED(stage_x_chain, STAGE_X, SAFE_V, reference, PERIOD) in place of AXIS_OF. */
 #if AXIS_Q31
 typedef int32_t axis_reference_t;
 typedef rdpi_q31_axis_t axis_life_t;
 typedef rdpi_q31_chain_params_t axis_params_t;
 #define AXIS_LIFE(verb) rdpi_q31_axis_##verb
-#define AXIS_PARAMS rdpi_chain_q31
-#define AXIS_UM(um) RDPI_PARAMS_Q31_REFERENCE(um)
-#define AXIS_UM_STEP(um) RDPI_PARAMS_Q31_DIFFERENCE(um)
-#define AXIS_DRIVE(V) RDPI_PARAMS_Q31_DRIVE(V)
-#define AXIS_AT(V) .drive = AXIS_DRIVE(V)
+#define AXIS_CHAIN(chain) chain##_q31
+#define AXIS_NAMED_UM(NAME, um) NAME##_Q31_REFERENCE(um)
+#define AXIS_NAMED_UM_STEP(NAME, um) NAME##_Q31_DIFFERENCE(um)
+#define AXIS_NAMED_DRIVE(NAME, V) NAME##_Q31_DRIVE(V)
+#define AXIS_AT(V) .drive = (V)
 #else
 typedef float axis_reference_t;
 typedef rdpi_f32_axis_t axis_life_t;
 typedef rdpi_f32_chain_params_t axis_params_t;
 #define AXIS_LIFE(verb) rdpi_f32_axis_##verb
-#define AXIS_PARAMS rdpi_chain
-#define AXIS_UM(um) ((float)(um))
-#define AXIS_UM_STEP(um) ((float)(um))
-#define AXIS_DRIVE(V) ((float)(V))
-#define AXIS_AT(V) .drive_V = AXIS_DRIVE(V)
+#define AXIS_CHAIN(chain) chain
+#define AXIS_NAMED_UM(NAME, um) ((float)(um))
+#define AXIS_NAMED_UM_STEP(NAME, um) ((float)(um))
+#define AXIS_NAMED_DRIVE(NAME, V) ((float)(V))
+#define AXIS_AT(V) .drive_V = (V)
 #endif
+#define AXIS_UM(um) AXIS_NAMED_UM(RDPI_PARAMS, um)
+#define AXIS_UM_STEP(um) AXIS_NAMED_UM_STEP(RDPI_PARAMS, um)
+#define AXIS_DRIVE(V) AXIS_NAMED_DRIVE(RDPI_PARAMS, V)
 
 /* Yours: the reference of a sample. `sample` counts from 0, which is the sample after ramp and sweep.
  *
@@ -75,6 +81,7 @@ struct axis {
                                     that are linked so, call axis_next for the first only */
     axis_other_t *other;         /* while another source drives; NULL: its drives are not known, and the axis takes the
                                     drive at the hand-over for them */
+    axis_reference_t safe;       /* as AXIS_DRIVE(V) has it, for axis_fault: with other parameters, another */
     /* private */
     uint32_t rate_hz;
     uint32_t sample; /* of the reference */
@@ -84,14 +91,15 @@ struct axis {
 /* An axis_t at its beginning. The DAC gets the code of `safe_V` until axis_start has accepted the actuator, and the sweep
  * begins there. Let it be what your hardware outputs at power-up. */
 #define AXIS_OF(safe_V, of_sample, period_samples)                                                                     \
+    AXIS_NAMED(rdpi_chain, RDPI_PARAMS, safe_V, of_sample, period_samples)
+#define AXIS_NAMED(chain, NAME, safe_V, of_sample, period_samples)                                                     \
     {                                                                                                                  \
-        .life = {AXIS_AT(safe_V), .dac_code = AXIS_CODE(safe_V)}, .params = &AXIS_PARAMS, .source = (of_sample),       \
-        .period = (period_samples)                                                                                     \
+        .life = {AXIS_AT(AXIS_NAMED_DRIVE(NAME, safe_V)), .dac_code = AXIS_CODE(NAME, safe_V)},                        \
+        .params = &AXIS_CHAIN(chain), .source = (of_sample), .period = (period_samples),                               \
+        .safe = AXIS_NAMED_DRIVE(NAME, safe_V)                                                                         \
     }
-#define AXIS_CODE(V)                                                                                                   \
-    ((uint32_t)(((double)(V) - RDPI_PARAMS_MIN_V) / (RDPI_PARAMS_MAX_V - RDPI_PARAMS_MIN_V) *                           \
-                    ((1ul << RDPI_PARAMS_DAC_BITS) - 1u) +                                                              \
-                0.5))
+#define AXIS_CODE(NAME, V)                                                                                             \
+    ((uint32_t)(((double)(V) - NAME##_MIN_V) / (NAME##_MAX_V - NAME##_MIN_V) * ((1ul << NAME##_DAC_BITS) - 1u) + 0.5))
 
 /* What a task may want to know of an axis. The counts stop at their largest values. */
 typedef struct {
@@ -114,6 +122,11 @@ RDPI_MUST_CHECK rdpi_status_t axis_start(axis_t *self, uint32_t rate_hz);
  * life.dac_code. Call it at the rate given to axis_start, from one context. `lost` is how many samples since the previous
  * call had no call of their own. */
 uint32_t axis_next(axis_t *self, uint32_t lost);
+
+/* The axis, and those that are linked to it, step to their safe drives in the next sample and hold them: for an
+ * emergency, or where something else has brought the outputs there. axis_start leads on, with a sweep. From any one
+ * context. With a DMA, the codes in its buffer come out first: dac_fault of stm32_dac.h does not wait for them. */
+void axis_fault(axis_t *self);
 
 /* In place of axis_next: in this sample the DACs got these codes once more, because nobody had computed others.
  * codes[0] is that of the axis, codes[1] of the next one that is linked to it, and so on. */

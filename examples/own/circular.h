@@ -29,7 +29,6 @@ typedef struct {
     int32_t ahead;     /* words that are written and that the DMA has not taken; negative: it took so many old ones */
     uint32_t position; /* what the DMA takes next, as seen last */
     uint32_t then;     /* when that was */
-    bool begun;
 } circular_t;
 
 static inline uint32_t circular_next(const circular_t *self, uint32_t at)
@@ -98,15 +97,10 @@ static inline void circular_write(circular_t *self)
 }
 
 /* Fills the whole buffer. Call it before the DMA starts, with the clock running. If the DMA has run before, it must have
- * stopped: the axes go on from the code that it output last. */
+ * stopped, and axis_replayed must have told the axes what is output now: of what is in the buffer they know only that they
+ * have computed it. */
 static inline void circular_begin(circular_t *self)
 {
-    if (self->begun) { /* what is in the buffer behind the code that is output now has not been output */
-        circular_look(self);
-        self->at = self->position > 0u ? self->position - 1u : self->length - 1u;
-        circular_replay(self);
-    }
-    self->begun = true;
     self->at = self->position = 0;
     self->ahead = 0;
     while (self->ahead < (int32_t)self->length) {

@@ -14,8 +14,9 @@ import pytest
 from chain_files import change_model, refusal, result_of, write_files
 from plants import recording, stack, waves
 
+from rdpi import firmware
 from rdpi.data import read_recording, write_recording
-from rdpi.model import Rate
+from rdpi.model import Rate, read_model
 
 HOST_TOOLS = Path(__file__).resolve().parents[1]
 
@@ -235,6 +236,20 @@ def test_header_takes_the_start_up_sweep(folder: Path, rdpi: Callable) -> None:
     header = Path("params.h").read_text()
     for line in ("7, /* sweep_cycles", "1234.00000f, /* sweep_V_per_s", "50.0000000f, /* sweep_end_V"):
         assert f"    {line}" in header
+
+
+def test_header_tells_the_sample_rates_that_init_takes(folder: Path, rdpi: Callable) -> None:
+    for options, words in (((), "sample rates 320 Hz to 2 MHz\n"),  # 5600 V/s over 140 V in 8 samples
+                           (("--sweep-rate", 1234), "sample rates 70.52 Hz to 2 MHz\n"),
+                           (("--sweep-rate", 1e5), "sample rates 5.715 kHz to 2 MHz\n")):
+        result, text = result_of(rdpi, "header", "static.json", "-o", "params.h", *options)
+        assert words in text
+        model = read_model("static.json")
+        if options:
+            model.drive.sweep_V_per_s = options[1]
+        lowest_hz, highest_hz = result["sample_rates_hz"]
+        assert not any(firmware.beyond_sample_times(model, 1 / rate_hz) for rate_hz in (lowest_hz, highest_hz))
+        assert all(firmware.beyond_sample_times(model, 1 / rate_hz) for rate_hz in (0.999 * lowest_hz, 1.001 * highest_hz))
 
 
 def test_header_refuses_a_start_up_sweep_by_its_option(folder: Path, rdpi: Callable) -> None:

@@ -176,6 +176,7 @@ def test_a_port_that_vanishes_leaves_what_there_is(board: Board, run_csv: Path, 
 def test_a_target_that_refuses(board: Board, rdpi: Callable, run_csv: Path) -> None:
     for info, words in ((Info(streams.REFUSED, -8), f"{firmware.status_text(-8)} (status -8)"),
                         (Info(streams.REFUSED, 0), "the board has no timer for 10000 samples per second"),
+                        (Info(streams.REFUSED, counts=(*(0,) * 6, 1, 0, 0)), "its DAC did not take the first code"),
                         (Info(streams.RESET), "its watchdog has reset it; it now outputs its safe code")):
         board.later(lambda: board.send(info.frame()))
         done = rdpi("record", board.port, "-o", run_csv)
@@ -187,6 +188,9 @@ def test_a_target_that_refuses(board: Board, rdpi: Callable, run_csv: Path) -> N
     (Info(streams.REFUSED, -8).frame(), "the target refuses to run: "),
     (Info(streams.SAFE, counts=(0, 7, *(0,) * 7)).frame(),
      "the target refuses to run: it lost too many ticks in a row, 7 in total; it now outputs its safe code"),
+    (Info(streams.SAFE, counts=(0, 7, *(0,) * 4, 10, 0, 0)).frame(),
+     "the target refuses to run: too many ticks in a row brought no new code: it lost 7, and its DAC did not take 10, in "
+     "total; it now outputs its safe code"),
     (Info(streams.RESET).frame(), "the target refuses to run: its watchdog has reset it; it now outputs its safe code"),
     (Info(um_per_count=1e306).frame() * 2, "the firmware reports um_per_count = 1e+306; check RDPI_UM_PER_COUNT"),
     (Info().frame(version=9) * 2, "telemetry of version 9: unknown to this version of rdpi"),

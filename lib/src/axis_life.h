@@ -11,6 +11,7 @@
  *
  *   drive_is_good, speed_is_good   whether stop and fault take it
  *   own_limits                     what follows from the parameters of the chain, which are new
+ *   own_limits_are_sane            whether that can be so still
  *   limit                          sets the slew limit of the chain to that of the ramp, or back
  *   is_reached                     a step towards the reference; whether that limit did not hold it back
  *   begin_ramp, go_on              a ramp to a drive: its fields; one sample of it, true with the last one
@@ -187,8 +188,11 @@ static void repair(AXIS(t) *self)
     self->mode = RDPI_AXIS_FAULT;
     self->known = false;
     self->to_drive = false;
-    if (chain->params != NULL && chain->axis.params != NULL) {
+    if (chain->params != NULL && chain->params->schema == RDPI_PARAMS_SCHEMA && chain->params->axis != NULL &&
+        chain->axis.params != NULL) {
+        chain->axis.params = chain->params->axis;
         limit(self, false);
+        own_limits(self);
         CHAIN(reset)(chain);
         self->sane = CHAIN(is_sane)(chain);
     }
@@ -415,7 +419,7 @@ bool AXIS(check)(AXIS(t) *self)
     }
     bool sane = false;
     for (unsigned looks = 0; looks < 2u && !sane; looks++) { /* a sample in between makes the first one of two moments */
-        sane = self->mode <= RDPI_AXIS_FAULT && CHAIN(is_sane)(&self->chain);
+        sane = self->mode <= RDPI_AXIS_FAULT && CHAIN(is_sane)(&self->chain) && own_limits_are_sane(self);
     }
     if (!sane) {
         self->sane = false;

@@ -11,12 +11,6 @@
 #include "f32_play.h"
 #include "f32_rate.h"
 
-/* Relative. States and parameters that were printed, parsed or read back are rounded, and must pass. */
-#define ROUNDING ((rdpi_real_t)1e-5)
-
-/* The largest magnitude of a number. Below it, no sum or product of the step can overflow. */
-#define MAX_NUMBER ((rdpi_real_t)1e7)
-
 /* The smallest slope. The step divides by slopes. */
 #define MIN_SLOPE ((rdpi_real_t)1e-7)
 

@@ -12,6 +12,9 @@
 #define RDPI_F32_SEARCH inline
 #endif
 
+/* rdpi_f32_forward refuses a drive that is further outside the range than this many times its width. */
+#define MAX_SPANS 16
+
 /* How many pieces checked parameters have. */
 static inline unsigned rdpi_f32_pieces(const rdpi_f32_params_t *params)
 {

@@ -51,6 +51,12 @@
 #endif
 #endif
 
+/* Relative. States and parameters that were printed, parsed or read back are rounded, and must pass. */
+#define ROUNDING ((rdpi_real_t)1e-5)
+
+/* The largest magnitude of a number. Below it, no sum or product of the step can overflow. */
+#define MAX_NUMBER ((rdpi_real_t)1e7)
+
 /* How a function is compiled:
  *
  * - SELDOM: apart from its callers, whose usual way must not pay for it;

@@ -8,9 +8,6 @@
 #include "f32_saturation.h"
 #include "f32_step.h"
 
-/* rdpi_f32_forward refuses a drive that is further outside the range than this many times its width. */
-#define MAX_SPANS 16
-
 /* How many codes x = 0 may be away from code 0 for the quick way. Beyond, single precision can be a code wrong. */
 #define MAX_CODE_0 (2L << RDPI_MAX_DAC_BITS)
 

@@ -26,6 +26,13 @@ static void own_limits(rdpi_f32_axis_t *self)
     self->slow.slew_V_per_s = self->slow.sweep_V_per_s; /* init has checked that it is not above the slew limit */
 }
 
+/* Of the copy, which is in RAM, what bounds the output. */
+static bool own_limits_are_sane(const rdpi_f32_axis_t *self)
+{
+    const rdpi_f32_params_t *params = self->chain.params->axis, *slow = &self->slow;
+    return slow->min_V == params->min_V && slow->max_V == params->max_V && slow->slew_V_per_s == params->sweep_V_per_s;
+}
+
 /* How far a drive may go in a sample at a speed, 0 for that of the sweep. */
 static rdpi_real_t step_at(const rdpi_f32_axis_t *self, rdpi_real_t V_per_s)
 {

@@ -7,13 +7,11 @@
 #include "f32_drive.h"
 #include "f32_lead.h"
 #include "f32_math.h"
+#include "f32_output.h"
 #include "f32_saturation.h"
 #include "f32_step.h"
 #include "f32_unlag.h"
 #include "f32_way.h"
-
-/* The largest magnitude of a number, as in f32_check.h. */
-#define MAX_NUMBER ((rdpi_real_t)1e7)
 
 /* ---- init ---- */
 
@@ -73,11 +71,6 @@ static rdpi_status_t check(const rdpi_f32_chain_params_t *params)
         return RDPI_ERR_NOT_FINITE;
     }
     return in_ranges(params) ? RDPI_OK : RDPI_ERR_CHAIN;
-}
-
-static bool has_lag(const rdpi_f32_chain_t *self)
-{
-    return self->unlag.per_step > 0;
 }
 
 /* Sets up lead and creep of `self`. */
@@ -174,14 +167,6 @@ void rdpi_f32_chain_reset(rdpi_f32_chain_t *self)
     rdpi_f32_chain_settle(self);
 }
 
-/* Where the actuator is, relative to h_0. */
-static RDPI_F32_SELDOM rdpi_real_t output_um(const rdpi_f32_chain_t *self)
-{
-    const rdpi_f32_t *axis = &self->axis;
-    rdpi_real_t drive_V = has_lag(self) ? self->unlag.followed_V : axis->drive_V;
-    return rdpi_f32_predict(axis, drive_V, axis->rate_um_per_s) - self->creep.settled_um;
-}
-
 /* The displacement after a sweep that ended in the middle of the range: all plays are there. */
 static rdpi_real_t swept_um(const rdpi_f32_params_t *params)
 {
@@ -239,12 +224,6 @@ static RDPI_F32_SELDOM rdpi_real_t step_after_clip(rdpi_f32_chain_t *self, rdpi_
 {
     self->creep.h_um = output_um(self);
     return move_and_step(self, z_um, has_lag(self));
-}
-
-/* Whether the latest call has not output what it was asked for. */
-static inline bool was_clipped(const rdpi_f32_t *axis)
-{
-    return (axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW | RDPI_FLAG_INPUT)) != 0u;
 }
 
 static RDPI_F32_HOT rdpi_real_t move_or_clip(rdpi_f32_chain_t *self, rdpi_real_t z_um, const bool lags)

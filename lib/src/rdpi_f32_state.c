@@ -8,15 +8,9 @@
 #include "f32_drive.h"
 #include "f32_lead.h"
 #include "f32_math.h"
+#include "f32_output.h"
 #include "f32_unlag.h"
 #include "f32_way.h"
-
-/* rdpi_f32_forward takes a drive that is further outside the range by so many widths, and no more. */
-#define MAX_SPANS 16
-
-/* The largest magnitude of a number, and what rounding may do to one, relative: as in f32_check.h. */
-#define MAX_NUMBER ((rdpi_real_t)1e7)
-#define ROUNDING ((rdpi_real_t)1e-5)
 
 /* The largest number of a lag in samples, of a speed in V per sample, and of codes in a V. */
 #define MAX_QUOTIENT (MAX_NUMBER * (1 + ROUNDING) / RDPI_MIN_SAMPLE_TIME_S)
@@ -316,21 +310,41 @@ static bool is_unlag_sane(const rdpi_f32_unlag_t *unlag, const rdpi_f32_params_t
     return is_within(unlag->followed_V, most_V) && is_a_drive(params, unlag->ramp_V) && is_within(unlag->carried_V, most_V) &&
            unlag->per_step >= 0 && unlag->per_step <= MAX_QUOTIENT && unlag->codes_per_V >= 0 &&
            unlag->codes_per_V <= MAX_QUOTIENT && unlag->max_step_V >= 0 && unlag->max_step_V <= MAX_QUOTIENT &&
-           unlag->dac_code <= last_code(params) && unlag->way <= LAG &&
+           unlag->dac_code <= last_code(params) &&
            (unlag->first || (is_within(unlag->asked_V, most_V) && is_within(unlag->before_V, most_V)));
+}
+
+/* A way through a lead or creep that the chain does not have would read what nothing has set up. */
+static bool are_ways_sane(const rdpi_f32_chain_t *self)
+{
+    const rdpi_f32_chain_params_t *params = self->params;
+    const bool leads = rdpi_f32_lead_wanted(params);
+    const unsigned usual = (uint8_t)((leads ? LEAD : PLAIN) + (params->poles > 0u ? CREEP : PLAIN));
+    const unsigned outer = self->way, way = has_lag(self) ? self->unlag.way : outer;
+    return self->usual == usual && (way == usual || (leads && way == GENERAL)) && (outer == LAG) == has_lag(self);
+}
+
+/* Whether what the chain points to are parameters, and those of its operator: in a ramp of an axis, a copy with the same
+ * digest. It sees a pointer that was damaged, if there is something else to read there. */
+static bool has_parameters(const rdpi_f32_chain_t *self)
+{
+    const rdpi_f32_chain_params_t *params = self->params;
+    const rdpi_f32_params_t *axis = self->axis.params;
+    return params != NULL && axis != NULL && params->schema == RDPI_PARAMS_SCHEMA && axis->schema == RDPI_PARAMS_SCHEMA &&
+           params->axis != NULL && axis->digest == params->axis->digest;
 }
 
 bool rdpi_f32_chain_is_sane(const rdpi_f32_chain_t *self)
 {
-    if (self == NULL || self->params == NULL || self->axis.params == NULL) {
+    if (self == NULL || !has_parameters(self)) {
         return false;
     }
     const rdpi_f32_chain_params_t *params = self->params;
     return is_axis_sane(&self->axis, params->axis) && is_rate_sane(&self->axis.rate_estimator) &&
            is_bank_sane(&self->axis.bank, params->axis) && is_creep_sane(&self->creep, params) &&
            is_unlag_sane(&self->unlag, params->axis) &&
-           (!rdpi_f32_lead_wanted(params) || is_lead_sane(&self->lead, self->first)) && self->usual <= LEAD_CREEP &&
-           self->way <= LAG && self->preview_samples <= MAX_DELAY + 2u;
+           (!rdpi_f32_lead_wanted(params) || is_lead_sane(&self->lead, self->first)) && are_ways_sane(self) &&
+           self->preview_samples <= MAX_DELAY + 2u;
 }
 
 /* ---- exchange of parameters ---- */
@@ -455,12 +469,7 @@ static void project_creep(rdpi_f32_creep_t *self, const rdpi_f32_creep_t *from, 
  * what was. */
 static rdpi_real_t displacement_um(const rdpi_f32_chain_t *self)
 {
-    const rdpi_f32_t *axis = &self->axis;
-    if ((axis->flags & (RDPI_FLAG_RANGE | RDPI_FLAG_SLEW | RDPI_FLAG_INPUT)) == 0u) {
-        return self->creep.h_um;
-    }
-    rdpi_real_t drive_V = self->unlag.per_step > 0 ? self->unlag.followed_V : axis->drive_V;
-    return rdpi_f32_predict(axis, drive_V, axis->rate_um_per_s) - self->creep.settled_um;
+    return was_clipped(&self->axis) ? output_um(self) : self->creep.h_um;
 }
 
 /* Whether both are made for the same time between samples, to rounding. */
@@ -483,7 +492,7 @@ static void take_output(rdpi_f32_chain_t *self, const rdpi_f32_chain_t *from)
     const rdpi_f32_params_t *params = axis->params;
     rdpi_real_t drive_V = from->axis.drive_V;
     self->unlag.ramp_V = drive_V;
-    if (!(self->unlag.per_step > 0)) {
+    if (!has_lag(self)) {
         axis->ramp_V = drive_V;
     }
     axis->drive_V = drive_V;

@@ -146,13 +146,18 @@ static int32_t limit_rate(rdpi_q31_t *self, int32_t rate)
 }
 
 /* The rate if the estimator is not `direct`. Also moves x to the end of the range if another source has left it
- * outside: every output passes that end. */
+ * outside: every output passes that end. The plays are then moved from there, wherever the output was. */
 static RDPI_Q31_SELDOM int32_t rate_not_direct(rdpi_q31_t *self, int32_t reference)
 {
     const rdpi_q31_params_t *params = self->params;
     int32_t x = self->bank.y[0], inside = rdpi_q31_x_in_range(params, x);
     if (x != inside) {
         rdpi_q31_bank_move(&self->bank, params, x, inside);
+    }
+    if (self->direct_output) {
+        self->drive = inside;
+    } else {
+        self->x = inside;
     }
     unsigned missed = self->missed;
     if (missed > 0u) {

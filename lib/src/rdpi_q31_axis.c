@@ -26,6 +26,11 @@ static void own_limits(rdpi_q31_axis_t *self)
     self->own_direct_output = self->chain.axis.direct_output;
 }
 
+static bool own_limits_are_sane(const rdpi_q31_axis_t *self)
+{
+    return self->own_slew >= 0;
+}
+
 /* How far a drive may go in a sample at a speed, times 2^32; 0 for that of the sweep. */
 static int64_t step_at(const rdpi_q31_axis_t *self, uint64_t per_us)
 {
@@ -38,13 +43,12 @@ static bool speed_is_good(const rdpi_q31_axis_t *self, uint64_t per_us)
     return step_at(self, per_us) >= 1;
 }
 
-/* The limit of a ramp is a slew limit. The direct way to a code knows none, and does not keep x. */
+/* The limit of a ramp is a slew limit. The direct way to a code knows none. */
 static void limit(rdpi_q31_axis_t *self, bool ramps)
 {
     rdpi_q31_t *axis = &self->chain.axis;
     axis->slew = ramps ? step_at(self, 0) : self->own_slew;
     axis->direct_output = self->own_direct_output && !ramps;
-    axis->x = rdpi_q31_x_in_range(axis->params, axis->bank.y[0]);
 }
 
 static bool is_reached(rdpi_q31_axis_t *self, int32_t ahead)

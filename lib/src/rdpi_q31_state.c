@@ -9,7 +9,8 @@
 #include "q31_math.h"
 #include "q31_unlag.h"
 
-/* ---- the state as a value: see rdpi_f32_state.c ---- */
+/* ---- the state as a value: see rdpi_f32_state.c. The next step takes the rate for one that is not direct, and finds x:
+ * neither is part of it ---- */
 
 #define WIDE(APPLY)                                                                                                    \
     APPLY(axis.ramp)                                                                                                   \
@@ -25,7 +26,6 @@
 #define NUMBERS(APPLY)                                                                                                 \
     APPLY(axis.drive)                                                                                                  \
     APPLY(axis.rate)                                                                                                   \
-    APPLY(axis.x)                                                                                                      \
     APPLY(axis.bank.room)                                                                                              \
     APPLY(lead.latest)                                                                                                 \
     APPLY(lead.before)                                                                                                 \
@@ -45,7 +45,6 @@
     APPLY(uint32_t, axis.missed_count)                                                                                 \
     APPLY(uint16_t, axis.sweep_turns)                                                                                  \
     APPLY(uint8_t, axis.missed)                                                                                        \
-    APPLY(bool, axis.rate_estimator.direct)                                                                            \
     APPLY(uint16_t, axis.rate_estimator.oldest)                                                                        \
     APPLY(uint16_t, axis.bank.engaged)                                                                                 \
     APPLY(bool, axis.bank.falling)                                                                                     \
@@ -101,6 +100,37 @@ rdpi_status_t rdpi_q31_chain_get_state(const rdpi_q31_chain_t *self, rdpi_q31_ch
     return RDPI_OK;
 }
 
+/* Whether one history can lead to the plays, so that no way between two corners overflows, and f and room are theirs. */
+static bool is_one_history(const rdpi_q31_t *axis)
+{
+    const rdpi_q31_params_t *params = axis->params;
+    const rdpi_q31_bank_t *bank = &axis->bank;
+    int32_t y[RDPI_MAX_PLAYS];
+    rdpi_q31_get_memory(axis, y);
+    for (size_t i = 1; i < params->plays; i++) {
+        int32_t gap = params->play[i].r - params->play[i - 1u].r, lag = y[i] - y[i - 1u];
+        if (lag > gap || lag < -gap || !rdpi_q31_in_format(y[i])) {
+            return false;
+        }
+        if (bank->y[i] != y[i]) { /* of an engaged play: rdpi_q31_bank_retreat reads its place, too */
+            return false;
+        }
+    }
+    rdpi_q31_bank_t anew = *bank, here = *bank;
+    rdpi_q31_bank_set(&anew, params, y);
+    rdpi_q31_bank_advance(&here, params, bank->y[0]); /* finds how much room there is */
+    return anew.f_at_rest == bank->f_at_rest && anew.f_rate == bank->f_rate && bank->room <= here.room;
+}
+
+/* Whether fields fit each other that a step relies on. rdpi_q31_chain_is_sane does not look: a step that interrupts it
+ * changes several of them. */
+static bool fits_together(const rdpi_q31_chain_t *self)
+{
+    const rdpi_q31_creep_t *creep = &self->creep;
+    const int64_t most = (int64_t)MAX_H * (creep->turn - creep->fast); /* the mean of a round is within MAX_H, too */
+    return is_one_history(&self->axis) && creep->sum >= -most && creep->sum <= most;
+}
+
 rdpi_status_t rdpi_q31_chain_set_state(rdpi_q31_chain_t *self, const rdpi_q31_chain_state_t *state)
 {
     if (self == NULL || state == NULL) {
@@ -134,10 +164,11 @@ rdpi_status_t rdpi_q31_chain_set_state(rdpi_q31_chain_t *self, const rdpi_q31_ch
     for (size_t i = 0; i < self->axis.params->plays; i++) {
         bank->y[i] = number[RDPI_MAX_WINDOW + i];
     }
+    next.axis.rate_estimator.direct = false;
     next.axis.latest_piece.length = 0; /* the next step finds it */
     /* of an engaged that is none, is_sane finds that */
     bank->last_engaged = &next.axis.params->play[bank->engaged % next.axis.params->plays];
-    if (!rdpi_q31_chain_is_sane(&next)) {
+    if (!rdpi_q31_chain_is_sane(&next) || !fits_together(&next)) {
         return RDPI_ERR_STATE;
     }
     *self = next;
@@ -148,6 +179,13 @@ rdpi_status_t rdpi_q31_chain_set_state(rdpi_q31_chain_t *self, const rdpi_q31_ch
 
 /* The least mantissa of a guard and of a unit. */
 #define HALF ((uint32_t)1 << 31)
+
+/* What h_0 adds to the displacement, and what slow poles add, which is taken 2^-5 further at most: see q31_creep.h. */
+#define MAX_SETTLED (RDPI_Q31_ONE / 4)
+#define MAX_SLOW (RDPI_Q31_ONE / 2 + RDPI_Q31_ONE / 32)
+
+/* Both parts of f: see q31_bank.h. */
+#define MAX_F (RDPI_Q31_ONE / 4)
 
 /* The upper half of a number. */
 static int32_t upper(int64_t number)
@@ -164,8 +202,8 @@ static bool is_bank_sane(const rdpi_q31_bank_t *bank, const rdpi_q31_params_t *p
 {
     uint16_t engaged = bank->engaged;
     bool sane = engaged < params->plays && bank->last_engaged == &params->play[engaged] && rdpi_q31_in_format(bank->y[0]) &&
-                bank->room >= 0 && is_within(upper(bank->f_at_rest), RDPI_Q31_ONE) &&
-                is_within(upper(bank->f_rate), RDPI_Q31_ONE);
+                bank->room >= 0 && bank->room <= RDPI_Q31_ONE && is_within(upper(bank->f_at_rest), MAX_F) &&
+                is_within(upper(bank->f_rate), MAX_F);
     for (size_t i = engaged + 1u; i < params->plays; i++) {
         sane = sane && rdpi_q31_in_format(bank->y[i]);
     }
@@ -177,7 +215,8 @@ static bool is_rate_sane(const rdpi_q31_rate_t *rate)
     uint16_t window = rate->window;
     return window >= 1u && window <= RDPI_MAX_WINDOW && rate->oldest <= window && upper(rate->filtered) >= 0 &&
            rate->guard >= HALF && rate->per_guard >= HALF / 2u && rate->guard_shift <= 62u &&
-           rate->blend_shift <= 30u && rate->direct_shift == (uint8_t)(31u - rate->guard_shift);
+           rate->blend_shift <= 30u && rate->direct_shift == (uint8_t)(31u - rate->guard_shift) &&
+           (!rate->direct || (window == 1u && rate->blend == 0u && rate->guard_shift <= 31u));
 }
 
 static uint32_t last_code(const rdpi_q31_params_t *params)
@@ -210,8 +249,8 @@ static bool is_creep_sane(const rdpi_q31_creep_t *creep, const rdpi_q31_chain_pa
     if (poles != params->poles || fast > poles) {
         return false;
     }
-    bool sane = is_within(creep->h, MAX_H) && is_within(creep->mean, MAX_H) && is_within(upper(creep->settled), RDPI_Q31_ONE) &&
-                is_within(upper(creep->slow), RDPI_Q31_ONE) && is_within(upper(creep->next), RDPI_Q31_ONE) &&
+    bool sane = is_within(creep->h, MAX_H) && is_within(creep->mean, MAX_H) && is_within(upper(creep->settled), MAX_SETTLED) &&
+                is_within(upper(creep->slow), MAX_SLOW) && is_within(upper(creep->next), MAX_SLOW) &&
                 is_within(upper(creep->sum), RDPI_MAX_POLES) && creep->per_direct >= RDPI_Q31_ONE / 8 &&
                 creep->per_direct <= RDPI_Q31_ONE && turn >= fast &&
                 (turn < poles || (turn == poles && fast == poles));
@@ -238,9 +277,18 @@ static bool is_unlag_sane(const rdpi_q31_unlag_t *unlag, const rdpi_q31_params_t
            unlag->dac_code <= last_code(params) && unlag->shift >= 1u && unlag->shift <= 63u;
 }
 
+/* Whether what the chain points to are parameters, and those of its operator. */
+static bool has_parameters(const rdpi_q31_chain_t *self)
+{
+    const rdpi_q31_chain_params_t *params = self->params;
+    const rdpi_q31_params_t *axis = self->axis.params;
+    return params != NULL && axis != NULL && params->schema == RDPI_PARAMS_SCHEMA && axis->schema == RDPI_PARAMS_SCHEMA &&
+           params->axis != NULL && axis->digest == params->axis->digest;
+}
+
 bool rdpi_q31_chain_is_sane(const rdpi_q31_chain_t *self)
 {
-    if (self == NULL || self->params == NULL || self->axis.params == NULL) {
+    if (self == NULL || !has_parameters(self)) {
         return false;
     }
     const rdpi_q31_params_t *axis = self->params->axis;
@@ -390,8 +438,7 @@ static void project_creep(rdpi_q31_chain_t *self, const rdpi_q31_chain_t *from)
     }
 }
 
-/* What `from` outputs is the output; the plays have their own drive where there is a lag. Returns whether it is in
- * range. */
+/* What `from` outputs is the output; the plays have their own drive where there is a lag, and where there was one. */
 static void take_output(rdpi_q31_chain_t *self, const rdpi_q31_chain_t *from)
 {
     rdpi_q31_t *axis = &self->axis;
@@ -435,6 +482,7 @@ rdpi_status_t rdpi_q31_chain_inherit(rdpi_q31_chain_t *self, const rdpi_q31_chai
     rdpi_q31_chain_settle(self);
     project_creep(self, from);
     take_output(self, from);
+    axis->rate_estimator.direct = false; /* the next step begins where the plays are, not at the output */
     axis->guard_count = from->axis.guard_count;
     axis->clip_count = from->axis.clip_count;
     axis->input_count = from->axis.input_count;

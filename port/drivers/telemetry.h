@@ -50,7 +50,7 @@ extern "C" {
 /** Among a sample's flags: the start-up sweep was running. */
 #define RDPI_TELEMETRY_SWEEP 0x100u
 
-/** Likewise: the DAC did not take the code; it held the one before. */
+/** Likewise: the DAC did not take the code; it held the one before. The next sample has the same code and reference. */
 #define RDPI_TELEMETRY_HELD 0x200u
 
 /** Longest frame on the line, bytes: an info. A sample takes 29. */
@@ -61,8 +61,10 @@ typedef enum {
     RDPI_TELEMETRY_STARTING = 0, /**< before the first tick */
     RDPI_TELEMETRY_RUNNING = 1,
     RDPI_TELEMETRY_FINISHED = 2, /**< the reference is at its end; no sample follows */
-    RDPI_TELEMETRY_REFUSED = 3,  /**< the parameters, see the status, or with RDPI_OK the rate; no sample follows */
-    RDPI_TELEMETRY_SAFE = 4,     /**< too many ticks were lost in a row: the safe code is out; no sample follows */
+    RDPI_TELEMETRY_REFUSED = 3,  /**< the parameters, see the status; with RDPI_OK the rate or, where a code was not
+                                      taken, the DAC; no sample follows */
+    RDPI_TELEMETRY_SAFE = 4,     /**< too many ticks in a row were lost, or found no DAC: the safe code is out; no sample
+                                      follows */
     RDPI_TELEMETRY_RESET = 5     /* the watchdog has reset the board: the safe code is out; no sample follows */
 } rdpi_telemetry_state_t;
 

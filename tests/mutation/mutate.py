@@ -2,6 +2,7 @@
 """Puts every fault of mutants.txt into a copy of lib/ and port/ and requires that a test fails. One line per fault.
 
     tests/mutation/mutate.py [WORD...]    all faults, or those whose first line contains every word
+    tests/mutation/mutate.py --check      only whether each fault can be put in where it says; takes a second
 
 A fault must be seen in every build, with the quick way of the float step, half of it and none (RDPI_QUICK_STEP), but for
 one where its object code is the same as without the fault. Unit tests, then property tests; then all of them with
@@ -69,6 +70,24 @@ def read_faults() -> list[Fault]:
             before, after = ("\n".join(line[1:] for line in lines[1:] if line[0] == sign) for sign in "-+")
             faults.append(Fault(file, what, before, after))
     return faults
+
+
+def obstacle(fault: Fault) -> str:
+    """What keeps a fault from being put into its file; empty if nothing does."""
+    path = ROOT / fault.path
+    if not path.is_file():
+        return "there is no such file"
+    count = path.read_text(encoding="utf-8").count(fault.before) if fault.before else 0
+    if count != 1:
+        return f"its text occurs {count} times"
+    return "it changes nothing" if fault.after == fault.before else ""
+
+
+def obstacles(faults: list[Fault]) -> list[str]:
+    """One line per fault that cannot be put in, and per name that several faults have: reports could not tell them apart."""
+    names = [f"{fault.file}: {fault.what}" for fault in faults]
+    lines = [f"{name}: {why}" for name, why in zip(names, map(obstacle, faults)) if why]
+    return lines + [f"{name}: {count} faults have this name" for name, count in Counter(names).items() if count > 1]
 
 
 def gcc(tree: Path, build: str, *arguments: str | Path) -> str:
@@ -200,14 +219,13 @@ def seen_by(tree: Tree, tests: list[Path], build: str) -> Path | None:
 
 def killers(fault: Fault) -> list[str]:
     """The names of the tests that see it: one for each build where it changes something."""
+    if why := obstacle(fault):
+        raise Unseen(why)
     tree = Tree(WORK / re.sub(r"\W+", "-", f"{fault.file}-{fault.what}"), fault.path)
     for folder in MUTATED:
         shutil.copytree(ROOT / folder, tree.folder / folder)
     path = tree.folder / fault.path
-    text = path.read_text(encoding="utf-8")
-    if text.count(fault.before) != 1 or not fault.before:
-        raise Unseen(f"its text occurs {text.count(fault.before)} times")
-    path.write_text(text.replace(fault.before, fault.after), encoding="utf-8")
+    path.write_text(path.read_text(encoding="utf-8").replace(fault.before, fault.after), encoding="utf-8")
     nearest = "test_" + path.stem.removeprefix("rdpi_")
     tests = [test for test in ALL if any(tree.affects(source) for source in sources(test))]
     sibling = "_".join(nearest.split("_")[:2])
@@ -236,6 +254,10 @@ def outcome(fault: Fault) -> tuple[bool, str]:
 
 
 def main() -> int:
+    if sys.argv[1:] == ["--check"]:
+        lines = obstacles(read_faults())
+        print(*lines, f"mutation: {len(lines)} faults cannot be put in", sep="\n")
+        return 1 if lines else 0
     faults = [one for one in read_faults() if all(word in f"{one.file}: {one.what}" for word in sys.argv[1:])]
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)

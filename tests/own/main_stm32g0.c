@@ -2,6 +2,7 @@
 #include "triangle.h"
 
 #define TICKS 1000u
+#define CHANNELS 1u
 #include "stm32_model.h"
 
 bool run_axis(void);

@@ -4,6 +4,7 @@
 #include "triangle.h"
 
 #define TICKS 1000u
+#define CHANNELS 2u
 #include "stm32_model.h"
 
 static axis_reference_t falling(uint32_t sample)

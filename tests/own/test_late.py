@@ -15,6 +15,7 @@ from test_own import HERE, OWN, ROOT, actuator, library, parameters, run
 
 AT = 2300  # well behind the sweep; the reference moves
 HALF, MARGIN = 16, 4
+SAFE_V = 0.0, 40.0
 SANITIZE = "-fsanitize=address,undefined", "-fno-sanitize-recover=all"
 
 
@@ -25,7 +26,7 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     parameters(12, work)
     made = {}
     for axes, names in (("one", ["axis"]), ("two", ["axis_x", "axis_y"])):
-        sources = [actuator(name, work / f"{axes}_{name}.c", low_um=2.0 + 4.0 * k) for k, name in enumerate(names)]
+        sources = [actuator(name, work / f"{axes}_{name}.c", low_um=2.0 + 4.0 * k, safe_V=SAFE_V[k]) for k, name in enumerate(names)]
         example = OWN / ("stm32g0.c" if axes == "one" else "stm32g4_two.c")
         for engine in ("q31", "f32"):
             made[f"{axes} {engine}"] = program = work / f"{axes}_{engine}"
@@ -36,9 +37,9 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def output(program: Path, at: int = 0, blocked: int = 0, inside: bool = False, load: int = 100, samples: int = 3400,
-           underrun: int = 0) -> tuple[np.ndarray, np.ndarray, int, int]:
+           underrun: int = 0, fetches_late: bool = False, wait: int = 50, fault: int = 0) -> tuple[np.ndarray, np.ndarray, int, int]:
     """Codes, whether each was new, how often the processor was late, and how many samples had old codes."""
-    done = subprocess.run([program, *map(str, (at, blocked, int(inside), load, samples, underrun))], capture_output=True,
+    done = subprocess.run([program, *map(str, (at, blocked, int(inside), load, samples, underrun, int(fetches_late), wait, fault))], capture_output=True,
                           text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     *rows, last = [[int(word) for word in line.split()] for line in done.stdout.splitlines()]
@@ -102,10 +103,47 @@ def test_blocked_in_the_sweep_it_sweeps_anew(programs: dict[str, Path], name: st
     assert len({tuple(row) for row in codes[-400:].tolist()} - {tuple(row) for row in whole[-400:].tolist()}) <= 4
 
 
-@pytest.mark.parametrize("name", ["one q31", "one f32", "two q31", "two f32"])
-def test_after_an_underrun_all_begins_anew_at_the_code_that_is_output(programs: dict[str, Path], name: str) -> None:
+ALL = pytest.mark.parametrize("name", ["one q31", "one f32", "two q31", "two f32"])
+
+
+def safe_codes(name: str) -> list[int]:
+    """Of both channels of the DAC; 0 where there is no second one."""
+    codes = [int((V + 20) / 140 * 4095 + 0.5) for V in SAFE_V]
+    return codes if name.startswith("two") else [codes[0], 0]
+
+
+@ALL
+def test_the_dac_has_the_safe_code_as_soon_as_it_is_on(programs: dict[str, Path], name: str) -> None:
+    """And not code 0 until the first trigger."""
+    codes, *_ = output(programs[name])
+    assert (codes[:2] == safe_codes(name)).all()
+
+
+@ALL
+@pytest.mark.parametrize("wait", [0, 50])
+@pytest.mark.parametrize("fetches_late", [False, True])
+def test_after_an_underrun_all_begins_anew_at_the_code_that_is_output(programs: dict[str, Path], name: str,
+                                                                      fetches_late: bool, wait: int) -> None:
     whole, *_ = output(programs[name])
-    codes, fresh, late, replayed = output(programs[name], samples=AT, underrun=2000)
-    assert (codes[:2000] == whole[:2000]).all() and fresh.all() and (late, replayed) == (0, 0)
-    assert steps(codes, 2000).max() <= steps(whole, 10, 800).max()
+    codes, fresh, late, replayed = output(programs[name], samples=AT, underrun=2000, fetches_late=fetches_late, wait=wait)
+    stopped = np.flatnonzero(~fresh)[-1]  # the last sample that was held
+    assert (late, replayed) == (0, 0) and stopped >= 2000 + wait
+    assert (codes[:2000] == whole[:2000]).all()
+    assert (codes[stopped + 1] == codes[stopped]).all()  # the first trigger outputs it again
+    assert steps(codes, stopped + 2).max() <= steps(whole, 10, 800).max()
     assert codes[2000:].min() < 100 and codes[2000:, 0].max() > 4000  # it sweeps
+
+
+@ALL
+def test_a_fault_is_output_at_once_and_a_sweep_leads_on_from_there(programs: dict[str, Path], name: str) -> None:
+    whole, *_ = output(programs[name])
+    codes, fresh, late, replayed = output(programs[name], samples=4000, fault=2000)
+    assert fresh.all() and (late, replayed) == (0, 0)
+    went = int(np.flatnonzero((codes == safe_codes(name)).all(axis=1) & (np.arange(len(codes)) > 1999))[0])
+    # Each channel is written by itself.
+    assert went <= 2005 and (codes[:2000] == whole[:2000]).all()
+    assert set(codes[2000:went, 0]) <= {*whole[2000:2004, 0], safe_codes(name)[0]}
+    assert (codes[went + 1] == codes[went]).all()
+    assert steps(codes, went + 1).max() <= steps(whole, 10, 800).max()
+    assert codes[2000:].min() < 100 and codes[2000:, 0].max() > 4000  # it sweeps
+    assert steps(codes, len(codes) - 400).max() <= 6  # and follows the reference

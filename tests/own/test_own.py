@@ -275,6 +275,70 @@ def test_two_axes_are_two_files(tmp_path: Path, q31: bool) -> None:
 
 
 @BOTH
+def test_headers_of_other_names_make_the_same_axes_in_one_file(tmp_path: Path, q31: bool) -> None:
+    params = parameters(16, tmp_path)
+    run(sys.executable, "-m", "rdpi", "header", tmp_path / "model.json", "--name", "stage_x", "-o", tmp_path / "stage_x.h")
+    source = actuator("axis", tmp_path / "axis.c", safe_V=50.0)
+    named = source.read_text()
+    for old, new in (("rdpi_params.h", "stage_x.h"), ("triangle", "named_triangle"), ("axis_t axis", "axis_t named"),
+                     ("AXIS_UM(", "AXIS_NAMED_UM(STAGE_X, "), ("AXIS_UM_STEP(", "AXIS_NAMED_UM_STEP(STAGE_X, "),
+                     ("AXIS_OF(", "AXIS_NAMED(stage_x_chain, STAGE_X, ")):
+        assert old in named
+        named = named.replace(old, new)
+    source.write_text(source.read_text() + named)
+    said = host(tmp_path, """
+        #include <stdio.h>
+        #include "axis.h"
+        #include "stage_x.h"
+        extern axis_t axis, named;
+        int main(void)
+        {
+            if (axis_start(&axis, 1000) != RDPI_OK || axis_start(&named, 1000) != RDPI_OK) {
+                return 1;
+            }
+            for (int k = 0; k < 3000; k++) {
+                unsigned one = axis_next(&axis, 0), other = axis_next(&named, 0);
+                if (one != other || axis.life.mode != named.life.mode) {
+                    return 2;
+                }
+            }
+            printf("%u %d", (unsigned)(axis.safe == AXIS_NAMED_DRIVE(STAGE_X, 50.0)), named.life.mode);
+        }""", [source], q31, params)
+    assert said.split() == ["1", "4"]  # RDPI_AXIS_RUN
+
+
+@BOTH
+def test_after_a_fault_the_axes_hold_their_safe_codes_until_they_start(tmp_path: Path, q31: bool) -> None:
+    params = parameters(16, tmp_path)
+    sources = [actuator("axis", tmp_path / "axis.c", safe_V=50.0), actuator("other", tmp_path / "other.c", safe_V=20.0)]
+    said = host(tmp_path, MAIN + """
+        extern axis_t other;
+        int main(void)
+        {
+            axis.with = &other;
+            axis_fault(&axis); /* in OFF: nothing */
+            if (axis_start(&axis, 1000) != RDPI_OK) {
+                return 1;
+            }
+            until(RDPI_AXIS_RUN);
+            axis_fault(&axis);
+            for (int k = 0; k < 3; k++) {
+                printf("%u ", (unsigned)next());
+                printf("%u %d ", (unsigned)other.life.dac_code, (int)(axis.life.mode == RDPI_AXIS_FAULT));
+            }
+            if (axis_start(&axis, 1000) != RDPI_OK) {
+                return 1;
+            }
+            printf("%d ", (int)next() - 32768);
+            printf("%d", (int)axis.life.mode);
+            until(RDPI_AXIS_RUN);
+        }""", sources, q31, params)
+    *held, step, mode = said.split()
+    assert held == 3 * ["32768", "18724", "1"]
+    assert abs(int(step)) <= 5.6 / 140 * 65535 + 2 and mode == "2"  # the speed of the sweep, RDPI_AXIS_SWEEP
+
+
+@BOTH
 def test_lost_samples_count_as_time(tmp_path: Path, q31: bool) -> None:
     """Every other sample has no call of its own. The codes are those of the samples that have one."""
     sources = [actuator("axis", tmp_path / "axis.c")]
@@ -353,12 +417,13 @@ def test_a_start_that_is_refused_and_overlooked_outputs_the_safe_code(tmp_path: 
         {
             printf("%u ", (unsigned)next());
             printf("%d ", axis_start(&axis, 0));
-            axis_params_t damaged = *axis.params;
+            const axis_params_t *good = axis.params;
+            axis_params_t damaged = *good;
             damaged.digest++;
             axis.params = &damaged;
             printf("%d ", axis_start(&axis, 1000));
             printf("%u %u %d ", (unsigned)next(), (unsigned)axis_next(&axis, 7), (int)axis_look(&axis).mode);
-            axis.params = &AXIS_PARAMS;
+            axis.params = good;
             printf("%d ", axis_start(&axis, 1000));
             next();
             printf("%d %d", axis_start(&axis, 2000), axis_start(&axis, 0));

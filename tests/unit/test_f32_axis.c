@@ -24,6 +24,8 @@ void test_each_mode_takes_the_calls_of_the_table_and_no_other(void);
 void test_start_sweeps_over_the_range_ramps_and_runs(void);
 void test_the_reference_that_ends_the_ramp_is_the_first_one_followed(void);
 void test_a_ramp_goes_on_until_its_reference_is_usable_and_reached(void);
+void test_behind_a_lag_a_ramp_goes_on_until_the_drive_has_arrived(void);
+void test_a_ramp_begins_where_run_has_left_the_drive_though_nothing_could_be_followed(void);
 void test_a_request_is_pending_until_a_sample_has_obeyed(void);
 void test_of_two_requests_before_a_sample_the_later_counts(void);
 void test_no_request_pushes_out_one_that_matters_more(void);
@@ -53,12 +55,14 @@ void test_a_sweep_and_ramps_go_on_where_they_were_after_missed_samples(void);
 void test_creep_goes_on_while_samples_are_missed(void);
 void test_fault_holds_the_drive_that_was_output_elsewhere(void);
 void test_after_a_fault_only_a_whole_sweep_leads_back_to_run(void);
+void test_a_start_after_a_fault_makes_anew_what_a_sweep_does_not_erase(void);
 void test_check_passes_every_mode(void);
 void test_a_damaged_state_leads_to_fault_at_the_same_drive(void);
 void test_a_damaged_mode_leads_to_fault(void);
 void test_a_request_that_the_mode_takes_no_longer_is_dropped(void);
 void test_damage_that_a_reset_does_not_repair_needs_another_init(void);
 void test_a_count_of_poles_that_was_damaged_is_repaired(void);
+void test_a_pointer_of_the_operator_that_was_damaged_is_repaired(void);
 void test_an_exchange_keeps_the_drive_and_ramps_to_what_the_new_parameters_ask_for(void);
 void test_an_exchange_of_parameters_at_rest_holds_the_drive(void);
 void test_a_refused_exchange_leaves_the_old_parameters_in_force(void);
@@ -102,4 +106,39 @@ void test_an_exchange_for_a_range_without_the_drive_is_refused(void)
     TEST_ASSERT_EQUAL_INT(RDPI_ERR_MEMORY, life.exchanged);
     in_mode(RDPI_AXIS_RUN);
     SAME_NUMBER(drive_V, life.drive_V);
+}
+
+/* The quick way does not keep the drive before it is rounded to a code: 0.5 V are 34.125 codes. */
+void test_a_ramp_begins_at_the_code_that_was_output(void)
+{
+    for (int k = 0; k < 40; k++) {
+        setUp();
+        model.bits = 12;
+        init_and_run();
+        (void)step(Z(4 + 0.01 * k));
+        uint32_t code = life.dac_code;
+        ok(LIFE(hand_over)(&life));
+        (void)LIFE(follow)(&life, FAR_DRIVE); /* nothing is followed, which would forget the rest of the code */
+        ok(LIFE(take_back)(&life));
+        (void)step(Z(-20));
+        TEST_ASSERT_EQUAL_UINT32(code - 34u, life.dac_code);
+    }
+}
+
+/* In RAM: an upset memory cell would let a ramp leave the range, or go faster. */
+void test_damaged_limits_of_ramps_are_found_and_made_anew(void)
+{
+    for (int kind = 0; kind < 3; kind++) {
+        setUp();
+        bring(RDPI_AXIS_RAMP);
+        rdpi_real_t *field[] = {&life.slow.min_V, &life.slow.max_V, &life.slow.slew_V_per_s};
+        rdpi_real_t before = *field[kind];
+        *field[kind] *= 2;
+        TEST_ASSERT_FALSE(LIFE(check)(&life));
+        (void)step(HOME);
+        in_mode(RDPI_AXIS_FAULT);
+        SAME_NUMBER(before, *field[kind]);
+        TEST_ASSERT_TRUE(LIFE(check)(&life));
+        only_a_sweep_leads_on();
+    }
 }

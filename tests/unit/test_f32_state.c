@@ -17,11 +17,13 @@ void test_a_state_that_was_set_goes_on_to_the_bit_in_every_way_and_at_every_mome
 void test_a_chain_that_gets_its_own_state_back_goes_on_to_the_bit(void);
 void test_a_torn_state_is_refused_whatever_word_is_torn(void);
 void test_a_state_in_which_no_chain_can_be_is_refused(void);
+void test_a_forged_state_is_refused_or_steps_go_on_from_it(void);
 void test_a_state_of_another_chain_is_refused(void);
 void test_get_and_set_refuse_null(void);
 void test_no_chain_and_one_that_init_has_not_accepted_is_not_sane(void);
 void test_every_state_that_a_chain_reaches_is_sane(void);
 void test_damage_of_each_field_is_found(void);
+void test_pointers_that_do_not_lead_to_the_parameters_of_one_operator_are_found(void);
 #include "chain_state.inc"
 
 static const rdpi_f32_play_t given_elsewhere = {.slope = 1};
@@ -184,4 +186,39 @@ void test_what_is_not_kept_may_be_anything(void)
     made(&chain, &model);
     chain.lead.before_um = NAN;
     TEST_ASSERT_TRUE(sane());
+}
+
+/* PLAIN, LEAD, CREEP, LEAD_CREEP, GENERAL and LAG of f32_way.h, by number. */
+void test_a_way_that_the_chain_does_not_have_is_refused_and_is_damage(void)
+{
+    for (unsigned kind = 0; kind < 8; kind++) {
+        const bool leads = kind % 2u != 0u, creeps = kind / 2u % 2u != 0u, lags = kind / 4u != 0u;
+        const unsigned usual = (leads ? 1u : 0u) + (creeps ? 2u : 0u);
+        setUp();
+        model.params.LEAD = leads ? SAMPLES(1) : 0;
+        model.params.LAG = lags ? SAMPLES(3) : 0;
+        if (creeps) {
+            with_creep(&model);
+        }
+        made(&chain, &model);
+        for (int k = 0; k < 20; k++) {
+            (void)rdpi_f32_chain_step(&chain, wandering(k));
+        }
+        memcpy(&spare, &chain, sizeof chain);
+        for (unsigned way = 0; way < 7u; way++) {
+            const bool has = way == usual || (leads && way == 4u);
+            *(lags ? &spare.unlag.way : &spare.way) = (uint8_t)way;
+            TEST_ASSERT_EQUAL_INT(has, rdpi_f32_chain_is_sane(&spare));
+            TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_f32_chain_get_state(&spare, &state));
+            if (!has) {
+                refused(RDPI_ERR_STATE);
+            }
+        }
+        memcpy(&spare, &chain, sizeof chain);
+        spare.way = lags ? (uint8_t)usual : 5u;
+        TEST_ASSERT_FALSE(rdpi_f32_chain_is_sane(&spare));
+        memcpy(&spare, &chain, sizeof chain);
+        spare.usual = (uint8_t)(usual ^ 1u);
+        TEST_ASSERT_FALSE(rdpi_f32_chain_is_sane(&spare));
+    }
 }

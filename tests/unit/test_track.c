@@ -34,7 +34,8 @@ static rdpi_f32_chain_params_t flashed; /* in place of that of rdpi_params.h: te
 static rdpi_f32_chain_t expected; /* what the application should do, step by step */
 static rdpi_port_tick_t timer;
 static float references_um[TICKS];
-static uint32_t codes[TICKS + 1];
+static uint32_t codes[TICKS + 2];
+static uint32_t output[TICKS + 2]; /* what the DAC outputs after each write, with take_some */
 static int ticks, asked, written, samples, infos, last_state, made_safe;
 static uint32_t lost, cycles;
 static bool line_full, was_reset;
@@ -165,6 +166,7 @@ static void power_up(void)
     memset(sample, 0, sizeof sample);
     sweeping = TRACK_SWEEP;
     finished = false;
+    held = waited = 0;
 }
 
 void setUp(void)
@@ -176,6 +178,7 @@ void setUp(void)
     lost = cycles = 0;
     line_full = was_reset = false;
     made_safe = -1;
+    memset(output, 0, sizeof output);
     flashed = rdpi_chain;
     TEST_ASSERT_EQUAL_INT(RDPI_OK, rdpi_f32_chain_init(&expected, &flashed, 1.0f / TRACK_RATE_HZ));
     float rest_um = rdpi_f32_predict(&expected.axis, expected.axis.drive_V, 0);
@@ -344,12 +347,6 @@ void test_a_full_line_to_the_host_changes_no_code_and_is_counted(void)
 
 static uint16_t flags_of[TICKS + 1];
 
-static bool take_none_in_the_fifth(const uint32_t *code, int calls)
-{
-    write_dac(code, calls);
-    return calls != 5;
-}
-
 static bool keep_flags(const uint8_t *bytes, size_t count, int calls)
 {
     uint8_t copy[RDPI_TELEMETRY_MAX_BYTES];
@@ -362,15 +359,116 @@ static bool keep_flags(const uint8_t *bytes, size_t count, int calls)
     return true;
 }
 
+static int refused_from, refused_to; /* writes that the DAC does not take, from 0 */
+
+static bool take_some(const uint32_t *code, int calls)
+{
+    bool taken = calls < refused_from || calls > refused_to;
+    TEST_ASSERT_TRUE(calls <= TICKS + 1);
+    output[calls] = taken ? *code : output[calls > 0 ? calls - 1 : 0];
+    return write_dac(code, calls) && taken;
+}
+
+static void refuses(int from, int to)
+{
+    refused_from = from;
+    refused_to = to;
+    rdpi_port_write_dac_StubWithCallback(take_some);
+    rdpi_port_send_StubWithCallback(keep_flags);
+}
+
 void test_a_code_that_the_dac_does_not_take_is_flagged_and_counted(void)
 {
-    rdpi_port_write_dac_StubWithCallback(take_none_in_the_fifth);
-    rdpi_port_send_StubWithCallback(keep_flags);
-    runs_as_the_library_steps();
-    TEST_ASSERT_EQUAL_UINT32(1, counts.held_count);
+    refuses(5, 7);
+    TEST_ASSERT_EQUAL_INT(0, track_main());
+    TEST_ASSERT_EQUAL_UINT32(3, counts.held_count);
     for (int k = 1; k <= TICKS; k++) {
-        TEST_ASSERT_EQUAL_HEX16(k == 5 ? RDPI_TELEMETRY_HELD : 0, flags_of[k] & RDPI_TELEMETRY_HELD);
+        TEST_ASSERT_EQUAL_HEX16(k >= 5 && k <= 7 ? RDPI_TELEMETRY_HELD : 0, flags_of[k] & RDPI_TELEMETRY_HELD);
     }
+}
+
+/* The library counts on each code, and the reference goes on with time. */
+void test_a_code_that_the_dac_does_not_take_is_written_until_it_does(void)
+{
+    refuses(5, 7);
+    TEST_ASSERT_EQUAL_INT(0, track_main());
+    for (int k = 0; k < 5; k++) {
+        rdpi_f32_chain_step(&expected, ahead_of(k));
+    }
+    TEST_ASSERT_EQUAL_UINT32(expected.axis.dac_code, output[8]);
+    TEST_ASSERT_EQUAL_UINT32(output[4], output[7]);
+    rdpi_f32_chain_missed(&expected, 3);
+    for (int k = 8; k < TICKS; k++) {
+        rdpi_f32_chain_step(&expected, ahead_of(k));
+        TEST_ASSERT_EQUAL_UINT32(expected.axis.dac_code, output[k + 1]);
+    }
+    TEST_ASSERT_EQUAL_UINT32(3, counts.missed_count);
+}
+
+void test_a_code_that_the_dac_does_not_take_makes_no_step_beyond_the_slew_limit(void)
+{
+    rdpi_f32_params_t slow = *flashed.axis;
+    slow.slew_V_per_s = slow.sweep_V_per_s; /* slower than the reference */
+    slow.digest = rdpi_f32_digest(&slow);
+    flashed.axis = &slow;
+    flashed.digest = rdpi_f32_chain_digest(&flashed);
+    uint32_t most = (uint32_t)(slow.slew_V_per_s / TRACK_RATE_HZ / slow.V_per_code) + 1u;
+    refuses(5, 7);
+    TEST_ASSERT_EQUAL_INT(0, track_main());
+    TEST_ASSERT_GREATER_THAN_UINT32(0, counts.clip_count);
+    for (int k = 1; k <= TICKS; k++) {
+        uint32_t step = output[k] > output[k - 1] ? output[k] - output[k - 1] : output[k - 1] - output[k];
+        TEST_ASSERT_TRUE(step <= most);
+    }
+}
+
+void test_after_the_end_the_dac_has_the_last_code(void)
+{
+    references_um[TICKS - 1] = references_um[5];
+    refuses(TICKS, TICKS);
+    TEST_ASSERT_EQUAL_INT(0, track_main());
+    for (int k = 0; k < TICKS; k++) {
+        rdpi_f32_chain_step(&expected, ahead_of(k));
+    }
+    TEST_ASSERT_NOT_EQUAL_UINT32(output[TICKS - 1], expected.axis.dac_code);
+    TEST_ASSERT_EQUAL_UINT32(expected.axis.dac_code, output[TICKS + 1]);
+}
+
+void test_a_dac_that_stays_away_ends_in_the_safe_state_and_the_host_is_told(void)
+{
+    refuses(5, TICKS);
+    TEST_ASSERT_EQUAL_INT(0, track_main());
+    TEST_ASSERT_EQUAL_INT(5 + 10, written);
+    TEST_ASSERT_EQUAL_INT(written, made_safe);
+    TEST_ASSERT_EQUAL_UINT32(10, counts.held_count);
+    TEST_ASSERT_EQUAL_INT(RDPI_TELEMETRY_SAFE, counts.state);
+    for (int k = 0; k < 200; k++) {
+        timer();
+    }
+    TEST_ASSERT_EQUAL_INT(made_safe, written);
+}
+
+void test_a_dac_that_comes_back_before_ends_the_row(void)
+{
+    refuses(5, 13);
+    TEST_ASSERT_EQUAL_INT(0, track_main());
+    TEST_ASSERT_EQUAL_UINT32(9, counts.held_count);
+    TEST_ASSERT_EQUAL_UINT32(0, held);
+    TEST_ASSERT_EQUAL_INT(-1, made_safe);
+    TEST_ASSERT_EQUAL_INT(RDPI_TELEMETRY_FINISHED, counts.state);
+}
+
+void test_nothing_runs_if_the_dac_does_not_take_the_first_code(void)
+{
+    refuses(0, 0);
+    rdpi_port_send_StubWithCallback(send_bytes);
+    TEST_ASSERT_EQUAL_INT(1, track_main());
+    TEST_ASSERT_EQUAL_INT(0, ticks);
+    TEST_ASSERT_NULL(timer);
+    TEST_ASSERT_EQUAL_INT(1, written);
+    TEST_ASSERT_EQUAL_INT(1, made_safe);
+    TEST_ASSERT_EQUAL_UINT32(1, counts.held_count);
+    TEST_ASSERT_EQUAL_INT(RDPI_TELEMETRY_REFUSED, last_state);
 }
 
 void test_nothing_runs_on_a_board_without_such_a_timer(void)

@@ -23,10 +23,10 @@ static struct {
     uint32_t codes[2], of, rate_hz; /* what it was told */
 } axis[2];
 
-static uint32_t ticks, written, infos[2], samples[2], last_sample[2], held[2];
+static uint32_t ticks, written, infos[2], samples[2], last_sample[2], held_of[2];
 static uint32_t codes[2][100];
 static int last_state[2];
-static bool dac_takes;
+static uint32_t dac_refuses; /* the first codes of the reference, so often */
 
 static rdpi_status_t init_of(uint32_t k, rdpi_telemetry_sample_t *told)
 {
@@ -84,7 +84,7 @@ static bool write_dac(const uint32_t *both, int calls)
     codes[0][written] = both[0];
     codes[1][written] = both[1];
     written++;
-    return dac_takes;
+    return written == 1u || written > 1u + dac_refuses;
 }
 
 static void read_adc(int32_t *counts_of, int calls)
@@ -115,7 +115,7 @@ static bool send_bytes(const uint8_t *bytes, size_t count, int calls)
     TEST_ASSERT_EQUAL_UINT8(1, frame[1] & 15u);
     TEST_ASSERT_EQUAL_UINT8(samples[k], frame[2]); /* its own sequence */
     TEST_ASSERT_EQUAL_UINT8(10u + 10u * k + samples[k] + 2u, frame[20]); /* its own reading, one period later */
-    held[k] += (frame[25] & 2u) / 2u;
+    held_of[k] += (frame[25] & 2u) / 2u;
     last_sample[k] = frame[16] | (uint32_t)frame[17] << 8;
     samples[k]++;
     return true;
@@ -129,12 +129,12 @@ void setUp(void)
     for (uint32_t k = 0; k < 2; k++) {
         axis[k].reference = 5;
         line[k].offered_count = 0;
-        infos[k] = samples[k] = last_sample[k] = held[k] = 0;
+        infos[k] = samples[k] = last_sample[k] = held_of[k] = 0;
         last_state[k] = -1;
     }
     ticks = written = sweeping = 0;
     finished = false;
-    dac_takes = true;
+    dac_refuses = held = waited = 0;
     rdpi_port_start_IgnoreAndReturn(true);
     rdpi_port_watchdog_reset_IgnoreAndReturn(false);
     rdpi_port_overruns_IgnoreAndReturn(0);
@@ -212,13 +212,18 @@ void test_each_axis_has_infos_of_its_own(void)
     TEST_ASSERT_EQUAL_UINT32(12, infos[1]);
 }
 
-void test_codes_that_the_dac_does_not_take_are_flagged_on_both(void)
+void test_codes_that_the_dac_does_not_take_are_flagged_and_tried_again_on_both(void)
 {
-    dac_takes = false;
+    dac_refuses = 3;
     TEST_ASSERT_EQUAL_INT(0, track_main());
-    TEST_ASSERT_EQUAL_UINT32(5, counts.held_count);
-    TEST_ASSERT_EQUAL_UINT32(5, held[0]);
-    TEST_ASSERT_EQUAL_UINT32(5, held[1]);
+    TEST_ASSERT_EQUAL_UINT32(3, counts.held_count);
+    TEST_ASSERT_EQUAL_UINT32(1 + 3 + 5, written);
+    for (uint32_t k = 0; k < 2; k++) {
+        TEST_ASSERT_EQUAL_UINT32(3, held_of[k]);
+        TEST_ASSERT_EQUAL_UINT32(3 + 5, samples[k]);
+        TEST_ASSERT_EQUAL_UINT32(3000 + 100 * k, codes[k][4]);
+        TEST_ASSERT_EQUAL_UINT32(3001 + 100 * k, codes[k][5]);
+    }
 }
 
 void test_an_axis_with_damaged_parameters_lets_none_run(void)

@@ -279,10 +279,15 @@ def _take(decoders: Sequence[Decoder], line: Any, duration_s: float | None, time
 
 def refusal(info: Info) -> str:
     """Why a target does not run, or no longer, in words."""
+    if info.state == SAFE and info.held_count:
+        return (f"too many ticks in a row brought no new code: it lost {info.overruns}, and its DAC did not take "
+                f"{info.held_count}, in total; it now outputs its safe code")
     if info.state == SAFE:
         return f"it lost too many ticks in a row, {info.overruns} in total; it now outputs its safe code"
     if info.state == RESET:
         return "its watchdog has reset it; it now outputs its safe code"
+    if info.status == 0 and info.held_count:
+        return "its DAC did not take the first code"
     if info.status == 0:
         return f"the board has no timer for {info.rate_hz} samples per second"
     return f"{firmware.status_text(info.status)} (status {info.status})"

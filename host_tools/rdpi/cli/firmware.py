@@ -99,6 +99,13 @@ def _inverse(model: Model, effects: str, leave_out: tuple[str, ...], preview: bo
     return found
 
 
+def _hertz(rate_hz: float) -> str:
+    for size, unit in ((1e6, "MHz"), (1e3, "kHz")):
+        if rate_hz >= size:
+            return f"{rate_hz / size:g} {unit}"
+    return f"{rate_hz:g} Hz"
+
+
 def _effects_of(inverse: Inverse) -> list[dict[str, Any]]:
     return [one.to_json() for one in inverse.told]
 
@@ -125,7 +132,8 @@ def header(model: str, output: str, name: str, sweep_end_V: float | None, sweep_
 
     The firmware compiles it. The header holds the operator, rdpi_params, and what stands around it, rdpi_chain. For
     each effect of the model one line says what the firmware does about it: it compensates the effect, the effect is
-    folded into the operator's parameters, or it is left out, and why. The same model gives the same bytes.
+    folded into the operator's parameters, or it is left out, and why. Another line says which sample rates the firmware
+    accepts with it; a slower start-up sweep (--sweep-rate) lowers them. The same model gives the same bytes.
     """
     from ..firmware import build_notes, write_header
     from ..model import read_model
@@ -140,12 +148,13 @@ def header(model: str, output: str, name: str, sweep_end_V: float | None, sweep_
     written = write_header(parameters, output, name, model, chain, inverse.addends, inverse.jump)
     click.echo(f"{output}: {name}, {len(parameters.slopes) - 1} plays, {len(parameters.deadzones_um) - 1} dead zones, "
                f"starts from {parameters.start_V():.6g} V, start-up sweep ends at {parameters.sweep_end():.6g} V")
+    click.echo(f"sample rates {_hertz(written.rates_hz[0])} to {_hertz(written.rates_hz[1])}")
     for note in build_notes(parameters, chain):
         click.echo(f"note: {note}")
     if written.no_fixed_point:
         click.echo(f"note: the header has no fixed-point parameters, only single precision: {written.no_fixed_point}")
     return {"file": output, "name": name, "digest": written.digest, "q31": not written.no_fixed_point,
-            "chain": chain.acts, "effects": _effects_of(inverse)}
+            "sample_rates_hz": list(written.rates_hz), "chain": chain.acts, "effects": _effects_of(inverse)}
 
 
 @command("profile")

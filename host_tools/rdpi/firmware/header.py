@@ -8,6 +8,7 @@ import os
 import re
 import unicodedata
 from collections.abc import Callable, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -165,6 +166,7 @@ class Header(NamedTuple):
     text: str
     digest: str  # of the model, Model.digest; of the chain too if it does something
     no_fixed_point: str  # why it has no parameters in fixed point; "" if it has
+    rates_hz: tuple[float, float]  # lowest and highest sample rate that init takes, to four digits
 
 
 def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequence[tuple[str, float, bool]],
@@ -191,7 +193,16 @@ def _render(model: Model, name: str, source: str, chain: Chain, addends: Sequenc
         chain=chain_name(name), **_chain_parts(chain), addends=_addends(addends),
         jump=[f"({float(part)!r})" for part in jump] if jump[0] else None,
         **_q31_parts(numbers, chain_numbers, reason))
-    return Header(text, model_digest, reason)
+    return Header(text, model_digest, reason, _rates_hz(model))
+
+
+def _rates_hz(model: Model) -> tuple[float, float]:
+    """The range of sample rates, rounded inwards: init takes both ends as they are printed."""
+    highest_hz, lowest_hz = (1 / time_s for time_s in model.sample_times_s())
+    down, up = Context(4, ROUND_FLOOR), Context(4, ROUND_CEILING)
+    # 1 / time_s of a round rate may miss it by a bit, and init compares in single precision.
+    return (float(up.create_decimal_from_float(lowest_hz * (1 - 1e-9))),
+            float(down.create_decimal_from_float(highest_hz * (1 + 1e-9))))
 
 
 def write_header(model: Model, path: str | os.PathLike[str], name: str = NAME, source: str = "",

@@ -127,8 +127,8 @@ typedef struct {
 
 /** How many numbers of 64 and of 32 bits the state of a chain has. */
 #define RDPI_Q31_STATE_WIDE (9 + RDPI_NOISE_SHAPING + RDPI_MAX_POLES)
-#define RDPI_Q31_STATE_NUMBERS (12 + RDPI_MAX_WINDOW + RDPI_MAX_PLAYS) /**< see above */
-#define RDPI_Q31_STATE_COUNTS 16 /**< see above */
+#define RDPI_Q31_STATE_NUMBERS (11 + RDPI_MAX_WINDOW + RDPI_MAX_PLAYS) /**< see above */
+#define RDPI_Q31_STATE_COUNTS 15 /**< see above */
 
 /** As rdpi_f32_chain_state_t. */
 typedef struct {
