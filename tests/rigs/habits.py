@@ -101,7 +101,7 @@ class Habitual:
     unseen: tuple[Take, ...]
 
 
-# --- how one gets to a start -------------------------------------------------------------------------------------------
+# --- how one gets to a start -----------------------------------------------------------------------------------------
 
 def visits(to: float, off: float, rate_hz: float, random: np.random.Generator) -> np.ndarray:
     """From 0 V over up to three places, as one tries a set-up out. None: the actuator is on its way from rest."""
@@ -118,7 +118,7 @@ def periods_of(pace: Pace, least: float, most: float, random: np.random.Generato
     return max(LEAST_PERIODS, min(random.uniform(least, most), LONGEST_S * pace.hz))
 
 
-# --- habits: a person, drawn; `off` is the place of 0 V ----------------------------------------------------------------
+# --- habits: a person, drawn; `off` is the place of 0 V --------------------------------------------------------------
 
 def triggered(off: float, random: np.random.Generator) -> Person:
     """A generator's sine runs; the scope starts at a level on its edge, and shows some periods."""
@@ -252,7 +252,7 @@ HABITS: dict[str, Habit] = {
 }
 
 
-# --- sets --------------------------------------------------------------------------------------------------------------
+# --- sets ------------------------------------------------------------------------------------------------------------
 
 def make_set(habit: str, family: str, seed: int) -> Habitual:
     """What a person of this habit has of a rig of this family: two to four recordings, and three unseen ones."""

@@ -3,7 +3,7 @@
 
     .venv/bin/python tests/rigs/score_habits.py --quick -o build/habits/before.jsonl
     .venv/bin/python tests/rigs/score_habits.py --processes 2 -o build/habits/after.jsonl
-    .venv/bin/python tests/rigs/score_habits.py --habits edge,middle --families duhem --seeds 1-8 -o build/habits/some.jsonl
+    .venv/bin/python tests/rigs/score_habits.py --habits edge,days --families duhem --seeds 1-8 -o build/habits/a.jsonl
     .venv/bin/python tests/rigs/score_habits.py --compare build/habits/before.jsonl build/habits/after.jsonl
     .venv/bin/python tests/rigs/score_habits.py --table build/habits/after.jsonl
 
@@ -61,7 +61,8 @@ from habits import HABITS, Habitual, Take, make_set  # noqa: E402
 from rigs import FAMILIES  # noqa: E402
 
 HERE = Path(__file__).parent
-TOOL = HERE.parents[1] / "host_tools" / "rdpi"
+ROOT = HERE.parents[1]
+PLAYED_BY = tuple(HERE / f"{name}.py" for name in ("habits", "loops", "rigs", "sealed", "waves"))
 VARIANTS = {"auto": ("auto", False), "alone": ("none", False), "stated": ("auto", True)}  # effects, start known
 QUICK_HABITS = 3  # of each family
 WORSE, WORSE_PERCENT = 1.05, 0.02  # of the stroke
@@ -78,7 +79,7 @@ class Job(NamedTuple):
         return f"{self.habit} {self.family} {self.seed}"
 
 
-# --- one set -----------------------------------------------------------------------------------------------------------
+# --- one set ---------------------------------------------------------------------------------------------------------
 
 def answers(job: Job, variants: Sequence[str]) -> list[Line]:
     """What rdpi makes of a set, one line per variant."""
@@ -126,7 +127,7 @@ def missed(model: Any, take: Take, known: bool, stroke_um: float) -> float:
     return 100 * measure.spread(predicted_um - take.true_um) / stroke_um
 
 
-# --- what makes a result -----------------------------------------------------------------------------------------------
+# --- what makes a result ---------------------------------------------------------------------------------------------
 
 def data_digest(one: Habitual) -> str:
     """Of all recordings of a set, to the last bit."""
@@ -139,27 +140,35 @@ def data_digest(one: Habitual) -> str:
 
 
 @cache
-def code_digest(folder: Path, names: tuple[str, ...] = ()) -> str:
-    """Of the Python sources of a folder, or these of it, without comments and docstrings."""
+def code_digest(paths: tuple[Path, ...]) -> str:
+    """Of sources; those in Python without comments and docstrings."""
     sha = hashlib.sha256()
-    for path in sorted(folder / name for name in names) if names else sorted(folder.rglob("*.py")):
+    for path in paths:
+        sha.update(path.name.encode())
+        if path.suffix != ".py":
+            sha.update(path.read_bytes())
+            continue
         tree = ast.parse(path.read_text(encoding="utf-8"))
         for node in ast.walk(tree):
             if isinstance(getattr(node, "body", None), list):
                 node.body = [one for one in node.body
                              if not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))]
-        sha.update(f"{path.relative_to(folder)} {ast.dump(tree)}".encode())
+        sha.update(ast.dump(tree).encode())
     return sha.hexdigest()[:16]
+
+
+def tool_digest() -> str:
+    """Of rdpi: the package, and the library that it calls."""
+    return code_digest((*sorted((ROOT / "host_tools" / "rdpi").rglob("*.py")), *sorted((ROOT / "lib").rglob("*.[ch]"))))
 
 
 def key_of(job: Job, variant: str) -> str:
     """Digest of what makes a line: the set's names, the sources that play it, and how it is asked."""
-    rigs = code_digest(HERE, ("habits.py", "loops.py", "rigs.py", "sealed.py", "waves.py"))
-    return hashlib.sha256(f"{rigs} {job} {variant} {VARIANTS[variant]}".encode()).hexdigest()[:16]
+    return hashlib.sha256(f"{code_digest(PLAYED_BY)} {job} {variant} {VARIANTS[variant]}".encode()).hexdigest()[:16]
 
 
 def read_lines(path: Path) -> list[Line]:
-    """The lines of a result file, of each set and variant the last; one that was cut off while it was written is none."""
+    """The lines of a result file, of each set and variant the last. One that was cut off is none."""
     found = {}
     for text in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         try:
@@ -170,11 +179,11 @@ def read_lines(path: Path) -> list[Line]:
     return list(found.values())
 
 
-# --- all sets ----------------------------------------------------------------------------------------------------------
+# --- all sets --------------------------------------------------------------------------------------------------------
 
 def run(jobs: Sequence[Job], variants: Sequence[str], processes: int, path: Path) -> list[Line]:
-    """The lines of these sets: what the file holds, and what is still to be asked, which goes to the file as it comes."""
-    code = code_digest(TOOL)
+    """The lines of these sets: what the file holds, and what is asked now, which goes to the file as it comes."""
+    code = tool_digest()
     lines = {line["key"]: line for line in read_lines(path)}
     if other := sum(line["code"] != code for line in lines.values()):
         raise SystemExit(f"{path}: {other} lines come of other code of rdpi; give another file, and --compare the two")
@@ -213,7 +222,7 @@ def quick(families: Sequence[str], habits: Sequence[str], seed: int) -> list[Job
             for j in range(QUICK_HABITS) if (habit := [*HABITS][(QUICK_HABITS * k + j) % len(HABITS)]) in habits]
 
 
-# --- tables ------------------------------------------------------------------------------------------------------------
+# --- tables ----------------------------------------------------------------------------------------------------------
 
 def sets_of(lines: Sequence[Line]) -> dict[Job, dict[str, Line]]:
     """Lines by set, then by variant."""
@@ -291,8 +300,9 @@ def sizes(sets: Sets) -> list[str]:
     named = defaultdict(int)
     for name in (name for one in autos for name in one["effects"]):
         named[name] += 1
-    return ["", f"auto took {np.median(seconds):.1f} s of processor in the median, {np.max(seconds):.1f} s at most; it named "
-            + (", ".join(f"{name} {count}" for name, count in sorted(named.items())) or "nothing")]
+    names = ", ".join(f"{name} {count}" for name, count in sorted(named.items()))
+    return ["", f"auto took {np.median(seconds):.1f} s of processor in the median, {np.max(seconds):.1f} s at most; "
+                f"it named {names or 'nothing'}"]
 
 
 def worst_of(sets: Sets) -> list[str]:
@@ -300,8 +310,9 @@ def worst_of(sets: Sets) -> list[str]:
     found = []
     for than, title in (("alone", "auto worse than alone"), ("stated", "auto worse than twice stated")):
         limit = is_worse if than == "alone" else (lambda error, other: error > 2 * other)
-        pairs = [(one["auto"]["percent"], one[than]["percent"], job, one["auto"]["effects"]) for job, one in sets.items()
-                 if "percent" in one.get("auto", {}) and "percent" in one.get(than, {})]
+        both = [(job, one["auto"], one[than]) for job, one in sets.items()
+                if "percent" in one.get("auto", {}) and "percent" in one.get(than, {})]
+        pairs = [(auto["percent"], other["percent"], job, auto["effects"]) for job, auto, other in both]
         worse = sorted((pair for pair in pairs if limit(*pair[:2])), key=lambda pair: pair[1] / pair[0])
         if worse:
             found += ["", f"{title}, {len(worse)} sets, the worst:"]
@@ -324,7 +335,7 @@ def refusals(lines: Sequence[Line]) -> list[str]:
     return rows
 
 
-# --- before and after --------------------------------------------------------------------------------------------------
+# --- before and after ------------------------------------------------------------------------------------------------
 
 def compare(before: Sequence[Line], after: Sequence[Line]) -> str:
     """Two results side by side, of the sets that both hold: medians, ratio per set, worse than alone, refused."""
@@ -334,23 +345,34 @@ def compare(before: Sequence[Line], after: Sequence[Line]) -> str:
             "or made of other recordings"]
     variants = [one for one in VARIANTS if any(one in a and one in b for a, b in pairs.values())]
     for variant in variants:
-        rows += ["", f"{variant:26}sets  before   after  after/before  set by set: median  worse  worse than alone  refused"]
+        rows += ["", f"{variant:26}sets  before   after  after/before  set by set: median  worse  worse than alone  "
+                     "refused"]
         for part in (lambda job: job.habit, lambda job: job.family, lambda job: "all"):
             rows += [compared(name, some, variant) for name, some in grouped(pairs, part)]
         rows += changes(pairs, variant)
+    for k, name in enumerate(("before", "after")):
+        ratio = [auto / stated for auto, stated in answered(side(pairs, k), "auto", "stated")]
+        if ratio:
+            rows += ["", f"est/stated {name}: {len(ratio)} sets, median {np.median(ratio):.2f}, worst {max(ratio):.2f}"]
     return "\n".join(rows)
+
+
+Pairs = dict[Job, tuple[dict[str, Line], dict[str, Line]]]
+
+
+def side(pairs: Pairs, k: int) -> Sets:
+    return {job: pair[k] for job, pair in pairs.items()}
 
 
 def data_of(one: dict[str, Line]) -> str:
     return next(iter(one.values()))["data"]
 
 
-def compared(label: str, pairs: dict[Job, tuple[dict[str, Line], dict[str, Line]]], variant: str) -> str:
+def compared(label: str, pairs: Pairs, variant: str) -> str:
     some = [(a[variant], b[variant]) for a, b in pairs.values() if variant in a and variant in b]
     both = np.reshape([(a["percent"], b["percent"]) for a, b in some if "percent" in a and "percent" in b], (-1, 2))
     ratio = both[:, 1] / both[:, 0]
-    spoiled = [sum(is_worse(*pair) for pair in answered({job: pair[k] for job, pair in pairs.items()}, variant, "alone"))
-               for k in (0, 1)]
+    spoiled = [sum(is_worse(*pair) for pair in answered(side(pairs, k), variant, "alone")) for k in (0, 1)]
     refused = [sum("refused" in pair[k] for pair in some) for k in (0, 1)]
     whole = f"{np.median(both[:, 1]) / np.median(both[:, 0]):14.2f}" if len(both) else f"{'-':>14}"
     return (f"{label:26}{len(both):4}{median(both[:, 0])}{median(both[:, 1])}{whole}{median(ratio, '20.2f')}"
@@ -358,7 +380,7 @@ def compared(label: str, pairs: dict[Job, tuple[dict[str, Line], dict[str, Line]
             f"{f'{refused[0]} -> {refused[1]}':>9}")
 
 
-def changes(pairs: dict[Job, tuple[dict[str, Line], dict[str, Line]]], variant: str) -> list[str]:
+def changes(pairs: Pairs, variant: str) -> list[str]:
     """The sets that became worse, most of all first, and those that are refused now."""
     rows, found = [], []
     for job, (a, b) in pairs.items():
@@ -371,7 +393,7 @@ def changes(pairs: dict[Job, tuple[dict[str, Line], dict[str, Line]]], variant: 
     return rows + [f"  worse now: {job}: {old:.2f} -> {new:.2f} %" for new, old, job in found[:SHOWN]]
 
 
-# --- the command -------------------------------------------------------------------------------------------------------
+# --- the command -----------------------------------------------------------------------------------------------------
 
 def seeds_of(text: str) -> list[int]:
     """ "1-4,7" """
@@ -402,7 +424,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("-o", "--output", type=Path, metavar="FILE.jsonl", help="where results are, and go on to be")
     parser.add_argument("--table", type=Path, metavar="FILE.jsonl", help="print the table of a result file only")
-    parser.add_argument("--compare", type=Path, nargs=2, metavar=("BEFORE", "AFTER"), help="two result files, side by side")
+    parser.add_argument("--compare", type=Path, nargs=2, metavar=("BEFORE", "AFTER"),
+                        help="print two result files side by side only")
     options = parser.parse_args(arguments)
     if options.compare or options.table:
         for path in options.compare or [options.table]:

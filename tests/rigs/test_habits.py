@@ -18,7 +18,7 @@ from habits import CHAIN, HABITS, Habitual, Take, make_set  # noqa: E402
 from rigs import FAMILIES, SEALED  # noqa: E402
 
 FAMILY = "maxwell-slip"  # one that is quick to play
-SEEDS = range(1, 5)
+SEEDS = range(1, 4)
 
 
 @cache
@@ -49,7 +49,7 @@ def peaks(values: np.ndarray) -> np.ndarray:
     return inner[(inner > values[:-2]) & (inner > values[2:])]
 
 
-# --- all habits --------------------------------------------------------------------------------------------------------
+# --- all habits ------------------------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize("habit", HABITS)
 def test_set_has_two_to_four_recordings_of_unknown_memory_and_one_unseen_after_a_sweep(habit):
@@ -103,10 +103,10 @@ def test_rigs_lack_some_of_what_comes_late_and_have_some():
 
 @pytest.mark.parametrize("family", [*FAMILIES, *SEALED])
 def test_every_family_can_be_recorded(family):
-    assert np.ptp(make_set("triggered", family, 1).fitted[0].true_um) > 1
+    assert np.ptp(make_set("bipolar", family, 1).fitted[0].true_um) > 1
 
 
-# --- each habit --------------------------------------------------------------------------------------------------------
+# --- each habit ------------------------------------------------------------------------------------------------------
 
 def test_triggered_begins_within_a_running_sine():
     for one, take in each("triggered"):
@@ -131,7 +131,8 @@ def test_growing_drives_begin_at_rest_and_grow(habit):
 
 
 def test_some_show_their_rest_before_they_grow_and_some_do_not():
-    shown = {bool(np.ptp(take.command_V[:round(0.2 * take.rate_hz)]) < 1e-9) for _, take in each("edge") + each("middle")}
+    takes = [take for _, take in each("edge") + each("middle")]
+    shown = {bool(np.ptp(take.command_V[:round(0.2 * take.rate_hz)]) < 1e-9) for take in takes}
     assert shown == {False, True}
 
 
@@ -170,7 +171,7 @@ def test_days_have_offsets_of_their_own():
         assert np.ptp(offsets[:-1]) > 0.05 and offsets[-1] == pytest.approx(0, abs=1e-3)
 
 
-# --- the score ---------------------------------------------------------------------------------------------------------
+# --- the score -------------------------------------------------------------------------------------------------------
 
 def test_stated_recordings_hold_the_past_and_know_it():
     take = known("edge", 1).fitted[0]
