@@ -15,6 +15,9 @@ from rdpi.data import Recording
 from rdpi.errors import BadInput
 from rdpi.model import Drive, Memory, Model, Rate, operators
 from rdpi.simulate import chain, effects, scoring
+from rdpi.simulate.memory import states_after, warm_up
+from rdpi.simulate.plant import Plant
+from rdpi.simulate.start import estimated
 
 TIME_S = np.arange(3000) * SAMPLE_TIME_S
 
@@ -53,7 +56,7 @@ def run_after(share: float) -> tuple[np.ndarray, Recording]:
     """States that the paper's model has at x = 3 um, coming straight from `share` of the last threshold beyond, and a
     run of it from there."""
     model = paper_model()
-    states = chain.states_after(3.0 + share * model.thresholds_um[-1], 3.0, model.thresholds_um)
+    states = states_after(3.0 + share * model.thresholds_um[-1], 3.0, model.thresholds_um)
     return states, made_run(model, states)
 
 
@@ -86,9 +89,9 @@ def test_score_of_a_displacement_that_stands_still() -> None:
 
 def test_states_after() -> None:
     r = np.array([0.0, 1.0, 3.0])
-    assert chain.states_after(0.0, 2.0, r).tolist() == [2, 1, 0]
-    assert chain.states_after(5.0, 2.0, r).tolist() == [2, 3, 5]
-    np.testing.assert_array_equal(chain.states_after(-0.5, 2.0, r),
+    assert states_after(0.0, 2.0, r).tolist() == [2, 1, 0]
+    assert states_after(5.0, 2.0, r).tolist() == [2, 3, 5]
+    np.testing.assert_array_equal(states_after(-0.5, 2.0, r),
                                   operators.plays(np.linspace(-0.5, 2.0, 9), r, np.full(3, -0.5))[1])
 
 
@@ -99,8 +102,8 @@ def test_warm_up(seed: int, plays: int) -> None:
     random = np.random.default_rng(seed)
     x = np.cumsum(random.normal(size=200))
     r = np.linspace(0, random.uniform(0.1, 1.5) * np.ptp(x) / 2, plays + 1)
-    first = chain.warm_up(x, r[-1])
-    low, high = (firmware.plays(x, r, chain.states_after(position, x[0], r))[0] for position in (x[0] - 99, x[0] + 99))
+    first = warm_up(x, r[-1])
+    low, high = (firmware.plays(x, r, states_after(position, x[0], r))[0] for position in (x[0] - 99, x[0] + 99))
     left = high - low
     assert np.all(np.ptp(left[first:], axis=0) <= 0.002 * np.ptp(x))
     if 2 * r[-1] < 0.999 * np.ptp(x):
@@ -150,7 +153,7 @@ def test_carried_at_another_sample_time_is_refused() -> None:
 
 
 def test_unknown_memory_is_the_models_without_displacement() -> None:
-    states = chain.states_after(-4.0, 2.0, paper_model().thresholds_um)
+    states = states_after(-4.0, 2.0, paper_model().thresholds_um)
     model = replace(paper_model(), memory=Memory(2.0, states))
     run = made_run(model, states)
     found = chain.simulate(model, [recording(run.command_V)])[0]
@@ -168,6 +171,10 @@ def test_memory_imposed_on_every_run() -> None:
     assert chain.simulate(model, [recording(run.command_V)], memory="estimate")[0].memory == "model"
 
 
+def estimated_plays(model: Model, run: Recording) -> np.ndarray:
+    return estimated(Plant(model, SAMPLE_TIME_S), run).plays_um
+
+
 @pytest.mark.parametrize("source", ["control", "displacement"])
 @pytest.mark.parametrize("share", [-0.9, -0.4, 0.0, 0.35, 0.8])
 @pytest.mark.parametrize("drift_um", [0.0, 0.3])
@@ -181,7 +188,7 @@ def test_estimated_states_are_the_known_ones(share: float, source: str, drift_um
         rate = operators.rate(model.x_of(run.command_V), SAMPLE_TIME_S, model.rate.window_s, 0.0)
         displacement_um = operators.forward(model, run.command_V, rate, states)[0]
     run = recording(run.command_V, displacement_um + drift_um)
-    np.testing.assert_allclose(chain.estimate_states(model, run), states, atol=2 * (2 * r[-1] / 40) + 1e-9)
+    np.testing.assert_allclose(estimated_plays(model, run), states, atol=2 * (2 * r[-1] / 40) + 1e-9)
     found = chain.simulate(model, [run])[0]
     assert found.memory == "estimated"
     assert share_of_stroke(model, found.predicted_um + drift_um - run.displacement_um) < 0.005
@@ -190,13 +197,13 @@ def test_estimated_states_are_the_known_ones(share: float, source: str, drift_um
 def test_estimate_of_a_run_that_never_moves() -> None:
     model = paper_model()
     run = recording(np.full(50, 66.0), np.full(50, 1.0))
-    assert chain.estimate_states(model, run).tolist() == [2.0] * 10
+    assert estimated_plays(model, run).tolist() == [2.0] * 10
 
 
 def test_estimate_without_plays() -> None:
     model = random_model(1, plays=0)
     command = np.linspace(model.drive.min_V, model.drive.max_V, 50)
-    assert chain.estimate_states(model, recording(command, model.x_of(command))).tolist() == [model.x_of(command[0])]
+    assert estimated_plays(model, recording(command, model.x_of(command))).tolist() == [model.x_of(command[0])]
 
 
 # ---- the rate of the prediction itself ----
@@ -274,7 +281,7 @@ def test_a_run_may_use_more_of_the_drive_than_the_model_allows(x0: float) -> Non
 
 def test_within_drive() -> None:
     """From x = 8, 114 V, down to the 60 V that may be output: the plays follow."""
-    states = chain.states_after(10.0, 8.0, paper_model().thresholds_um)
+    states = states_after(10.0, 8.0, paper_model().thresholds_um)
     model = replace(paper_model(), drive=Drive(-50.0, 60.0), memory=Memory(8.0, states))
     memory = chain.within_drive(model)
     np.testing.assert_array_equal(memory.plays_um, operators.play(1.25, model.thresholds_um, states))
@@ -342,11 +349,11 @@ def test_follow_from_a_reset() -> None:
 def test_follow_what_was_measured_gives_the_recorded_command(drift_um: float) -> None:
     """Once the estimated memory is forgotten; `remove_offset` takes a drift out."""
     model = paper_model()
-    run = made_run(model, chain.states_after(-1.0, 2.0, model.thresholds_um))
+    run = made_run(model, states_after(-1.0, 2.0, model.thresholds_um))
     run.columns["displacement_um"] = run.displacement_um + drift_um
     steps, offset = chain.follow(model, run, "displacement_um", "f64", remove_offset=True)
     assert offset == pytest.approx(drift_um, abs=0.002 * model.stroke_um)
-    late = chain.warm_up(model.x_of(run.command_V), model.thresholds_um[-1])
+    late = warm_up(model.x_of(run.command_V), model.thresholds_um[-1])
     assert 0 < late < 2500
     assert np.sqrt(np.mean((steps.drive_V - run.command_V)[late:] ** 2)) < 0.003 * np.ptp(run.command_V)
 

@@ -13,6 +13,7 @@ from rdpi.errors import BadInput
 from rdpi.identify import checks, thresholds as tuned
 from rdpi.identify.identify import Options, fit
 from rdpi.simulate import chain
+from rdpi.simulate.memory import warm_up
 
 
 # ---- several runs ----
@@ -164,7 +165,7 @@ def test_unknown_memory_is_estimated(low: float, high: float, drift_um: float) -
 def test_start_up_transient_is_left_out() -> None:
     """Before the drive has erased the memory, samples say nothing: whatever they were, the slopes stay the same."""
     run = static_run(visited((90.0, 30.0, 60.0, 0.0)), memory="unknown", cycles=3)
-    erased = chain.warm_up(run.command_V, run.command_V[:].max() / 2 * 0.9)
+    erased = warm_up(run.command_V, run.command_V[:].max() / 2 * 0.9)
     spoilt = run.displacement_um.copy()
     spoilt[:erased // 2] += np.linspace(1, 0, erased // 2)
     results = [fit([changed(run, displacement_um=z)], STATIC) for z in (run.displacement_um, spoilt)]
