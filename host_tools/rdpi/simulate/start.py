@@ -98,7 +98,9 @@ class _Search:
         straight = [self._slopes(states_after(self.x0_um + far, self.x0_um, self.model.thresholds_um)) for far in reach]
         count, moves = len(self.gaps_um), np.zeros(self.moves)
         tried = [np.r_[slopes, moves] for slopes in (np.zeros(count), *straight)] if count else [moves]
-        at = min(tried, key=lambda one: np.sum(self._missed(one)[0] ** 2))
+        misses = [self._missed(one)[0] for one in tried]
+        noise_um = self._noise(min(misses, key=lambda one: float(one @ one)))
+        at = min(zip(tried, misses, strict=True), key=lambda pair: self._cost(*pair, noise_um))[0]
         missed, ran = self._missed(at)
         for _ in range(STEPS if self.remembered > 1 or self.moves else 0):
             noise_um = self._noise(missed)
