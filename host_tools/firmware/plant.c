@@ -6,6 +6,7 @@
 
 #define TRIES 100      /* of the search for z; halving alone needs about 60 */
 #define ENOUGH 1e-13   /* of the largest number at hand: rounding */
+#define MANY 3         /* times dF/drate: an error of the rate is halved within as many samples as it is taken over */
 
 static rdpi_real_t bent(const rdpi_real_t *p, rdpi_real_t u_V)
 {
@@ -60,34 +61,53 @@ static rdpi_real_t widened(const rdpi_block_t *block, rdpi_real_t u, rdpi_real_t
     return u + pow(share, p[1]) * (p[2] * (u - p[4] - p[5] * drive_V) + p[3] * (u - p[6]));
 }
 
-/* What rdpi_f32_rate_step will return for this sample, without taking it. */
-static rdpi_real_t rate_with(const rdpi_f32_rate_t *rate, rdpi_real_t z_um)
+/* How many samples back the operator's rate looks; z_um: what it gives at the lowest and at the highest rate. */
+static uint32_t looked_back(const rdpi_block_t *block, const rdpi_real_t *z_um)
 {
-    if (rate->oldest == rate->window) {
+    const rdpi_f32_rate_t *law = &block->axis->rate_estimator;
+    rdpi_real_t by_rate_s = block->p[4] * fabs(z_um[1] - z_um[0]) / (block->p[1] - block->p[0]);
+    rdpi_real_t least = MANY * (1 - law->keep) * by_rate_s * (rdpi_real_t)law->window * law->per_window_s + 1;
+    return least < law->window ? law->window : least < block->count ? (uint32_t)least : block->count;
+}
+
+/* The rate of the operator if it now gives z_um; over as many samples as the law has, the same as rdpi_f32_rate_step. */
+static rdpi_real_t rate_with(const rdpi_block_t *block, uint32_t back, rdpi_real_t z_um)
+{
+    const rdpi_f32_rate_t *law = &block->axis->rate_estimator;
+    const rdpi_real_t *state = block->state;
+    uint32_t at = (uint32_t)state[0];
+    if (state[1] <= 0) {
         return 0; /* the first sample */
     }
-    rdpi_real_t raw_um_per_s = fabs(z_um - rate->z_um[rate->oldest]) * rate->per_window_s;
-    return raw_um_per_s + rate->keep * (rate->filtered_um_per_s - raw_um_per_s);
+    rdpi_real_t before_um = state[3u + (at >= back ? at - back : at + block->count - back)];
+    rdpi_real_t raw_um_per_s = fabs(z_um - before_um) * law->per_window_s * (law->window / (rdpi_real_t)back);
+    return raw_um_per_s + law->keep * (state[2] - raw_um_per_s);
+}
+
+static void take(const rdpi_block_t *block, rdpi_real_t z_um, rdpi_real_t rate_um_per_s)
+{
+    rdpi_real_t *state = block->state;
+    for (uint32_t k = 0; k < block->count && state[1] <= 0; k++) {
+        state[3u + k] = z_um;
+    }
+    uint32_t at = (uint32_t)state[0];
+    state[3u + at] = z_um;
+    state[0] = at + 1u < block->count ? at + 1u : 0;
+    state[1] = 1;
+    state[2] = rate_um_per_s;
 }
 
 /* z = F(rho(z)): the secant through both ends of where it must lie, or their middle where that goes too slowly. */
-static rdpi_real_t solved(const rdpi_block_t *block, rdpi_real_t drive_V)
+static rdpi_real_t solved(const rdpi_block_t *block, rdpi_real_t drive_V, const rdpi_real_t *ends_um, uint32_t back)
 {
-    rdpi_real_t low_um = rdpi_f32_predict(block->axis, drive_V, block->p[0]);
-    rdpi_real_t high_um = rdpi_f32_predict(block->axis, drive_V, block->p[1]);
-    if (low_um > high_um) {
-        rdpi_real_t swapped_um = low_um;
-        low_um = high_um;
-        high_um = swapped_um;
-    }
+    rdpi_real_t low_um = fmin(ends_um[0], ends_um[1]), high_um = fmax(ends_um[0], ends_um[1]), z_um = low_um;
     rdpi_real_t enough_um = (rdpi_real_t)ENOUGH * (fabs(low_um) + fabs(high_um));
-    rdpi_real_t above = rdpi_f32_predict(block->axis, drive_V, rate_with(block->rate, low_um)) - low_um;
-    rdpi_real_t below = rdpi_f32_predict(block->axis, drive_V, rate_with(block->rate, high_um)) - high_um;
-    rdpi_real_t z_um = low_um;
+    rdpi_real_t above = rdpi_f32_predict(block->axis, drive_V, rate_with(block, back, low_um)) - low_um;
+    rdpi_real_t below = rdpi_f32_predict(block->axis, drive_V, rate_with(block, back, high_um)) - high_um;
     for (int k = 0; k < TRIES && high_um - low_um > enough_um; k++) {
         z_um = k % 3 == 2 || !(above > below) ? (low_um + high_um) / 2
                                               : low_um + (high_um - low_um) * above / (above - below);
-        rdpi_real_t miss_um = rdpi_f32_predict(block->axis, drive_V, rate_with(block->rate, z_um)) - z_um;
+        rdpi_real_t miss_um = rdpi_f32_predict(block->axis, drive_V, rate_with(block, back, z_um)) - z_um;
         if (fabs(miss_um) <= enough_um) {
             break;
         }
@@ -104,10 +124,21 @@ static rdpi_real_t solved(const rdpi_block_t *block, rdpi_real_t drive_V)
 
 static rdpi_real_t operated(const rdpi_block_t *block, rdpi_real_t drive_V, rdpi_real_t *rate_um_per_s)
 {
-    rdpi_real_t taken_um = block->of_control             ? block->p[2] + block->p[3] * drive_V
-                           : block->p[1] > block->p[0] ? solved(block, drive_V)
-                                                       : rdpi_f32_predict(block->axis, drive_V, block->p[0]);
-    *rate_um_per_s = rdpi_f32_rate_step(block->rate, taken_um, 0);
+    const rdpi_real_t *p = block->p;
+    uint32_t back = block->axis->rate_estimator.window;
+    rdpi_real_t taken_um = p[2] + p[3] * drive_V;
+    if (!block->of_control) {
+        rdpi_real_t ends_um[2] = {rdpi_f32_predict(block->axis, drive_V, p[0]), 0};
+        if (p[1] > p[0]) {
+            ends_um[1] = rdpi_f32_predict(block->axis, drive_V, p[1]);
+            back = looked_back(block, ends_um);
+            taken_um = solved(block, drive_V, ends_um, back);
+        } else {
+            taken_um = ends_um[0];
+        }
+    }
+    *rate_um_per_s = rate_with(block, back, taken_um);
+    take(block, taken_um, *rate_um_per_s);
     return rdpi_f32_forward(block->axis, drive_V, *rate_um_per_s);
 }
 

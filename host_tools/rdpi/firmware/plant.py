@@ -33,7 +33,7 @@ class Block:
     count: int = 0
     ratios: np.ndarray = field(default_factory=lambda: NONE)  # of LAGS: sample time over time constant
     sample_time_s: float = 0.0  # of LAGS
-    rate: tuple[float, float, float] | None = None  # window, filter and sample time of its rate estimator, s
+    rate: tuple[float, float, float] | None = None  # of WIDEN: window, filter and sample time of its rate estimator, s
     axis: Firmware | None = None  # of OPERATOR
     of_control: bool = False
     of_actuator: bool = False  # LAGS that go on from where the actuator had been at rest before
@@ -46,6 +46,8 @@ class Block:
             return np.array([first])
         if self.kind == DELAY:
             return np.r_[0.0, np.full(self.count - 1, first)]
+        if self.kind == OPERATOR:
+            return np.zeros(3 + self.count)
         if self.kind == RING:
             return np.array([0.0, 0.0, first])
         if self.kind == LAGS:
@@ -87,11 +89,12 @@ def ring_block(numerator: Sequence[float], denominator: Sequence[float]) -> Bloc
 
 
 def operator_block(axis: Firmware, rates_um_per_s: tuple[float, float], control: tuple[float, float], of_control: bool,
-             rate: tuple[float, float, float]) -> Block:
+                   steepness: float, longest: int) -> Block:
     """The operator of a compiled library, whose rate lies between `rates_um_per_s`; `control`: offset in um and gain in
-    um/V of the control input, whose rate it is where it is not the displacement's.
+    um/V of the control input, whose rate it is where it is not the displacement's; `steepness`: the saturation's steepest
+    piece over its flattest; `longest`: samples over which the rate is taken at most.
     """
-    return Block(OPERATOR, (*rates_um_per_s, *control), rate=rate, axis=axis, of_control=of_control)
+    return Block(OPERATOR, (*rates_um_per_s, *control, steepness), count=longest, axis=axis, of_control=of_control)
 
 
 class Bank:

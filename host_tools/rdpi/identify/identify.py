@@ -25,7 +25,7 @@ from .checks import (LARGEST_INPUT, check_drive, check_monitor, check_readings, 
 from .bands import RateSlopes, slopes_of_bands
 from .choice import Choice
 from .document import FitDocument
-from .regression import (Columns, Plant, Reduced, Run, joined, offset_of, parts_of, prepare, reduce, rerated,
+from .regression import (Columns, Reduced, Run, Solution, joined, offset_of, parts_of, prepare, reduce, rerated,
                          saturation_of, search, smoothing_times_s, solve, top_rate, without_rate)
 from .strokes import Strokes, covered
 from .sweep_start import SweepStart, sweep_start
@@ -140,16 +140,16 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     progress(0.7)
     predictions = chain.simulate(model, [*runs, *hold_out])
     scores = _scores(runs, hold_out, predictions, warnings)
-    _remark(found.plant, scores, model.stroke_um, warnings)
-    if len(found.plant.picks) < options.deadzones:
-        warnings.append(f"only {len(found.plant.picks)} of {options.deadzones} dead zones are fitted, because more "
+    _remark(found.solution, scores, model.stroke_um, warnings)
+    if len(found.solution.picks) < options.deadzones:
+        warnings.append(f"only {len(found.solution.picks)} of {options.deadzones} dead zones are fitted, because more "
                         "would lie at or below zero; check for ringing and delay, and that the range is covered")
     left_out = _leave_out(found, runs, effects.acting(model), predictions)
     drift_um = _half_loop_um(model) if found.sweep.drifts else 0.0
     model.passport = _passport(runs, hold_out, predictions, left_out, noises, drift_um, warnings).to_json()
     bands = slopes_of_bands(found.model, found.runs)
     progress(1.0)
-    result = Fit(model, (found.plant.residual, found.without.residual), scores, bands,
+    result = Fit(model, (found.solution.residual, found.without.residual), scores, bands,
                  float(np.median(noises[:len(runs)])), found.sweep, warnings, chosen, plain.model)
     model.fit = result.record().to_json()
     return result
@@ -243,8 +243,8 @@ class Operator:
     """The operator identified from recordings as it made them, and the regression behind it."""
 
     model: Model  # without effects
-    plant: Plant
-    without: Plant  # the same without a rate law
+    solution: Solution
+    without: Solution  # the same without a rate law
     runs: list[Run]
     reduced: list[Reduced]
     columns: Columns
@@ -260,7 +260,7 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
                        "and `max_V`")
     sweep = sweep_start(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, ends_V)
     plays = len(frame.thresholds_um)
-    bare = Model(  # until a plant is fitted
+    bare = Model(  # until one is fitted
         gain_um_per_V=frame.gain_um_per_V, offset_V=frame.offset_V, offset_um=0.0, stroke_um=frame.stroke_um,
         thresholds_um=frame.thresholds_um, slopes=np.ones(plays), slope_rate_s_per_um=np.zeros(plays),
         deadzones_um=np.zeros(1), deadzone_weights=np.ones(1),
@@ -300,13 +300,13 @@ def _fitted(runs: Sequence[Recording], bare: Model, frame: Frame, options: Optio
     bare = replace(bare, rate=replace(bare.rate, identified_um_per_s=top),
                    memory=replace(bare.memory, x_um=float(first.x_um[0]), plays_um=first.states_um))
     for deadzones in range(options.deadzones, -1, -1):
-        plant = search(factor, columns, deadzones, samples)
-        model = _of_plant(bare, plant, columns, prepared, reduced)
+        solution = search(factor, columns, deadzones, samples)
+        model = _of_solution(bare, solution, columns, prepared, reduced)
         if model is not None:
             break
-    without = search(*without_rate(factor, columns), deadzones, samples) if rated else plant
+    without = search(*without_rate(factor, columns), deadzones, samples) if rated else solution
     model.memory = chain.within_drive(model)
-    return Operator(model, plant, without, prepared, reduced, columns, sweep)
+    return Operator(model, solution, without, prepared, reduced, columns, sweep)
 
 
 def _sweep_end(first: Recording, ends_V: tuple[float, float]) -> float | None:
@@ -359,15 +359,15 @@ def _late(chosen: Choice, model: Model) -> str:
 def _compare_sources(runs: Sequence[Recording], found: Operator, options: Options, warnings: list[str]) -> None:
     """Say so if the other source of the rate explains the recordings much better."""
     other = next(source for source in SOURCES if source != options.rate_source)
-    columns, plant = found.columns, found.plant
+    columns, solution = found.columns, found.solution
     swapped = rerated(found.runs, other, options.rate_window_s, found.model.rate.filter_s, smoothing_times_s(runs))
     factor, samples = joined(reduce(swapped, columns, found.model.stroke_um, every=THIN))
-    residual = plant.residual
+    residual = solution.residual
     for _ in range(3):  # the prior follows the residual
-        residual = solve(factor, columns, plant.picks, samples, residual).residual
-    if residual < tuned.OTHER_SOURCE * plant.residual:
+        residual = solve(factor, columns, solution.picks, samples, residual).residual
+    if residual < tuned.OTHER_SOURCE * solution.residual:
         warnings.append(f"the rate of the {other} explains these recordings better ({100 * residual:.2g} % rms of the "
-                        f"stroke against {100 * plant.residual:.2g} %): try --rate-source {other}")
+                        f"stroke against {100 * solution.residual:.2g} %): try --rate-source {other}")
 
 
 def _check_reset(model: Model, runs: Sequence[Run], warnings: list[str]) -> None:
@@ -447,24 +447,24 @@ def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> n
     return wanted[wanted <= 0.98 * reach]
 
 
-def _of_plant(model: Model, plant: Plant, columns: Columns, runs: Sequence[Run],
+def _of_solution(model: Model, solution: Solution, columns: Columns, runs: Sequence[Run],
               reduced: Sequence[Reduced]) -> Model | None:
-    """The model with slopes, saturation, guard and offset of a plant fitted to these runs.
+    """The model with slopes, saturation, guard and offset of a solution for these runs.
 
     None: a dead zone lies at or below zero, where it has no meaning. There is none without dead zones.
     """
-    offsets = np.array([offset_of(run.means, columns, plant) for run in reduced]) * model.stroke_um
+    offsets = np.array([offset_of(run.means, columns, solution) for run in reduced]) * model.stroke_um
     # The offset of a run whose unknown memory is never erased holds what its plays remember: only if there is no other.
     erased = [run.first == 0 or np.ptp(run.x_um) >= 2 * model.thresholds_um[-1] for run in runs]
     weights = [(len(run.x_um) - run.first) * (sure or not any(erased)) for run, sure in zip(runs, erased)]
     offset_um = float(np.average(offsets, weights=weights))
-    corners_um = columns.grid_um[list(plant.picks)] - offset_um
+    corners_um = columns.grid_um[list(solution.picks)] - offset_um
     if np.any(corners_um <= 0):
         return None
-    deadzones, deadzone_weights = saturation_of(corners_um, plant.pieces)
+    deadzones, deadzone_weights = saturation_of(corners_um, solution.pieces)
     top = model.rate.identified_um_per_s
-    change = (plant.fast - plant.rest) / top
-    found = replace(model, offset_um=offset_um, slopes=plant.rest, slope_rate_s_per_um=change, deadzones_um=deadzones,
+    change = (solution.fast - solution.rest) / top
+    found = replace(model, offset_um=offset_um, slopes=solution.rest, slope_rate_s_per_um=change, deadzones_um=deadzones,
                     deadzone_weights=deadzone_weights)
     return guarded(found, tuned.RATE_HEADROOM * top, slack=1.0)
 
@@ -477,7 +477,7 @@ def _leave_out(found: Operator, recorded: Sequence[Recording], acting: Sequence[
     Effects, rate and memory are those of the model's own prediction: they hardly differ, and finding them anew takes
     long.
     """
-    columns, m = found.columns, len(found.plant.picks)
+    columns, m = found.columns, len(found.solution.picks)
     parts: list[tuple[int, slice]] = []
     runs: list[Run] = []
     for k, (run, whole) in enumerate(zip(found.runs, covered([run.recording for run in found.runs]))):
@@ -497,8 +497,8 @@ def _leave_out(found: Operator, recorded: Sequence[Recording], acting: Sequence[
         others = [reduced[k] for k in rest]
         try:
             factor, samples = joined(others)
-            plant = search(factor, columns, m, samples)
-            other = _of_plant(found.model, plant, columns, [runs[k] for k in rest], others)
+            solution = search(factor, columns, m, samples)
+            other = _of_solution(found.model, solution, columns, [runs[k] for k in rest], others)
             for k in group if other is not None else ():
                 at, part = parts[k]
                 driven, seen = found.runs[at].recording, predictions[at]
@@ -580,8 +580,8 @@ def _check_order(model: Model, warnings: list[str]) -> None:
                         "were sampled at the same time (`rdpi import --drive` aligns them)")
 
 
-def _remark(plant: Plant, scores: Sequence[RunScore], stroke_um: float, warnings: list[str]) -> None:
-    slopes = np.r_[plant.rest, plant.fast]
+def _remark(solution: Solution, scores: Sequence[RunScore], stroke_um: float, warnings: list[str]) -> None:
+    slopes = np.r_[solution.rest, solution.fast]
     if np.any(slopes <= tuned.SLOPE_FLOOR * 1.0001):
         warnings.append(f"a slope is at its lower bound of {tuned.SLOPE_FLOOR:g}: the recordings do not determine it; "
                         "use fewer --operators or record more amplitudes and rates")

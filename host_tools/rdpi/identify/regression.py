@@ -41,7 +41,7 @@ class Run:
     first: int  # samples before this depend on unknown memory
 
 
-class Plant(NamedTuple):
+class Solution(NamedTuple):
     """A candidate: slopes at rest and at the highest rate, inverse saturation, and how well it fits."""
 
     rest: np.ndarray  # A_i
@@ -149,7 +149,7 @@ def _prior(n: int, plays: int, m: int, curve_bend: float, rate_bend: float, rate
     return np.vstack(rows), np.r_[none(sum(map(len, rows)) - m), straight.sum(axis=1)]
 
 
-def solve(factor: np.ndarray, columns: Columns, picks: tuple[int, ...], samples: int, residual: float) -> Plant:
+def solve(factor: np.ndarray, columns: Columns, picks: tuple[int, ...], samples: int, residual: float) -> Solution:
     """Slopes and pieces for given dead zones; `residual` is the relative error that the prior is weighed against."""
     from scipy.optimize import lsq_linear
 
@@ -166,26 +166,26 @@ def solve(factor: np.ndarray, columns: Columns, picks: tuple[int, ...], samples:
     cost = np.sum((both[0] @ found - both[1]) ** 2)
     rest = found[:n]
     fast = found[n:2 * n] if columns.top_um_per_s else rest
-    return Plant(rest, fast, picks, np.r_[1.0, found[columns.plays:]], float(cost), float(np.sqrt(left / samples)))
+    return Solution(rest, fast, picks, np.r_[1.0, found[columns.plays:]], float(cost), float(np.sqrt(left / samples)))
 
 
-def search(factor: np.ndarray, columns: Columns, m: int, samples: int) -> Plant:
+def search(factor: np.ndarray, columns: Columns, m: int, samples: int) -> Solution:
     """Outer search over the dead zones, one at a time until none moves; the prior follows the residual."""
     spread = np.linspace(0, len(columns.grid_um) - 1, m + 2)[1:-1]
-    plant = solve(factor, columns, tuple(int(round(j)) for j in spread), samples, 1e-3)
+    solution = solve(factor, columns, tuple(int(round(j)) for j in spread), samples, 1e-3)
     for _ in range(4):
-        residual = plant.residual
-        plant = solve(factor, columns, plant.picks, samples, residual)
-        before = plant.picks
+        residual = solution.residual
+        solution = solve(factor, columns, solution.picks, samples, residual)
+        before = solution.picks
         for j in range(m):
-            lowest = plant.picks[j - 1] + tuned.GRID_GAP if j else 0
-            highest = plant.picks[j + 1] - tuned.GRID_GAP if j + 1 < m else len(columns.grid_um) - 1
+            lowest = solution.picks[j - 1] + tuned.GRID_GAP if j else 0
+            highest = solution.picks[j + 1] - tuned.GRID_GAP if j + 1 < m else len(columns.grid_um) - 1
             for place in range(lowest, highest + 1):
-                picks = (*plant.picks[:j], place, *plant.picks[j + 1:])
-                plant = min(plant, solve(factor, columns, picks, samples, residual), key=lambda p: p.cost)
-        if plant.picks == before:
+                picks = (*solution.picks[:j], place, *solution.picks[j + 1:])
+                solution = min(solution, solve(factor, columns, picks, samples, residual), key=lambda p: p.cost)
+        if solution.picks == before:
             break
-    return plant
+    return solution
 
 
 def without_rate(factor: np.ndarray, columns: Columns) -> tuple[np.ndarray, Columns]:
@@ -194,11 +194,11 @@ def without_rate(factor: np.ndarray, columns: Columns) -> tuple[np.ndarray, Colu
     return np.hstack([factor[:, :n] + factor[:, n:2 * n], factor[:, 2 * n:]]), columns._replace(top_um_per_s=0.0)
 
 
-def offset_of(means: np.ndarray, columns: Columns, plant: Plant) -> float:
+def offset_of(means: np.ndarray, columns: Columns, solution: Solution) -> float:
     """Offset of one run, in units of the stroke: what its means leave."""
-    design, target = assemble(means[None, :], columns, plant.picks)
-    slopes = np.r_[plant.rest, plant.fast] if columns.top_um_per_s else plant.rest
-    return float((target - design @ np.r_[slopes, plant.pieces[1:]])[0])
+    design, target = assemble(means[None, :], columns, solution.picks)
+    slopes = np.r_[solution.rest, solution.fast] if columns.top_um_per_s else solution.rest
+    return float((target - design @ np.r_[slopes, solution.pieces[1:]])[0])
 
 
 def saturation_of(corners_um: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -20,6 +20,8 @@ from . import effects
 from .memory import entered_plays, from_middle, since_sweep_s
 
 SAME_TIME = 1e-9  # relative difference of sample times that are one
+LEAST_WINDOW = 3  # times what displacement changes with its rate: MANY of plant.c
+MOST_SAMPLES = 1 << 16  # over which a rate is taken; more are needed by no actuator
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +213,17 @@ def operating(model: Model, sample_time_s: float) -> Block:
     """The operator as a block. Its rate law acts on what the guard leaves of the rate."""
     law = model.rate
     rates = 0.0, min(law.max_um_per_s, LARGEST) if np.any(model.slope_rate_s_per_um) else 0.0
-    axis = unlimited(model, sample_time_s, model.swept(0.0))
-    return operator_block(axis, rates, (-model.gain_um_per_V * model.offset_V, model.gain_um_per_V),
-                          law.source == "control", (law.window_s, law.filter_s, sample_time_s))
+    pieces = np.cumsum(model.deadzone_weights)
+    longest = max(law.window_s, longest_s(model) if law.source == "displacement" else 0.0) / sample_time_s
+    return operator_block(unlimited(model, sample_time_s, model.swept(0.0)), rates,
+                          (-model.gain_um_per_V * model.offset_V, model.gain_um_per_V), law.source == "control",
+                          float(np.max(pieces) / np.min(pieces)), 2 + int(min(longest, MOST_SAMPLES)))
+
+
+def longest_s(model: Model) -> float:
+    """Over how long the displacement's rate must be taken at most, so that the law has one answer, s; see plant.h."""
+    apart_um = np.diff(model.thresholds_um)
+    furthest_um = 2 * model.stroke_um  # of the play with the highest threshold, whatever is driven
+    pieces = np.cumsum(model.deadzone_weights)
+    by_rate_s = np.abs(model.slope_rate_s_per_um) @ np.append(apart_um, furthest_um)
+    return float(LEAST_WINDOW * np.max(pieces)**2 / np.min(pieces) * by_rate_s)
