@@ -11,7 +11,7 @@ import numpy as np
 from .. import firmware
 from ..data import Recording
 from ..model import Model
-from ..simulate import effects, signals
+from ..simulate import effects, memory, signals
 from ..simulate.effects import Acting
 from . import thresholds as tuned
 from .strokes import Strokes, covered, strokes_of
@@ -90,16 +90,10 @@ class Setting:
             if run.memory != "reset":
                 columns.append(signals.goes_on(len(run))[rows])
             if run.memory == "unknown" and start is not None:
-                columns += list(self._remembering(run, start, rows).T)
+                moved = memory.first_moved(self.model.x_of(run.command_V), self.model.thresholds_um, start)
+                columns.append(rows[:, None] < moved)
             found.append(_orthonormal(np.column_stack(columns)))
         return found
-
-    def _remembering(self, run: Recording, start_um: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """What plays add that started elsewhere: a constant until the drive has moved them, (counted samples, plays)."""
-        outputs = firmware.plays(self.model.x_of(run.command_V), self.model.thresholds_um, start_um)[0]
-        moved = np.argmax(outputs != start_um, axis=0)
-        moved[np.all(outputs == start_um, axis=0)] = len(outputs)
-        return rows[:, None] < moved
 
     @cached_property
     def samples(self) -> int:

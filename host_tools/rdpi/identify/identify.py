@@ -455,8 +455,8 @@ def _of_solution(model: Model, solution: Solution, columns: Columns, runs: Seque
     """
     offsets = np.array([offset_of(run.means, columns, solution) for run in reduced]) * model.stroke_um
     # The offset of a run whose unknown memory is never erased holds what its plays remember: only if there is no other.
-    erased = [run.first == 0 or np.ptp(run.x_um) >= 2 * model.thresholds_um[-1] for run in runs]
-    weights = [(len(run.x_um) - run.first) * (sure or not any(erased)) for run, sure in zip(runs, erased)]
+    known = [run.recording.memory != "unknown" or np.ptp(run.x_um) >= 2 * model.thresholds_um[-1] for run in runs]
+    weights = [len(run.x_um) * (sure or not any(known)) for run, sure in zip(runs, known)]
     offset_um = float(np.average(offsets, weights=weights))
     corners_um = columns.grid_um[list(solution.picks)] - offset_um
     if np.any(corners_um <= 0):

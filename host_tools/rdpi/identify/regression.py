@@ -39,6 +39,12 @@ class Run:
     rate_um_per_s: np.ndarray
     states_um: np.ndarray
     first: int  # samples before this depend on unknown memory
+    steps: np.ndarray  # samples up to which a play adds a constant, where its start is an estimate, (steps,)
+
+    def asides(self, part: slice) -> np.ndarray:
+        """What is no matter of the model, (samples of the part, columns); the first is the offset."""
+        always = signals.asides(self.recording)[part]
+        return np.hstack([always, np.arange(part.start, part.start + len(always))[:, None] < self.steps])
 
 
 class Solution(NamedTuple):
@@ -65,11 +71,10 @@ class Columns(NamedTuple):
 
     def blocks(self, run: Run, every: int = 1) -> Iterator[np.ndarray]:
         """Blocks of at most CHUNK rows, one row for `every` samples, warm-up left out; first the columns of
-        signals.asides.
+        Run.asides.
         """
         states = run.states_um
         z = run.recording.displacement_um
-        asides = signals.asides(run.recording)
         for start in range(0, len(z), CHUNK):
             part = slice(start, start + CHUNK)
             outputs, states = firmware.plays(run.x_um[part], self.thresholds_um, states)
@@ -78,7 +83,7 @@ class Columns(NamedTuple):
                 share = (run.rate_um_per_s[part] / self.top_um_per_s)[:, None]
                 outputs = np.hstack([outputs * (1 - share), outputs * share])
             zone = np.maximum(z[part, None] - self.grid_um, 0)
-            block = np.hstack([asides[part], outputs, zone, z[part, None]])
+            block = np.hstack([run.asides(part), outputs, zone, z[part, None]])
             block = block[max(0, run.first - start)::every]
             if len(block):
                 yield block
@@ -97,7 +102,7 @@ def reduce(runs: Sequence[Run], columns: Columns, stroke: float,
     reduced: list[Reduced] = []
     everything, done = sum(len(run.x_um) for run in runs), 0
     for run in runs:
-        aside = signals.asides(run.recording).shape[1]
+        aside = run.asides(slice(0, 1)).shape[1]
         factor, samples = np.zeros((0, aside + columns.plays + len(columns.grid_um) + 1)), 0
         for block in columns.blocks(run, every):
             block[:, aside:] /= stroke
@@ -225,7 +230,11 @@ def prepare(runs: Sequence[Recording], bare: Model, smoothing_s: Sequence[float]
         x = bare.gain_um_per_V * (run.command_V - bare.offset_V)
         rate = rate_of(run, x, law.source, law.window_s, law.filter_s, smoothing)
         states, first = start_of(run, x, bare, swept, end)
-        prepared.append(Run(run, x, rate, states, first))
+        steps = np.zeros(0, int)
+        if run.past is not None:
+            moved = np.unique(memory.first_moved(x, bare.thresholds_um, states))
+            steps = moved[(moved > 0) & (moved < len(x))]
+        prepared.append(Run(run, x, rate, states, first, steps))
         end = firmware.plays(x, bare.thresholds_um, states)[1]
     return prepared
 
@@ -256,7 +265,8 @@ def parts_of(run: Run, thresholds_um: np.ndarray, parts: Sequence[slice]) -> Ite
         recording = replace(run.recording, columns={name: column[part] for name, column in
                                                     run.recording.columns.items()})
         yield replace(run, recording=recording, x_um=run.x_um[part], rate_um_per_s=run.rate_um_per_s[part],
-                      states_um=states, first=max(0, run.first - part.start))
+                      states_um=states, first=max(0, run.first - part.start),
+                      steps=run.steps[(run.steps > part.start) & (run.steps < part.stop)] - part.start)
         states = firmware.plays(run.x_um[part], thresholds_um, states)[1]
 
 

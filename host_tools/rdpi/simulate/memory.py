@@ -141,3 +141,12 @@ def warm_up(x_um: np.ndarray, largest_threshold_um: float) -> int:
     """
     spanned = np.maximum.accumulate(x_um) - np.minimum.accumulate(x_um)
     return int(np.argmax(spanned >= min(2 * largest_threshold_um, 0.999 * spanned[-1])))
+
+
+def first_moved(x_um: np.ndarray, thresholds_um: np.ndarray, states_um: np.ndarray) -> np.ndarray:
+    """The sample in which each play has first moved from its state, the number of samples if none, (n + 1,). Until there
+    a play that started elsewhere adds another constant, as long as it would have been moved then as well.
+    """
+    outputs = firmware.plays(x_um, thresholds_um, states_um)[0]
+    stays = outputs == states_um
+    return np.where(np.all(stays, axis=0), len(x_um), np.argmin(stays, axis=0))

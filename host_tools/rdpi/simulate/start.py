@@ -27,7 +27,7 @@ ROWS = 6000  # of the samples that are looked at, about so many count: more say 
 LAST = 3  # times as long as plays remember is looked at where no pole owes anything: what comes after shows the constant
 STEPS = 12  # of Gauss and Newton at most
 HALVINGS = 4  # of one that went too far
-ENOUGH = 0.01  # of the squares: a step that gains less is the last
+ENOUGH = 0.01  # of the cost: a step that gains less is the last
 POSITIONS = 9  # from which the input may have come straight, tried to begin with
 SLOPE_SPREAD = 3**-0.5  # standard deviation of a slope that is as likely anywhere from -1 to 1
 AWAY = 3**-0.5 / 2  # [stroke] that of a place in the range, from its middle
@@ -70,6 +70,11 @@ def started(model: Model, runs: Sequence[Recording]) -> list[Recording]:
             replace(run, past=estimated(Plant(model, run.sample_time_s), run).past) for run in runs]
 
 
+def _unexplained(missed: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+    """What no start explains, near by."""
+    return missed - jacobian @ np.linalg.lstsq(jacobian, missed, rcond=None)[0]
+
+
 class _Search:
     """One recording beside a plant. Unknowns: slopes of the plays' memory, what the poles owe, a constant."""
 
@@ -103,20 +108,21 @@ class _Search:
         at = min(zip(tried, misses, strict=True), key=lambda pair: self._cost(*pair, noise_um))[0]
         missed, ran = self._missed(at)
         for _ in range(STEPS if self.remembered > 1 or self.moves else 0):
-            noise_um = self._noise(missed)
+            jacobian = self._jacobian(at, ran)
+            noise_um = self._noise(_unexplained(missed, jacobian))
             before = self._cost(at, missed, noise_um)
-            step = self._step(at, missed, self._jacobian(at, ran), noise_um)
+            step = self._step(at, missed, jacobian, noise_um)
             for _ in range(HALVINGS):
                 new = at + step
                 new_missed, new_ran = self._missed(new)
-                if self._cost(new, new_missed, noise_um) < before:
+                after = self._cost(new, new_missed, noise_um)
+                if after < before:
                     break
                 step = step / 2
             else:
                 break
-            left = float(new_missed @ new_missed) / max(float(missed @ missed), 1e-300)
             at, missed, ran = new, new_missed, new_ran
-            if left > 1 - ENOUGH:
+            if after > before * (1 - ENOUGH):
                 break
         plays_um, past = self._plays(at), self._past(at)
         return Estimate(self.plant.after(self.first_V, plays_um, past), plays_um, past, self.remembered,
