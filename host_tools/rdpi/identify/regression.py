@@ -110,7 +110,7 @@ def reduce(runs: Sequence[Run], columns: Columns, stroke: float,
             samples += len(block)
             progress(min(1.0, (done + samples) * every / everything))
         done += samples
-        means = np.linalg.solve(factor[:aside, :aside], factor[:aside, aside:])[0]
+        means = np.linalg.lstsq(factor[:aside, :aside], factor[:aside, aside:], rcond=None)[0][0]
         reduced.append(Reduced(factor[aside:, aside:], means, samples))
     return reduced
 
