@@ -131,6 +131,20 @@ def behind(choice: Choice, amplifier: Amplifier, runs: Sequence[Recording]) -> C
     return Choice(plain, found, (*ahead, *rest))
 
 
+def lacking(choice: Choice, one: Kept) -> Choice:
+    """The same without one of the effects, the others fitted anew."""
+    less, others = one.without, [other for other in choice.kept if other is not one]
+    kept = [replace(other, acting=acting, without=less.trying(less.hypothesis.lacking(acting)))
+            for other, acting in zip(others, less.hypothesis.acting)]
+    found = Choice(choice.plain, less, tuple(kept))
+    return with_intervals(found, [other.acting.effect for other in kept], less.hypothesis.rated)
+
+
+def nothing(choice: Choice) -> Choice:
+    """The same without any effect."""
+    return Choice(choice.plain, choice.plain, ())
+
+
 def by_command(choice: Choice, runs: Sequence[Recording], names: Sequence[str] | None) -> Judged:
     """What was chosen behind an amplifier, with the command as the drive, and all that comes late ahead of the actuator;
     the same if nothing does.

@@ -77,6 +77,7 @@ class Fit:
     warnings: list[str] = field(default_factory=list)
     choice: Choice | None = None  # what stands around the operator; None: it was not asked
     plain: Model | None = None  # the operator alone, fitted as if nothing stood around it
+    variants: list[records.Variant] = field(default_factory=list)  # that were compared, the model first
 
     def record(self) -> records.FitRecord:
         """The key `fit` of the model file."""
@@ -85,12 +86,13 @@ class Fit:
                                     held_out=run.held_out, memory=run.memory, read_at=run.recording.metadata.get("read_at"),
                                     **run.score._asdict())
                   for run in self.scores],
-            noise_um=self.noise_um, warnings=list(self.warnings))
+            noise_um=self.noise_um, warnings=list(self.warnings), variants=list(self.variants))
 
     def document(self, path: str, gate_failed: bool) -> FitDocument:
         """The document of `rdpi fit --json`; `path` is that of the model file."""
         known = self.record()
-        return FitDocument(runs=known.runs, noise_um=known.noise_um, warnings=known.warnings, model=path,
+        return FitDocument(runs=known.runs, noise_um=known.noise_um, warnings=known.warnings, variants=known.variants,
+                           model=path,
                            gate_failed=gate_failed, rate_slopes=self.rate_slopes.bands(),
                            effects=around.sections(self.choice), sweep=self.sweep.record())
 
@@ -114,12 +116,16 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
 
     rounds = 2 if options.effects != around.NONE and any(run.memory == "unknown" for run in runs) else 1
     remarks: list[str] = []
-    whole = _identified(runs, frame, options, remarks, lambda share: progress(0.7 * share / rounds))
+    begun = runs
+    whole = _identified(begun, frame, options, remarks, lambda share: progress(0.6 * share / rounds))
     for k in range(1, rounds):  # what was before a recording is estimated anew beside what stands around the operator
-        runs, remarks = started(whole.model, runs), []
-        whole = _identified(runs, frame, options, remarks, lambda share: progress(0.7 * (k + share) / rounds))
+        begun, remarks = started(whole.model, runs), []
+        whole = _identified(begun, frame, options, remarks, lambda share: progress(0.6 * (k + share) / rounds))
     warnings += remarks
-    plain, found, chosen, model = whole
+    tried = _compared(whole, begun, [*runs, *hold_out], frame, options)
+    if around.wanted(options.effects) is None:
+        tried.sort(key=lambda one: one.missed_um)  # the chain that was chosen, or what misses less with less
+    (plain, found, chosen, model), predictions, left_out, _ = tried[0]
     seen = [run.recording for run in found.runs]
     if found.columns.top_um_per_s:
         _compare_sources(seen, found, options, warnings)
@@ -138,19 +144,18 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if several_rates and not (chosen is not None and chosen.found.hypothesis.comes_late):
         _check_order(found.model, warnings)
     progress(0.7)
-    predictions = chain.simulate(model, [*runs, *hold_out])
     scores = _scores(runs, hold_out, predictions, warnings)
     _remark(found.solution, scores, model.stroke_um, warnings)
     if len(found.solution.picks) < options.deadzones:
         warnings.append(f"only {len(found.solution.picks)} of {options.deadzones} dead zones are fitted, because more "
                         "would lie at or below zero; check for ringing and delay, and that the range is covered")
-    left_out = _leave_out(found, runs, effects.acting(model), predictions)
     drift_um = _half_loop_um(model) if found.sweep.drifts else 0.0
     model.passport = _passport(runs, hold_out, predictions, left_out, noises, drift_um, warnings).to_json()
     bands = slopes_of_bands(found.model, found.runs)
     progress(1.0)
     result = Fit(model, (found.solution.residual, found.without.residual), scores, bands,
-                 float(np.median(noises[:len(runs)])), found.sweep, warnings, chosen, plain.model)
+                 float(np.median(noises[:len(runs)])), found.sweep, warnings, chosen, plain.model,
+                 [one.variant(frame.stroke_um) for one in tried])
     model.fit = result.record().to_json()
     return result
 
@@ -167,7 +172,6 @@ class _Whole(NamedTuple):
 def _identified(runs: Sequence[Recording], frame: Frame, options: Options, warnings: list[str],
                 progress: Callable[[float], None]) -> _Whole:
     plain = _operator(runs, frame, options, not options.rate_independent, lambda share: progress(0.4 * share))
-    found, chosen, chain_of_rig = plain, None, []
     if options.effects != around.NONE:
         amplifier, behind, driven = _behind_amplifier(plain, runs, frame, options, warnings)
         inner = frame.of_others(around.without_ringing(behind, driven, options), options)
@@ -182,7 +186,6 @@ def _identified(runs: Sequence[Recording], frame: Frame, options: Options, warni
                                 f"what was not fitted, instead of {free.rms_um:.3g} driven by the command; check that the "
                                 "column holds what drives the actuator, sampled at the same time, without glitches and hum")
                 chosen = around.identify(plain, runs, options, lambda share: progress(0.9 + 0.1 * share))
-        chain_of_rig = around.entries(chosen)
         if chosen.kept and chosen.found.rms_um > chosen.plain.rms_um:
             warnings.append(f"with {', '.join(one.acting.effect.name for one in chosen.kept)} the model misses more of "
                             "what was not fitted than the operator alone; leave out what is not there, or use "
@@ -194,13 +197,71 @@ def _identified(runs: Sequence[Recording], frame: Frame, options: Options, warni
                             f"{chosen.percent(chosen.perhaps.rms_um):.2g} % of the stroke instead of "
                             f"{chosen.percent(chosen.found.rms_um):.2g} %, but too few parts show it; record more, or take "
                             f"them with --effects {','.join(all_of_them)}")
-        filter_s = chosen.found.state.setting.rate_filter_s
-        if chain_of_rig or filter_s != plain.model.rate.filter_s:
-            rated = chosen.found.hypothesis.rated and not options.rate_independent
-            seen = chosen.found.state.seen()
-            found = _operator(seen, frame.of_others(seen, options), replace(options, rate_filter_s=filter_s), rated)
+        return _around(plain, chosen, frame, options)
+    return _Whole(plain, plain, None, plain.model)
+
+
+def _around(plain: Operator, chosen: Choice, frame: Frame, options: Options, sweep: SweepStart | None = None) -> _Whole:
+    """The operator fitted to what it alone made of the recordings, and what was chosen around it."""
+    found, chain_of_rig = plain, around.entries(chosen)
+    filter_s = chosen.found.state.setting.rate_filter_s
+    if chain_of_rig or filter_s != plain.model.rate.filter_s:
+        rated = chosen.found.hypothesis.rated and not options.rate_independent
+        seen = chosen.found.state.seen()
+        found = _operator(seen, frame.of_others(seen, options), replace(options, rate_filter_s=filter_s), rated, sweep=sweep)
     model = replace(found.model, effects=chain_of_rig, operator_alone=plain.model.alone() if chain_of_rig else None)
     return _Whole(plain, found, chosen, model)
+
+
+class _Tried(NamedTuple):
+    """A model, and what it misses of whole recordings."""
+
+    whole: _Whole
+    predictions: list[chain.Prediction]
+    left_out: list[np.ndarray | None]  # of each run, (samples,); see _leave_out
+    missed_um: float  # rms of that, each run's offset apart; every recording counts alike
+
+    def variant(self, stroke_um: float) -> records.Variant:
+        """For the model file and the document."""
+        model, acting = self.whole.model, effects.acting(self.whole.model)
+        rated = bool(np.any(model.slope_rate_s_per_um))
+        parameters = len(model.slopes) * (1 + rated) + len(model.deadzones_um) + sum(len(one.effect.fitted) for one in acting)
+        return records.Variant(effects=[one.effect.name for one in acting], rate_law=rated, parameters=parameters,
+                               left_out_percent=100 * self.missed_um / stroke_um)
+
+
+def _tried(whole: _Whole, runs: Sequence[Recording]) -> _Tried:
+    """... of `runs`, the first of which were fitted, each from a start as chain.simulate has it."""
+    predictions = chain.simulate(whole.model, runs)
+    fitted = runs[:len(whole.found.runs)]
+    left_out = _leave_out(whole.found, fitted, effects.acting(whole.model), predictions)
+    missed = [run.displacement_um - one.predicted_um if left is None else left
+              for run, one, left in zip(fitted, predictions, left_out)]
+    return _Tried(whole, predictions, left_out, float(np.sqrt(np.mean([np.var(one) for one in missed]))))
+
+
+def _compared(whole: _Whole, begun: Sequence[Recording], runs: Sequence[Recording], frame: Frame, options: Options
+              ) -> list[_Tried]:
+    """A model, and what has less: chains that lack one effect of it, or of the best of these, the operator alone, the
+    operator without a rate law. `begun`: what is fitted, with starts that were estimated; `runs`: as recorded.
+    """
+    best = _tried(whole, runs)
+    tried, plain, sweep = [best], whole.plain, whole.found.sweep
+    # What monitor_V shows is there, whatever it brings.
+    while whole.chosen is not None and len((now := best.whole.chosen).kept) > 1 and not any(one.stage_shown for one in now.kept):
+        less = [_tried(_around(plain, around.lacking(now, one), frame, options, sweep), runs) for one in now.kept]
+        tried += less
+        better = min(less, key=lambda one: one.missed_um)
+        if better.missed_um > best.missed_um:
+            break
+        best = better
+    nothing = None if whole.chosen is None else around.nothing(whole.chosen)
+    if whole.found is not plain:
+        tried.append(_tried(_Whole(plain, plain, nothing, plain.model), runs))
+    if np.any(plain.model.slope_rate_s_per_um):
+        still = _operator(begun, frame, options, False, sweep=plain.sweep)
+        tried.append(_tried(_Whole(plain, still, nothing, still.model), runs))
+    return tried
 
 
 @dataclass(frozen=True)
@@ -252,13 +313,14 @@ class Operator:
 
 
 def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: bool,
-              progress: Callable[[float], None] = lambda fraction: None) -> Operator:
+              progress: Callable[[float], None] = lambda fraction: None, sweep: SweepStart | None = None) -> Operator:
+    """`sweep`: where a sweep leaves the plays, if that is known already."""
     low_V, high_V = frame.range_V
     ends_V = (low_V if options.min_V is None else options.min_V, high_V if options.max_V is None else options.max_V)
     if not ends_V[1] > ends_V[0]:
         raise BadInput(f"`max_V` {ends_V[1]:g}: must be above the lowest drive, {ends_V[0]:g} V; give `min_V` "
                        "and `max_V`")
-    sweep = sweep_start(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, ends_V)
+    sweep = sweep or sweep_start(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, ends_V)
     plays = len(frame.thresholds_um)
     bare = Model(  # until one is fitted
         gain_um_per_V=frame.gain_um_per_V, offset_V=frame.offset_V, offset_um=0.0, stroke_um=frame.stroke_um,

@@ -10,5 +10,5 @@ from .plant import Plant, Simulator, State
 from .shown import ASSUMED, shown
 from .start import doubted, started
 
-__all__ = ["ALL", "ASSUMED", "Inverse", "Plant", "Prediction", "Simulator", "State", "chain", "doubted", "effects", "inverse_of", "memory",
-           "scoring", "shown", "signals", "started", "swept_ticks", "tracking"]
+__all__ = ["ALL", "ASSUMED", "Inverse", "Plant", "Prediction", "Simulator", "State", "chain", "doubted", "effects", "inverse_of",
+           "memory", "scoring", "shown", "signals", "started", "swept_ticks", "tracking"]
