@@ -16,7 +16,7 @@ import numpy as np
 from .. import firmware
 from ..data import Recording
 from ..model import Model
-from ..simulate import chain, effects, plant
+from ..simulate import chain, effects, operating
 from ..simulate.effects import Acting, Residuals
 
 BLOCKS = 8  # of each recording
@@ -118,7 +118,7 @@ class ModelRun:
 
 
 def _operating(model: Model, sample_time_s: float) -> firmware.Bank:
-    return firmware.Bank([plant.operating(model, sample_time_s)])
+    return firmware.Bank([operating(model, sample_time_s)])
 
 
 def model_runs(model: Model, runs: Sequence[Recording], monitored: bool, paired: bool = False) -> list[ModelRun]:
@@ -135,10 +135,9 @@ def model_runs(model: Model, runs: Sequence[Recording], monitored: bool, paired:
     inputs = [run if sure else replace(run, metadata={**run.metadata, "memory": "unknown"})
               for run, sure in zip(inputs, known)]
     kept = effects.entries(one for one in effects.acting(model) if not (monitored and one.effect.before_monitor))
-    plain = replace(model, effects=[])
-    return [ModelRun(run, plain, found.start_um, sure, sure and run.memory == "reset", found.rate_um_per_s,
-                     monitored)
-            for run, sure, found in zip(runs, known, chain.simulate(replace(model, effects=kept), inputs))]
+    plain, known_model = replace(model, effects=[]), replace(model, effects=kept)
+    return [ModelRun(run, plain, found.start_um, sure, sure and run.memory == "reset", found.rate_um_per_s, monitored)
+            for run, sure, found in zip(runs, known, chain.simulate(known_model, inputs))]
 
 
 class Dataset:

@@ -136,9 +136,9 @@ class _Search:
         return self.x0_um + np.r_[0.0, np.cumsum(slopes * self.gaps_um)]
 
     def _owing(self) -> np.ndarray:
-        """What is no matter of the start: a constant and disturbances, (rows, columns), orthonormal."""
+        """What is no matter of the start: a constant, drift and disturbances, (rows, columns), orthonormal."""
         run = replace(self.run, columns=self.columns)
-        beside = [signals.asides(self.run)[self.used][self.rows]]
+        beside = [signals.asides(self.run)[self.used][self.rows], self.rows[:, None] / len(self.run)]
         columns = [one.effect.columns(run, one.values, self.model)[self.rows] for one in self.plant.acting
                    if one.effect.disturbance]
         return np.linalg.qr(np.column_stack([*beside, *columns]))[0]
