@@ -375,6 +375,22 @@ def test_follow_what_was_measured_gives_the_recorded_command(drift_um: float) ->
     assert np.sqrt(np.mean((steps.drive_V - run.command_V)[late:] ** 2)) < 0.003 * np.ptp(run.command_V)
 
 
+@pytest.mark.parametrize("end", ["low", "high"])
+def test_follow_starts_from_a_rest_at_an_end(end: str) -> None:
+    model = paper_model()
+    sign = 1.0 if end == "low" else -1.0
+    command = 50 - sign * 40 * np.cos(2 * np.pi * 5 * TIME_S)
+    run = recording(command, chain.simulate(model, [recording(command)], end)[0].predicted_um, end)
+    started = []
+
+    def engine(model: Model, reference_um: np.ndarray) -> firmware.Steps:
+        started.append(model.memory.plays_um)
+        return firmware.engine(model, SAMPLE_TIME_S, "f64").step(reference_um)
+
+    chain.follow(model, run, "displacement_um", engine)
+    np.testing.assert_allclose(started[0], model.x_of(command[0]) + sign * model.thresholds_um, atol=1e-9)
+
+
 def test_follow_estimates_the_start_beside_the_effects() -> None:
     """A sensor's delay is no memory."""
     states, run = run_after(0.35)

@@ -662,10 +662,9 @@ def _remark(solution: Solution, scores: Sequence[RunScore], stroke_um: float, wa
     for run in scores:
         path, stays = run.recording.path, stays_at_an_end(run.recording)
         if run.memory == "estimated":
-            warnings.append(f"{path}: the memory at the start is unknown; the prediction starts from an estimate" + (
-                "" if run.held_out else ", and the fit leaves out what comes before the drive has erased it; record "
-                "right after a decaying sweep, and write # memory: reset above the columns, or cut the sweep off with "
-                "`rdpi import --drive`"))
+            warnings.append(f"{path}: the memory at the start is unknown and is estimated" + (
+                "" if run.held_out else "; where it is known, say so above the columns: # memory: reset right after a "
+                "decaying sweep, as `rdpi import --drive` cuts it off, # memory: low or high after a rest at that end"))
         rate_hz = run.recording.sample_rate_hz
         lasts_s = len(run.recording) / rate_hz
         if rate_hz < tuned.SLOW_HZ or lasts_s > tuned.LONG_S:

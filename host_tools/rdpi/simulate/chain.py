@@ -148,8 +148,8 @@ def follow(model: Model, run: Recording, column: str = "reference_um", engine: s
     reference ahead of time, the column's own future is that; its last value holds at the end.
 
     Before the first sample the plays are as the metadata `memory` says: reset, a decaying sweep ended at the first
-    reference, SWEPT_S ago (memory.py); unknown, estimated if the run also has command and displacement, else the
-    model's own. With `sweep` they are, whatever the metadata say, as the start-up sweep leaves them, from the model's
+    reference, SWEPT_S ago (memory.py); low or high, a rest at that end, where the run also has a command; else estimated if it
+    also has command and displacement, or the model's own. With `sweep` they are, whatever the metadata say, as the start-up sweep leaves them, from the model's
     own. Engines "f32" and "q31" are
     the firmware library, "f64" the first in double, "numpy" the independent reference, which has no sweep; a function
     makes the steps of operator and reference, and the sweep before them and the chain are its own affair. Returns the
@@ -206,10 +206,15 @@ def _memory_before(model: Model, by: Inverse, run: Recording, first_um: float) -
     inverted = by.model
     if run.memory == "reset":
         return rest_at(inverted, first_um, by.chain, run.sample_time_s)
-    if run.command_V is None or run.displacement_um is None:
+    if run.command_V is None:
         return inverted.memory
-    # the recording shows every effect, whatever is compensated
-    states = estimated(Plant(inverted if by.alone else model, run.sample_time_s), run).plays_um
+    plant = Plant(inverted if by.alone else model, run.sample_time_s)  # shows every effect, whatever is compensated
+    if run.memory in ENDS:
+        states = plant.held(float(run.command_V[0]), run.memory).plays_um
+    elif run.displacement_um is None:
+        return inverted.memory
+    else:
+        states = estimated(plant, run).plays_um
     return within_drive(replace(inverted, memory=replace(inverted.memory, x_um=float(states[0]), plays_um=states)))
 
 
