@@ -14,19 +14,6 @@ void rdpi_batch_plays(const rdpi_real_t *x_um, size_t samples, const rdpi_real_t
     }
 }
 
-void rdpi_batch_lags(const rdpi_real_t *signal, size_t samples, const rdpi_real_t *pole, const rdpi_real_t *gain,
-                     size_t count, rdpi_real_t *ahead, rdpi_real_t *sum)
-{
-    for (size_t k = 0; k < samples; k++) {
-        rdpi_real_t step = k ? signal[k] - signal[k - 1] : 0, total = 0;
-        for (size_t i = 0; i < count; i++) {
-            ahead[i] = k ? pole[i] * ahead[i] - gain[i] * step : ahead[i];
-            total += ahead[i];
-        }
-        sum[k] = total;
-    }
-}
-
 rdpi_status_t rdpi_batch_rate(rdpi_real_t window_s, rdpi_real_t filter_s, rdpi_real_t sample_time_s,
                               const rdpi_real_t *z_um, size_t samples, rdpi_real_t *rate_um_per_s)
 {

@@ -4,17 +4,12 @@
 #ifndef RDPI_BATCH_H
 #define RDPI_BATCH_H
 
+#include "plant.h"
 #include "rdpi/rdpi.h"
 
 /* Moves a bank of plays, states `y_um`, through `samples` inputs; outputs[k * count + i] is play i at sample k. */
 void rdpi_batch_plays(const rdpi_real_t *x_um, size_t samples, const rdpi_real_t *r_um, size_t count,
                       rdpi_real_t *y_um, rdpi_real_t *outputs_um);
-
-/* Lags of a signal that is straight between samples: how far they are ahead of it in all, sum[k]. `ahead` is how far
- * each is at the first sample, and then at the last. y' = (u - y) / T gives y_k - u_k = pole (y_(k-1) - u_(k-1))
- * - gain (u_k - u_(k-1)), pole = exp(-h / T), gain = (1 - pole) T / h. */
-void rdpi_batch_lags(const rdpi_real_t *signal, size_t samples, const rdpi_real_t *pole, const rdpi_real_t *gain,
-                     size_t count, rdpi_real_t *ahead, rdpi_real_t *sum);
 
 /* rdpi_f32_rate_step over an array, from a fresh estimator. */
 rdpi_status_t rdpi_batch_rate(rdpi_real_t window_s, rdpi_real_t filter_s, rdpi_real_t sample_time_s,
@@ -109,10 +104,41 @@ void rdpi_f32_reset(rdpi_f32_t *self);
 rdpi_status_t rdpi_f32_set_memory(rdpi_f32_t *self, const rdpi_real_t *y_um);
 void rdpi_f32_get_memory(const rdpi_f32_t *self, rdpi_real_t *y_um);
 void rdpi_f32_missed(rdpi_f32_t *self, uint32_t ticks);
+
+typedef struct {
+    uint16_t window, oldest;
+    ...;
+} rdpi_f32_rate_t;
+#define RDPI_BLOCK_LINE ...
+#define RDPI_BLOCK_BENT ...
+#define RDPI_BLOCK_CUBIC ...
+#define RDPI_BLOCK_CLAMP ...
+#define RDPI_BLOCK_ROUND ...
+#define RDPI_BLOCK_STAIRCASE ...
+#define RDPI_BLOCK_SLEW ...
+#define RDPI_BLOCK_DELAY ...
+#define RDPI_BLOCK_LAGS ...
+#define RDPI_BLOCK_RING ...
+#define RDPI_BLOCK_PLAY ...
+#define RDPI_BLOCK_WIDEN ...
+#define RDPI_BLOCK_OPERATOR ...
+typedef struct {
+    int kind;
+    uint32_t count;
+    rdpi_real_t p[7];
+    const rdpi_real_t *a, *b, *c;
+    rdpi_real_t *state;
+    rdpi_f32_rate_t *rate;
+    rdpi_f32_t *axis;
+    int of_control;
+} rdpi_block_t;
+rdpi_status_t rdpi_plant_rate_init(rdpi_f32_rate_t *rate, rdpi_real_t window_s, rdpi_real_t filter_s,
+                                   rdpi_real_t sample_time_s);
+void rdpi_plant_run(const rdpi_block_t *block, size_t count, size_t samples, rdpi_real_t *signal, rdpi_real_t *driven_V,
+                    rdpi_real_t *rate_um_per_s);
+
 void rdpi_batch_plays(const rdpi_real_t *x_um, size_t samples, const rdpi_real_t *r_um, size_t count,
                       rdpi_real_t *y_um, rdpi_real_t *outputs_um);
-void rdpi_batch_lags(const rdpi_real_t *signal, size_t samples, const rdpi_real_t *pole, const rdpi_real_t *gain,
-                     size_t count, rdpi_real_t *ahead, rdpi_real_t *sum);
 rdpi_status_t rdpi_batch_rate(rdpi_real_t window_s, rdpi_real_t filter_s, rdpi_real_t sample_time_s,
                               const rdpi_real_t *z_um, size_t samples, rdpi_real_t *rate_um_per_s);
 void rdpi_batch_step(rdpi_f32_t *self, const rdpi_real_t *reference_um, size_t samples, rdpi_real_t *drive_V,

@@ -30,13 +30,13 @@ from typing import Any
 import numpy as np
 
 from .board import compensate as followed
-from .data import RATES_HZ, Recording, arguments, read_recording
+from .data import ENDS, RATES_HZ, Recording, arguments, read_recording, taken
 from .errors import BadInput
 from .firmware import ENGINES, write_header
 from .gap import GapDocument, diagnose as diagnosis_of
 from .identify import Options, fit as identified
 from .model import Model as Parameters, read_model, write_model
-from .simulate import chain, inverse_of
+from .simulate import Plant, Simulator, State, chain, inverse_of
 
 __all__ = ["Diagnosis", "Model", "Recording", "diagnose", "fit", "read_recording"]
 
@@ -68,19 +68,58 @@ class Model:
         """Write the model file, atomically. Raises BadInput for numbers that make no model, OSError."""
         write_model(arguments.path(path), self.parameters)
 
-    def predict(self, run: Recording) -> np.ndarray:
-        """Displacement in um, (samples,), that the model predicts from the command of a recording.
+    def predict(self, run: Recording | Sequence[float] | np.ndarray, sample_time_s: float | None = None, *,
+                start: State | str | None = None) -> np.ndarray:
+        """Displacement in um, (samples,), that the model predicts from the command of a recording, or from a drive in V,
+        (samples,), and its sample time in s.
 
-        The run's metadata say where the hysteresis starts (memory), as for `rdpi simulate`; a drive without the column
-        displacement_um starts from the model's memory.
+        A recording's metadata say where it starts (memory), as for `rdpi simulate`; one of unknown memory starts from an
+        estimate that needs its measured displacement, or from the model's memory if it has none. `start` says otherwise:
+        "reset", after a decaying sweep that ended at the first drive; "low" or "high", that end of the drive's range, after
+        a rest; "model", the model's memory, as for a drive without a recording by default; or the `state` of a simulator.
 
         >>> run = read_recording("today.csv")
-        >>> Model.load("model.json").predict(run).shape == run.command_V.shape
+        >>> model = Model.load("model.json")
+        >>> model.predict(run).shape == run.command_V.shape
+        True
+        >>> model.predict(50 - 50 * np.cos(np.arange(1000) / 50), 1e-3, start="low").shape
+        (1000,)
+        """
+        parameters = arguments.of_kind(self.parameters, Parameters, "parameters")
+        parameters.validate()
+        if not isinstance(run, Recording):
+            if sample_time_s is None:
+                raise BadInput("run: give a recording, or a drive in V and its sample_time_s")
+            run = _run("command_V", run, sample_time_s)
+        elif sample_time_s is not None:
+            raise BadInput("sample_time_s: a recording has its own; give it with a drive only")
+        if isinstance(start, State):
+            (run,) = taken([run], ["command_V"], "run")
+            plant = Plant(parameters, run.sample_time_s)
+            ran = plant.run(run.command_V, start, run.columns)
+            return ran.displacement_um
+        if start is not None:
+            arguments.one_of(start, ("reset", *ENDS, "model"), "start")
+        return chain.simulate(parameters, [run], start or "auto")[0].predicted_um
+
+    def simulator(self, sample_time_s: float, start_V: float | None = None, state: State | None = None) -> Simulator:
+        """The actuator sample by sample: `step(drive_V) -> displacement_um`, `run(array)`, and `state`, which may be read
+        and set. It begins as a decaying sweep that ended at `start_V`, by default the middle of the drive's range, leaves
+        it, or goes on from a state.
+
+        >>> actuator = Model.load("model.json").simulator(1e-3)
+        >>> before = actuator.state
+        >>> z_um = actuator.step(60.0)
+        >>> actuator.state = before
+        >>> z_um == actuator.run([60.0, 60.0])[0]
         True
         """
-        arguments.of_kind(run, Recording, "run")
         arguments.of_kind(self.parameters, Parameters, "parameters").validate()
-        return chain.simulate(self.parameters, [run])[0].predicted_um
+        if start_V is not None:
+            start_V = arguments.number(start_V, "start_V")
+        if state is not None:
+            arguments.of_kind(state, State, "state")
+        return Simulator(self.parameters, _sample_time(sample_time_s), start_V, state)
 
     def compensate(self, reference_um: Sequence[float] | np.ndarray, sample_time_s: float,
                    engine: str = "f32") -> np.ndarray:
@@ -94,20 +133,13 @@ class Model:
         >>> Model.load("model.json").compensate(reference_um, 1e-3).shape
         (100,)
         """
-        wanted = arguments.series(reference_um, "reference_um")
-        step_s = arguments.number(sample_time_s, "sample_time_s")
-        if not 1 / RATES_HZ[1] <= step_s <= 1 / RATES_HZ[0]:
-            raise BadInput(f"sample_time_s is {step_s:g}; must be positive, {1 / RATES_HZ[1]:g} to {1 / RATES_HZ[0]:g}")
         arguments.one_of(engine, (*ENGINES, "numpy"), "engine")
-        if not len(wanted):
-            raise BadInput("reference_um: give at least one value")
-        run = Recording("reference_um", {"sample_rate_hz": repr(1 / step_s)},
-                        {"time_s": step_s * np.arange(len(wanted)), "reference_um": wanted})
+        run = _run("reference_um", reference_um, sample_time_s)
         by = inverse_of(self.parameters)
         found = followed(self.parameters, run, "reference_um", engine, by=by)
         if clipped := found.flag_counts["range"]:
             low_um, high_um = chain.reachable_um(by.model)
-            warnings.warn(f"the drive is clipped at {clipped} of {len(wanted)} samples: the reference spans "
+            warnings.warn(f"the drive is clipped at {clipped} of {len(run)} samples: the reference spans "
                           f"{found.asked_um[0]:.5g} to {found.asked_um[1]:.5g} um, the model reaches {low_um:.5g} to "
                           f"{high_um:.5g} um", stacklevel=2)
         return found.steps.drive_V.astype(float)
@@ -120,6 +152,21 @@ class Model:
         inverse = inverse_of(self.parameters)
         write_header(inverse.model, arguments.path(path), arguments.of_kind(name, str, "name"), "",
                      inverse.chain, inverse.addends, inverse.jump)
+
+
+def _sample_time(sample_time_s: float) -> float:
+    step_s = arguments.number(sample_time_s, "sample_time_s")
+    if not 1 / RATES_HZ[1] <= step_s <= 1 / RATES_HZ[0]:
+        raise BadInput(f"sample_time_s is {step_s:g}; must be positive, {1 / RATES_HZ[1]:g} to {1 / RATES_HZ[0]:g}")
+    return step_s
+
+
+def _run(column: str, values: Sequence[float] | np.ndarray, sample_time_s: float) -> Recording:
+    """A recording of one column, named as that."""
+    values, step_s = arguments.series(values, column), _sample_time(sample_time_s)
+    if not len(values):
+        raise BadInput(f"{column}: give at least one value")
+    return Recording(column, {"sample_rate_hz": repr(1 / step_s)}, {"time_s": step_s * np.arange(len(values)), column: values})
 
 
 class Diagnosis:

@@ -17,6 +17,7 @@ from rdpi.gap.dataset import BLOCKS, Dataset
 from rdpi.gap.normal_equations import LEFT_OUT, NormalEquations
 from rdpi.simulate import chain
 from rdpi.simulate.effects import CATALOGUE, Acting
+from rdpi.simulate.memory import states_after
 
 # An effect, where it acts, and the parameters a plant has; which of them to find, and how nearly.
 INJECTED: dict[str, tuple[str, dict[str, float], dict[str, float]]] = {
@@ -97,7 +98,7 @@ def test_the_plays_may_start_elsewhere() -> None:
     model = plain_model()
     one_run = Dataset(model, recorded(model, drives())[:1]).model_runs[0]
     before, columns = one_run.predict([]), one_run.model_jacobian
-    start = chain.states_after(one_run.start_um[0] + 3.0, one_run.start_um[0], model.thresholds_um)
+    start = states_after(one_run.start_um[0] + 3.0, one_run.start_um[0], model.thresholds_um)
     elsewhere = one_run.starting(start)
     assert np.abs(elsewhere.predict([]) - before).max() > 0.05
     assert np.abs(elsewhere.model_jacobian - columns).max() > 0.05
@@ -112,7 +113,7 @@ def test_a_start_that_is_no_sweeps_stays_when_the_first_sample_moves() -> None:
     x0 = float(model.x_of(curve.effect.drive(swept.input_V, swept.recording, curve.values, model)[0]))
     assert abs(x0 - swept.start_um[0]) > 0.1
     assert swept.predict([curve]) == pytest.approx(swept.predict([curve], model.swept(x0)), abs=1e-9)
-    start = chain.states_after(x0 + 3.0, x0, model.thresholds_um)
+    start = states_after(x0 + 3.0, x0, model.thresholds_um)
     elsewhere = swept.starting(start)
     assert elsewhere.predict([curve]) == pytest.approx(swept.predict([curve], start), abs=1e-9)
     assert rms(elsewhere.predict([curve]) - swept.predict([curve])) > 0.01
@@ -332,9 +333,9 @@ def test_memory_is_found_beside_a_drift() -> None:
     model = plain_model()
     run = drives()[2]
     x0 = float(model.x_of(run.command_V[0]))
-    start = chain.states_after(x0 + 4.0, x0, model.thresholds_um)
+    start = states_after(x0 + 4.0, x0, model.thresholds_um)
     wrong = replace(model, memory=replace(model.memory, x_um=x0, plays_um=start))
-    (shown,) = recorded(wrong, [marked(run, memory="carried")])
+    (shown,) = recorded(wrong, [marked(run, memory="unknown")])
     shown = marked(changed(shown, displacement_um=shown.displacement_um + 0.3 * run.time_s), memory="reset")
     dataset = Dataset(model, [shown])
     drift = found(dataset, "thermal_drift")

@@ -96,10 +96,13 @@ def test_json(fitted: Callable, runs: dict[str, Path], tmp_path: Path) -> None:
         assert row["max_percent"] == pytest.approx(100 * row["max_um"] / np.ptp(run.displacement_um))
     assert result["model"] == str(tmp_path / "model.json") and result["gate_failed"] is False
     assert result["noise_um"] == pytest.approx(0.004, rel=0.2)
-    assert len(result["warnings"]) == 1 and "about the same rate" in result["warnings"][0]
+    assert result["warnings"] == []
+    first, *others = result["variants"]
+    assert others and all(first["left_out_percent"] <= one["left_out_percent"] for one in others)
+    assert first["rate_law"] == bool(np.any(model.slope_rate_s_per_um)) and first["effects"] == []
     for band in result["rate_slopes"]:
         assert set(band) == {"rate_um_per_s", "slopes", "samples"} and len(band["slopes"]) == 10
-    assert {key: result[key] for key in ("runs", "noise_um", "warnings")} == document["fit"]
+    assert {key: result[key] for key in ("runs", "noise_um", "warnings", "variants")} == document["fit"]
 
 
 def test_printed(fitted: Callable, runs: dict[str, Path]) -> None:
@@ -236,7 +239,7 @@ BAD_TEXT: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
                        r":31: time_s runs backwards \(0\.05 then 0\.012\); cut"),
     "a gap": (lambda lines: [*lines[:30], *lines[40:]], r":31: sampling is not uniform.*0\.022.*0\.002.*resample"),
     "wrong rate": (edit(1, "500", "5000"), r":1: sample_rate_hz is 5000, but the times give 500; correct"),
-    "unknown memory": (edit(2, "reset", "forgotten"), r":2: memory is 'forgotten'; use one of reset, carried, unknown"),
+    "unknown memory": (edit(2, "reset", "forgotten"), r":2: memory is 'forgotten'; use one of reset, low, high, carried, unknown"),
 }
 BAD_COLUMNS: dict[str, tuple[Callable[[Path], None], str]] = {
     "constant command": (columns(command_V=lambda V: 0 * V + 12.5),

@@ -29,6 +29,7 @@ from rdpi.gap.spectrum import Spectrum
 from rdpi.model import Memory, Model
 from rdpi.simulate import chain, effects
 from rdpi.simulate.effects import CATALOGUE, STAGES
+from rdpi.simulate.memory import states_after
 
 # Plain to see in LATER; which parameter to find, and how nearly: the model is fitted and has an error of its own.
 PLAIN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
@@ -174,7 +175,7 @@ def come_from(place_V: float, hertz: float, middle_V: float, half_V: float, seed
     """The plant came straight from `place_V` to the middle of a sine that grows."""
     model, t = plain_model(), np.arange(3000) / RATE_HZ
     x = float(model.x_of(middle_V))
-    start = chain.states_after(float(model.x_of(place_V)), x, model.thresholds_um)
+    start = states_after(float(model.x_of(place_V)), x, model.thresholds_um)
     plant = replace(model, memory=Memory(x, start), effects=list(effects))
     command = middle_V + half_V * np.sin(2 * np.pi * hertz * t) * np.linspace(0.4, 1, len(t))
     silent = recording(command, None, RATE_HZ, f"{hertz} Hz.csv", memory)
@@ -458,7 +459,7 @@ def test_recordings_whose_memory_is_not_known(name: str, values: dict[str, float
     model, runs, t = plain_model(), [], np.arange(4000) / RATE_HZ
     for share, hertz, came_from_V in ((1.0, 1.0, 100.0), (0.6, 4.0, 0.0), (0.8, 2.0, 100.0)):
         x = float(model.x_of(50.0))
-        start = chain.states_after(float(model.x_of(came_from_V)), x, model.thresholds_um)
+        start = states_after(float(model.x_of(came_from_V)), x, model.thresholds_um)
         plant = replace(model, memory=Memory(x, start), effects=[entry(name, **values)])
         command = 50 + 50 * share * np.sin(2 * np.pi * hertz * t) * np.minimum(t / 2, 1)
         silent = recording(command, None, RATE_HZ, f"{hertz} Hz.csv", "unknown")

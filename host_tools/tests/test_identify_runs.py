@@ -52,7 +52,7 @@ def test_slow_runs_do_not_blur_the_rate_of_fast_ones() -> None:
     alone, beside = fit(runs[:1], options), fit(runs, options)
     peak = max(rate_of(waves(12.0, 30, 1, 9000), 9000))
     assert beside.model.rate.identified_um_per_s == pytest.approx(peak, rel=0.1)
-    assert beside.scores[0].score.rms_percent < 1.1 * alone.scores[0].score.rms_percent + 0.02
+    assert percent(slopes_um_per_V(beside.model, 1000), slopes_um_per_V(alone.model, 1000)) < 8
 
 
 def test_a_small_run_beside_a_large_one() -> None:
@@ -161,27 +161,18 @@ def test_unknown_memory_is_estimated(low: float, high: float, drift_um: float) -
     assert chain.score(at_rest, run.displacement_um, remove_offset=True).rms_percent > 3 * score.rms_percent
 
 
-def test_start_up_transient_is_left_out() -> None:
-    """Before the drive has erased the memory, samples say nothing: whatever they were, the slopes stay the same."""
-    run = static_run(visited((90.0, 30.0, 60.0, 0.0)), memory="unknown", cycles=3)
-    erased = chain.warm_up(run.command_V, run.command_V[:].max() / 2 * 0.9)
-    spoilt = run.displacement_um.copy()
-    spoilt[:erased // 2] += np.linspace(1, 0, erased // 2)
-    results = [fit([changed(run, displacement_um=z)], STATIC) for z in (run.displacement_um, spoilt)]
-    assert results[1].model.slopes == pytest.approx(results[0].model.slopes, rel=1e-6)
-    assert results[0].scores[0].memory == "estimated"
-    assert percent(slopes_um_per_V(results[0].model), stack().slopes) < 3
-    claimed = fit([marked(changed(run, displacement_um=spoilt), memory="reset")], STATIC)
-    assert percent(slopes_um_per_V(claimed.model), stack().slopes) > 10
+def test_a_start_that_is_not_known_is_estimated() -> None:
+    """A past that is claimed wrongly goes into the model."""
+    run = static_run(visited((0.0, 45.0, 30.0)), low=30, memory="unknown")
+    found, claimed = (fit([one], STATIC).scores[0] for one in (run, marked(run, memory="reset")))
+    assert found.memory == "estimated" and found.score.rms_um < claimed.score.rms_um / 2
 
 
-def test_rates_before_the_memory_is_erased_are_not_identified() -> None:
+def test_rates_before_the_memory_is_erased_are_identified() -> None:
     command = np.r_[waves(50, 20, 3, 1000), waves(90, 1, 2, 1000)]
-    unknown, known = (quasi_static(stack(), command, memory=memory, noise_um=NOISE_UM)
+    unknown, known = (fit([quasi_static(stack(), command, memory=memory, noise_um=NOISE_UM)], STATIC)
                       for memory in ("unknown", "reset"))
-    slow, fast = (fit([run], STATIC).model.rate.identified_um_per_s for run in (unknown, known))
-    peak = np.percentile(rate_of(static_run(rate_hz=1000.0, noise_um=0.0).displacement_um, 1000), 99.9)
-    assert slow == pytest.approx(peak, rel=0.2) and fast > 5 * slow
+    assert unknown.model.rate.identified_um_per_s == pytest.approx(known.model.rate.identified_um_per_s, rel=0.01)
 
 
 def test_unknown_memory_of_one_run_does_not_move_the_offset_of_others() -> None:
@@ -201,7 +192,7 @@ def test_model_remembers_where_the_first_run_began() -> None:
 
 
 def test_recordings_of_one_rate_are_named_where_the_model_rests_on_them() -> None:
-    one, several = fit([static_run()]), fit(moving_runs("displacement", hertz=(2, 10)))
+    one, several = (fit(moving_runs("displacement", hertz=hertz)) for hertz in ((10,), (2, 10)))
     told = [text for text in one.warnings if "about the same rate" in text]
     assert len(told) == 1 and "its rate law may be another of them" in told[0]
     assert not any("about the same rate" in text for text in several.warnings)

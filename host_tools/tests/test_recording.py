@@ -91,7 +91,7 @@ BAD = {
     "rate absurd": (text(metadata="# sample_rate_hz: 1e-300\n"), ["run.csv:1", "'1e-300'", "1e-06 to 1e+08"]),
     "rate zero": (text(metadata="# sample_rate_hz: 0\n"), ["run.csv:1", "positive number"]),
     "rate twice": (text(metadata="# sample_rate_hz: 1000\n# sample_rate_hz: 1000\n"), ["run.csv:2", "positive number"]),
-    "memory": (text(metadata="# memory: erased\n"), ["run.csv:1", "'erased'", "reset, carried, unknown"]),
+    "memory": (text(metadata="# memory: erased\n"), ["run.csv:1", "'erased'", "reset, low, high, carried, unknown"]),
     "key in capitals": (text(metadata="# note: x\n# Memory: reset\n"), ["run.csv:2", "write memory", "'Memory'"]),
 }
 

@@ -16,9 +16,9 @@ from rdpi.errors import BadInput
 from rdpi.simulate import Prediction, chain, inverse_of, scoring
 
 
-def case(command_V: np.ndarray, rate_um_per_s: float = 1.0, settled: bool = True) -> tuple[Recording, Prediction]:
-    zeros = np.zeros(len(command_V))
-    return recording(command_V), Prediction(zeros, zeros, zeros, zeros + rate_um_per_s, settled, 0.0, "model")
+def case(command_V: np.ndarray, rate_um_per_s: float = 1.0) -> tuple[Recording, Prediction]:
+    run, rate = recording(command_V), np.full(len(command_V), rate_um_per_s)
+    return run, replace(chain.simulate(paper_model(), [run])[0], rate_um_per_s=rate)
 
 
 def test_the_error_over_all_runs_is_that_of_all_samples() -> None:
@@ -60,12 +60,6 @@ def test_a_rate_beyond_the_guard() -> None:
     prediction.rate_um_per_s[:12] = 1161
     (note,) = scoring.notes(paper_model(), run, prediction)
     assert "1.2 %" in note and "1160 um/s" in note
-
-
-def test_a_rate_that_did_not_settle() -> None:
-    (note,) = scoring.notes(paper_model(), *case(np.zeros(50), settled=False))
-    assert "did not settle" in note and "--rate-window" in note
-    assert len(scoring.notes(paper_model(), *case(np.full(50, 300.0), 2000.0, settled=False))) == 3
 
 
 def test_a_models_own_name() -> None:

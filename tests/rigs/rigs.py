@@ -253,6 +253,8 @@ class Rig:
     rest_s: float  # after the sweep
     # amplifier's output in the last run
     monitor_V: np.ndarray = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
+    # displacement in the last run, without noise and converter
+    true_um: np.ndarray = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
     runs: int = field(default=0, repr=False, compare=False)
 
     @property
@@ -315,7 +317,9 @@ class Rig:
         else:
             raise ValueError(f"start {start!r}: swept, rested, unknown or carried")
         self.runs += 1
-        return self._read(self._play(command_V), random, sample_rate_hz)
+        share = self._play(command_V)
+        self.true_um = self.offset_um + self.stroke_um * share
+        return self._read(share, random, sample_rate_hz)
 
     def _sweep(self, end_V: float, rate_hz: float, random: np.random.Generator) -> np.ndarray:
         n = round(self.sweep_cycles / self.sweep_hz * rate_hz)

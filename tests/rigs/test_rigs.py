@@ -27,7 +27,7 @@ from test_withheld import TOOL_SOURCES, foreign_imports, statements  # noqa: E40
 from rdpi.data import read_recording  # noqa: E402
 
 RATE_HZ = 10_000.0
-SOURCES = [HERE / f"{name}.py" for name in ("loops", "sealed", "rigs", "waves")]
+SOURCES = [HERE / f"{name}.py" for name in ("loops", "sealed", "rigs", "waves", "habits")]
 EVERY = {**FAMILIES, **SEALED}
 
 
@@ -50,7 +50,7 @@ def stepped(rig: Rig, seconds: float, low: float = 0.3, high: float = 0.6) -> tu
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.name)
 def test_rigs_import_nothing_of_rdpi(path):
-    assert foreign_imports(path.read_text(), {"loops", "sealed"}) == set()
+    assert foreign_imports(path.read_text(), {source.stem for source in SOURCES}) == set()
 
 
 @cache

@@ -99,7 +99,7 @@ def test_actuators_share_no_statement_with_rdpi(path):
 
 
 def test_statement_check_notices_a_copied_function():
-    source = (ROOT / "host_tools" / "rdpi" / "simulate" / "chain.py").read_text()
+    source = (ROOT / "host_tools" / "rdpi" / "simulate" / "memory.py").read_text()
     copied = "\n".join(source.splitlines()[source.splitlines().index("def states_after("
                        "position_um: float, x0_um: float, thresholds_um: np.ndarray) -> np.ndarray:"):][:3])
     assert statements(copied) & statements(source)

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
               help="The columns of RUN and predicted_um. Only valid with one RUN.")
 @click.option("--remove-offset", is_flag=True, help="Remove the mean error before scoring (thermal drift since the "
                                                     "fit).")
-@click.option("--memory", type=click.Choice(["auto", "model", "reset"]), default="auto", show_default=True,
-              help="State of the hysteresis at the start of each run. auto: from the run's metadata; if unknown, it is "
-                   "estimated.")
+@click.option("--memory", type=click.Choice(["auto", "model", "reset", "low", "high"]), default="auto", show_default=True,
+              help="What the actuator remembers at the start of each run. auto: from the run's metadata; if unknown, it is "
+                   "estimated. low, high: it rested at that end of the drive.")
 @click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
               help="Exit with status 1 if the rms error of any run exceeds this, % of stroke.")
 def simulate(model: str, runs: tuple[str, ...], output: str | None, remove_offset: bool, memory: str,

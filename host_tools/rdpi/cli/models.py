@@ -48,6 +48,7 @@ from .types import Folder, ModelFile, Numbers, Output, Percent, Report
 @click.option("--max-rms", "max_rms_percent", type=Percent(), metavar="PERCENT",
               help="Exit with status 1 if the rms error of any held-out run exceeds this, % of stroke. Without "
                    "--hold-out, the limit applies to all runs.")
+@click.option("-v", "--verbose", is_flag=True, help="Print the models that were compared as well.")
 @click.option("--report", metavar="DIR", type=Report("fit.json", "fit.png", "fit.html"),
               help="Write fit.html (one page with pictures), fit.png and fit.json to this directory.")
 @click.option("--keep", metavar="DIR", type=Folder(),
@@ -55,7 +56,7 @@ from .types import Folder, ModelFile, Numbers, Output, Percent, Report
                    "`rdpi gap MODEL.json` then compares new recordings of the same drives with them, as with --earlier. "
                    "Move the directory together with MODEL.json.")
 def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_percent: float | None,
-        report: str | None, keep: str | None, **options: Any) -> dict[str, Any]:
+        report: str | None, keep: str | None, verbose: bool, **options: Any) -> dict[str, Any]:
     """Identify a model from recordings.
 
     The fit finds the operator and what stands around it, such as a delay, creep or a resonance. An effect is kept if it
@@ -81,7 +82,7 @@ def fit(runs: tuple[str, ...], output: str, hold_out: tuple[str, ...], max_rms_p
     document = result.document(output, failed)
     if report is not None:
         summary.write_report(report, result, [*fitted, *held], document)
-    click.echo(f"{output}: " + "\n".join(summary.lines(result)))
+    click.echo(f"{output}: " + "\n".join(summary.lines(result, verbose)))
     for line in kept.lines(result.model):
         click.echo(line)
     if failed:

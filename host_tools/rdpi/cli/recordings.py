@@ -14,6 +14,7 @@ from .progress import progress
 from .types import Number, Numbers, Output, Rows, pairs
 
 _COLUMN = "COLUMN[:UNIT]"
+MEMORIES = "reset", "low", "high", "carried", "unknown"
 
 
 def _telemetry_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -128,9 +129,10 @@ def _once(context: click.Context, parameter: click.Parameter, values: tuple[str,
               help="What the file must contain. run: command and displacement. drive: a command. reference: a "
                    "reference.")
 @click.option("--actuator", metavar="TEXT", help="Name of the actuator, stored in the recording.")
-@click.option("--memory", type=click.Choice(["reset", "carried", "unknown"]),
-              help="State of the hysteresis at the first row used. reset: a decaying sweep ended here. carried: the "
-                   "row follows the previous recording. unknown: neither.")
+@click.option("--memory", type=click.Choice(MEMORIES),
+              help="What the actuator remembers at the first row used. reset: a decaying sweep ended here. low, high: the "
+                   "drive rested at that end of its range. carried: the row follows the previous recording. unknown: none "
+                   "of these.")
 @click.option("--note", metavar="TEXT", help="Any text, stored in the recording.")
 @click.option("--telemetry", is_flag=True,
               help="SOURCE is the bytes that a microcontroller sent, as stored by `rdpi record --raw` or by any "
@@ -224,8 +226,8 @@ def import_(sources: tuple[str, ...], output: str, rate_hz: float | None, rows: 
 @click.option("--raw", type=Output(), metavar="FILE",
               help="Also store every byte received, for `rdpi import --telemetry`.")
 @click.option("--actuator", metavar="TEXT", help="Name of the actuator, stored in the recording.")
-@click.option("--memory", type=click.Choice(["reset", "carried", "unknown"]),
-              help="State of the hysteresis at the first sample written. Default: reset if the start-up sweep was "
+@click.option("--memory", type=click.Choice(MEMORIES),
+              help="What the actuator remembers at the first sample written. Default: reset if the start-up sweep was "
                    "received completely, ended near the middle of its range, and the drive goes on from there; "
                    "otherwise unknown.")
 @click.option("--note", metavar="TEXT", help="Any text, stored in the recording.")

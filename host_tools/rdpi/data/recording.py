@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +23,10 @@ from .rows import NUMBER, Place, line_of_row, parse_rows, quoted
 
 MIN_SAMPLES = 16
 UNFINISHED = "unfinished"  # first key of a recording that still grows; what it is set to is for people
-MEMORY = ("reset", "carried", "unknown")
+ENDS = ("low", "high")  # of the drive, where it rested
+MEMORY = ("reset", *ENDS, "carried", "unknown")
+AT_END = 0.02  # of the drive's range in a recording, by which it may begin beside its end
+LONGEST_REST_S = 1e9
 RUN_COLUMNS = ("time_s", "command_V", "displacement_um")
 GRID_TOLERANCE = 0.25  # of a sample time; a lost sample moves some time by at least 0.5
 RATE_TOLERANCE = 1e-3  # relative, between stated and measured rate
@@ -34,6 +38,18 @@ _NAME = re.compile(r'(?!#)[^,"\r\n\ud800-\udfff]+')  # surrogates stand for byte
 _ROWS_PER_WRITE = 1 << 16
 
 
+class Past(NamedTuple):
+    """What an actuator did before a recording: moves that ended at its first sample's displacement, none by default, and
+    the memory of the plays that all of it has left.
+    """
+
+    away_um: np.ndarray = np.zeros(0)  # from how far away each came, (moves,)
+    since_s: np.ndarray = np.zeros(0)  # how long before the first sample, (moves,)
+    rest_um: float = 0.0  # from the first sample to where the actuator had rested for long
+    thresholds_V: np.ndarray = np.zeros(0)  # (plays,); none: as the metadata state it
+    plays_V: np.ndarray = np.zeros(0)  # the drive at which each play rests, (plays,)
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
     """One run. Columns are float64, 1-D and equally long; metadata and columns keep the file's order."""
@@ -42,15 +58,18 @@ class Recording:
     metadata: dict[str, str]
     columns: dict[str, np.ndarray]
     digest: str = field(default="")  # "sha256:…" of the file's bytes
+    past: Past | None = None  # as estimated; None: as the metadata state it
 
     @classmethod
     def from_arrays(cls, time_s: Sequence[float] | np.ndarray, command_V: Sequence[float] | np.ndarray,
                     displacement_um: Sequence[float] | np.ndarray, memory: str = "unknown",
-                    **columns: Sequence[float] | np.ndarray) -> Recording:
+                    rested_s: float | None = None, **columns: Sequence[float] | np.ndarray) -> Recording:
         """A recording of arrays of numbers, all (samples,): times in s, evenly spaced, drive in V, displacement in um.
 
-        `memory` says what the hysteresis remembers at the first sample: "reset", "carried" or "unknown". Further
-        columns carry their unit in their name: monitor_V, temperature_degC.
+        `memory` says what the actuator remembers at the first sample: "reset", a decaying sweep ended here; "low" or
+        "high", the drive came to that end of its range and rested there, for `rested_s` seconds if that is known;
+        "carried", the recording before it in a list goes on; or "unknown". Further columns carry their unit in their
+        name: monitor_V, temperature_degC.
 
         Raises BadInput that names the argument, as `read_recording` names the place.
 
@@ -69,8 +88,12 @@ class Recording:
             if len(values) != len(arrays["time_s"]):
                 raise BadInput(f"{name}: has {len(values)} values, time_s has {len(arrays['time_s'])}")
         metadata = {"memory": arguments.one_of(memory, MEMORY, "memory")}
+        if rested_s is not None:
+            metadata["rested_s"] = repr(arguments.number(rested_s, "rested_s", finite=False))
+        check_metadata(metadata, "{}".format)
         check_samples("time_s", arrays, "sample {}".format)
         check_sizes(arrays, "sample {}".format)
+        check_end(arrays, metadata, "memory")
         return cls("arrays", metadata, {name: values.copy() for name, values in arrays.items()})
 
     def __len__(self) -> int:
@@ -105,7 +128,7 @@ class Recording:
 
     @property
     def memory(self) -> str:
-        """What the hysteresis remembers at the first sample: "reset", "carried" or "unknown"."""
+        """What the actuator remembers at the first sample: "reset", "low", "high", "carried" or "unknown"."""
         return self.metadata.get("memory", "unknown")
 
 
@@ -131,6 +154,7 @@ def taken(runs: Sequence[Recording], needs: Sequence[str], name: str = "runs", l
                 raise BadInput(f"{run.path}: {key} has {len(values)} values, time_s has {len(columns['time_s'])}")
         check_samples(run.path, columns, lambda row, run=run: f"{run.path}, sample {row}")
         check_rate(columns["time_s"], run.metadata, key_place)
+        check_end(columns, run.metadata, run.path)
         same = all(columns[key] is run.columns[key] for key in columns)
         found.append(run if same else replace(run, columns=columns))
     if len(found) < least:
@@ -164,6 +188,8 @@ def read_recording(path: str | os.PathLike[str], required: Sequence[str] = RUN_C
     check_metadata(metadata, key_place)
     check_samples(path, columns, place)
     check_rate(columns["time_s"], metadata, key_place)
+    if "memory" in metadata:
+        check_end(columns, metadata, key_place("memory"))
     return Recording(path, metadata, columns, f"sha256:{hashlib.sha256(data).hexdigest()}")
 
 
@@ -234,18 +260,37 @@ def sample_times(count: int, rate_hz: float, first: int = 0) -> np.ndarray:
 
 
 def check_metadata(metadata: Mapping[str, str], key_place: Callable[[str], str]) -> None:
-    """Raise BadInput unless `memory` and `sample_rate_hz`, where given, are so written and can be used."""
+    """Raise BadInput unless `memory`, `rested_s` and `sample_rate_hz`, where given, are so written and can be used."""
     for key in metadata:
         known = str(key).lower()
-        if key != known and known in ("memory", "sample_rate_hz"):
+        if key != known and known in ("memory", "rested_s", "sample_rate_hz"):
             raise BadInput(f"{key_place(key)}: write {known} in lower case, not {quoted(str(key))}")
     memory = metadata.get("memory")
     if memory is not None and memory not in MEMORY:
         raise BadInput(f"{key_place('memory')}: memory is {quoted(str(memory))}; use one of {', '.join(MEMORY)}")
+    rested = metadata.get("rested_s")
+    if rested is not None and not (NUMBER.fullmatch(str(rested)) and 0 <= float(rested) <= LONGEST_REST_S):
+        raise BadInput(f"{key_place('rested_s')}: rested_s is {quoted(str(rested))}; give the time in s for which the drive "
+                       f"had rested at its end before the first sample, 0 to {LONGEST_REST_S:g}")
+    if rested is not None and memory not in ENDS:
+        raise BadInput(f"{key_place('rested_s')}: rested_s says how long the drive rested at an end of its range: it goes "
+                       f"with memory low or high, not with {quoted(str(memory or 'unknown'))}")
     rate = metadata.get("sample_rate_hz")
     if rate is not None and not (NUMBER.fullmatch(str(rate)) and RATES_HZ[0] <= float(rate) <= RATES_HZ[1]):
         raise BadInput(f"{key_place('sample_rate_hz')}: sample_rate_hz is {quoted(str(rate))}; give a positive number of "
                        f"samples per second, {RATES_HZ[0]:g} to {RATES_HZ[1]:g}, or leave it out")
+
+
+def check_end(columns: Mapping[str, np.ndarray], metadata: Mapping[str, str], place: str) -> None:
+    """Raise BadInput if the drive begins elsewhere than at the end of its range where `memory` says that it rested."""
+    end, drive_V = metadata.get("memory"), columns.get("command_V")
+    if end not in ENDS or drive_V is None or not len(drive_V):
+        return
+    low_V, high_V = float(np.min(drive_V)), float(np.max(drive_V))
+    end_V = low_V if end == "low" else high_V
+    if not abs(drive_V[0] - end_V) <= AT_END * (high_V - low_V):
+        raise BadInput(f"{place}: memory is {end}, but the drive begins at {drive_V[0]:.4g} V and goes on to {end_V:.4g} V; "
+                       "say low or high only where it had rested at that end of its range")
 
 
 @np.errstate(over="ignore", invalid="ignore")  # absurd times are refused by their step

@@ -92,8 +92,13 @@ class Firmware:
                          for kind in (self._dtype, self._dtype, np.uint32, np.uint32)))
         function, instance = ((lib.rdpi_batch_step, self._self) if self._chain is None else
                               (lib.rdpi_batch_chain_step, self._chain))
-        function(instance, _pointer(ffi, reference_um), len(reference_um), *(_pointer(ffi, one) for one in result))
+        function(instance, pointer(ffi, reference_um), len(reference_um), *(pointer(ffi, one) for one in result))
         return result
+
+    @property
+    def instance(self) -> Any:
+        """The rdpi_f32_t, alive as long as this."""
+        return self._self
 
     @property
     def preview_samples(self) -> int:
@@ -136,22 +141,22 @@ class Firmware:
         rate_um_per_s = _array(rate_um_per_s, self._dtype, "rate_um_per_s")
         _check_alike(drive_V, rate_um_per_s)
         displacement_um = np.empty_like(drive_V)
-        function(self._self, _pointer(ffi, drive_V), _pointer(ffi, rate_um_per_s), len(drive_V),
-                 _pointer(ffi, displacement_um))
+        function(self._self, pointer(ffi, drive_V), pointer(ffi, rate_um_per_s), len(drive_V),
+                 pointer(ffi, displacement_um))
         return displacement_um
 
     @property
     def memory_um(self) -> np.ndarray:
         """States of the plays, shape (n + 1,); assigning validates as rdpi_f32_set_memory does."""
         states = np.empty(self.parameters.plays, self._dtype)
-        self._module.lib.rdpi_f32_get_memory(self._self, _pointer(self._module.ffi, states))
+        self._module.lib.rdpi_f32_get_memory(self._self, pointer(self._module.ffi, states))
         return states
 
     @memory_um.setter
     def memory_um(self, states_um: np.ndarray) -> None:
         states = _array(states_um, self._dtype, "memory_um")
         _check_states(states, self.parameters.plays)
-        self._check(self._module.lib.rdpi_f32_set_memory(self._self, _pointer(self._module.ffi, states)))
+        self._check(self._module.lib.rdpi_f32_set_memory(self._self, pointer(self._module.ffi, states)))
         if self._chain is not None:
             self._module.lib.rdpi_f32_chain_settle(self._chain)
 
@@ -206,7 +211,7 @@ class FixedPoint:
         columns = [np.empty(len(reference), kind) for kind in (np.int32, np.int32, np.uint32, np.uint32)]
         function, instance = ((lib.rdpi_batch_q31_step, self._self) if self._chain is None else
                               (lib.rdpi_batch_q31_chain_step, self._chain))
-        function(instance, _pointer(ffi, reference), len(reference), *(_pointer(ffi, one) for one in columns))
+        function(instance, pointer(ffi, reference), len(reference), *(pointer(ffi, one) for one in columns))
         drive, rate, flags, dac_code = columns
         return Steps(self._volts(drive), rate * self._scale.um_per_s_per_rate, flags, dac_code)
 
@@ -262,7 +267,7 @@ class FixedPoint:
         rate = parameters.integers(rate_um_per_s, scale.um_per_s_per_rate)
         rate = np.where(np.isfinite(rate_um_per_s) & (rate_um_per_s >= 0), rate, np.int32(-1))
         displacement = np.empty_like(drive)
-        function(self._self, _pointer(ffi, drive), _pointer(ffi, rate), len(drive), _pointer(ffi, displacement))
+        function(self._self, pointer(ffi, drive), pointer(ffi, rate), len(drive), pointer(ffi, displacement))
         return np.where(displacement == NO_REFERENCE, np.nan, displacement * scale.um_per_reference + scale.offset_um)
 
     def _volts(self, drive: np.ndarray) -> np.ndarray:
@@ -273,7 +278,7 @@ class FixedPoint:
     def memory_um(self) -> np.ndarray:
         """States of the plays, shape (n + 1,); assigning validates as rdpi_q31_set_memory does."""
         states = np.empty(self.parameters.plays, np.int32)
-        self._module.lib.rdpi_q31_get_memory(self._self, _pointer(self._module.ffi, states))
+        self._module.lib.rdpi_q31_get_memory(self._self, pointer(self._module.ffi, states))
         return states * self._scale.um_per_drive
 
     @memory_um.setter
@@ -281,7 +286,7 @@ class FixedPoint:
         states_um = arguments.series(states_um, "memory_um", finite=False)
         _check_states(states_um, self.parameters.plays)
         states = parameters.states(states_um, self._scale.um_per_drive, self.parameters.play[:, 0])
-        self._check(self._module.lib.rdpi_q31_set_memory(self._self, _pointer(self._module.ffi, states)))
+        self._check(self._module.lib.rdpi_q31_set_memory(self._self, pointer(self._module.ffi, states)))
         if self._chain is not None:
             self._module.lib.rdpi_q31_chain_settle(self._chain)
 
@@ -316,26 +321,9 @@ def plays(x_um: np.ndarray, thresholds_um: np.ndarray, states_um: np.ndarray) ->
     if states_um.shape != thresholds_um.shape:
         raise BadInput(f"{states_um.shape} states, {thresholds_um.shape} thresholds; there is one each per play")
     outputs_um = np.empty((len(x_um), len(thresholds_um)), dtype)
-    module.lib.rdpi_batch_plays(_pointer(module.ffi, x_um), len(x_um), _pointer(module.ffi, thresholds_um),
-                                len(thresholds_um), _pointer(module.ffi, states_um), _pointer(module.ffi, outputs_um))
+    module.lib.rdpi_batch_plays(pointer(module.ffi, x_um), len(x_um), pointer(module.ffi, thresholds_um),
+                                len(thresholds_um), pointer(module.ffi, states_um), pointer(module.ffi, outputs_um))
     return outputs_um, states_um
-
-
-def lags(signal: np.ndarray, sample_time_s: float, times_s: Sequence[float], ahead: Sequence[float]) -> np.ndarray:
-    """First-order lags of unit gain, exact for a signal (samples,) that is straight between samples, in double: how far
-    they are ahead of it in all, (samples,). `ahead` is how far each is at the first sample.
-
-    y' = (u - y) / T: y_k - u_k = a (y_(k-1) - u_(k-1)) - g (u_k - u_(k-1)), a = exp(-h / T), g = (1 - a) T / h.
-    """
-    module, dtype = _load("f64")
-    with np.errstate(over="ignore"):  # a lag that is infinitely shorter than a sample is none
-        ratio = sample_time_s / np.asarray(times_s, dtype)
-    pole, gain = np.exp(-ratio), -np.expm1(-ratio) / ratio
-    signal, state = _array(signal, dtype, "signal"), np.array(ahead, dtype)  # the library moves the state
-    result = np.empty_like(signal)
-    signal_, pole_, gain_, state_, result_ = (_pointer(module.ffi, one) for one in (signal, pole, gain, state, result))
-    module.lib.rdpi_batch_lags(signal_, len(signal), pole_, gain_, len(pole), state_, result_)
-    return result
 
 
 def rate(z_um: np.ndarray, sample_time_s: float, window_s: float, filter_s: float) -> np.ndarray:
@@ -348,12 +336,17 @@ def rate(z_um: np.ndarray, sample_time_s: float, window_s: float, filter_s: floa
     if sample_time_s == 0:
         raise BadInput("sample_time_s is 0; must be positive")
     result = np.empty_like(z_um)
-    status = module.lib.rdpi_batch_rate(window_s, filter_s, sample_time_s, _pointer(module.ffi, z_um), len(z_um),
-                                        _pointer(module.ffi, result))
-    if status != module.lib.RDPI_OK:
+    check_rate(module.lib.rdpi_batch_rate(window_s, filter_s, sample_time_s, pointer(module.ffi, z_um), len(z_um),
+                                          pointer(module.ffi, result)), (window_s, filter_s, sample_time_s))
+    return result
+
+
+def check_rate(status: int, rate: tuple[float, float, float]) -> None:
+    """Raise BadInput for a status of the rate estimator with this window, filter and sample time, s."""
+    if status != _load("f64")[0].lib.RDPI_OK:
+        window_s, _, sample_time_s = rate
         raise BadInput(f"rate estimator: {status_text(status)} (window {window_s:g} s at "
                        f"{1 / sample_time_s:g} samples/s); choose a shorter window")
-    return result
 
 
 def _struct(module: Any, kind: str, numbers: F32 | Q31 | F32Chain | Q31Chain) -> tuple[Any, list[Any]]:
@@ -380,7 +373,7 @@ def _sweep(module: Any, function: Any, instance: Any, dtype: type) -> tuple[np.n
     while not taken:
         drives.append(np.empty(SWEEP_CHUNK, dtype))
         codes.append(np.empty(SWEEP_CHUNK, np.uint32))
-        taken = function(instance, SWEEP_CHUNK, _pointer(module.ffi, drives[-1]), _pointer(module.ffi, codes[-1]))
+        taken = function(instance, SWEEP_CHUNK, pointer(module.ffi, drives[-1]), pointer(module.ffi, codes[-1]))
     samples = SWEEP_CHUNK * (len(drives) - 1) + taken
     return np.concatenate(drives)[:samples], np.concatenate(codes)[:samples]
 
@@ -401,6 +394,11 @@ def _check_init(module: Any, status: int, model: Model, sample_time_s: float) ->
         check_sample_time(model, sample_time_s)
     if status != module.lib.RDPI_OK:
         raise BadInput(f"the firmware library refuses: {status_text(status)} (sample_time_s is {sample_time_s:g})")
+
+
+def load_double() -> Any:
+    """The compiled module in double precision."""
+    return _load("f64")[0]
 
 
 def _load(real: str) -> tuple[Any, type]:
@@ -430,7 +428,7 @@ def _array(values: np.ndarray, dtype: type, name: str) -> np.ndarray:
         return np.ascontiguousarray(values, dtype=dtype)
 
 
-def _pointer(ffi: Any, array: np.ndarray) -> Any:
+def pointer(ffi: Any, array: np.ndarray) -> Any:
     """Typed pointer to a contiguous array's data; the caller keeps the array alive."""
     kinds = {"f": "rdpi_real_t[]", "u": "uint32_t[]", "i": "int32_t[]"}
     return ffi.from_buffer(kinds[array.dtype.kind], array, require_writable=False)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import BadInput
 from ..model import Model, guarded
-from ..simulate import chain, effects
+from ..simulate import effects, memory
 from ..simulate.effects import Acting, Effect
 from . import thresholds
 from .dataset import Dataset, ModelRun
@@ -220,7 +220,7 @@ def _memory(dataset: Dataset, effect: Effect, acting: Sequence[Acting], plain: n
             missed = partial(_missed, model_run, acting, x0, measured)
             found, left = _nearest(x0, float(r[-1]), missed)
             if left < _square(measured - predicted):
-                start = chain.states_after(found, x0, r)
+                start = memory.states_after(found, x0, r)
                 positions.append(found)
                 change = _entered(model_run, acting, x0, found) - predicted
         states.append(start)
@@ -242,7 +242,7 @@ def _nearest(x0_um: float, reach_um: float, miss: Callable[[float], float]) -> t
 
 def _entered(model_run: ModelRun, acting: Sequence[Acting], x0_um: float, position_um: float) -> np.ndarray:
     """The prediction, less its mean, of a recording that was entered from this position."""
-    z = model_run.predict(acting, chain.states_after(position_um, x0_um, model_run.model.thresholds_um))
+    z = model_run.predict(acting, memory.states_after(position_um, x0_um, model_run.model.thresholds_um))
     return z - np.mean(z)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from .. import firmware
 from ..data import Recording
 from ..model import Model
-from ..simulate import chain, effects, signals
+from ..simulate import chain, effects, operating
 from ..simulate.effects import Acting, Residuals
 
 BLOCKS = 8  # of each recording
@@ -35,8 +35,7 @@ class ModelRun:
     start_um: np.ndarray  # the plays before the first sample, (n + 1,)
     start_known: bool  # not estimated
     swept: bool  # it is where a sweep left the plays
-    rate_um_per_s: np.ndarray  # settled, (samples,)
-    smoothing_s: float
+    rate_um_per_s: np.ndarray  # of the model's own prediction, (samples,)
     monitored: bool
     _last: dict = field(default_factory=dict, init=False, repr=False)  # responses of the operator
     _displaced: effects.Displaced = field(default_factory=effects.Displaced, init=False, repr=False)
@@ -82,9 +81,7 @@ class ModelRun:
         return self.um_per_V * effects.driven(shown, self.recording.command_V, self.recording, self.model)
 
     def _operate(self, shown: Sequence[Acting], start_um: np.ndarray | None) -> tuple[Recording, np.ndarray]:
-        """The recording as it was driven, and what the operator makes of that: with the rate of the model's own
-        prediction, then with that of the result. One sweep is enough, because effects change the rate little.
-        """
+        """The recording as it was driven, and what the operator makes of that."""
         run, drive_V = self.recording, effects.driven(shown, self.input_V, self.recording, self.model)
         model = effects.operator(shown, self.model)
         driven = replace(run, columns={**run.columns, "command_V": drive_V})
@@ -92,22 +89,14 @@ class ModelRun:
             start_um = self.start_um
             if self.swept and drive_V[0] != self.input_V[0]:
                 start_um = model.swept(float(model.x_of(drive_V[0])))  # the sweep ended where it was driven to
-        engine = self._engine if model is self.model else chain.operator_from(model, driven, start_um)
-
-        def forward(rate_um_per_s: np.ndarray) -> np.ndarray:
-            engine.memory_um = start_um
-            return engine.forward(drive_V, rate_um_per_s)
-
-        z, rate = forward(self.rate_um_per_s), model.rate
-        if np.any(model.slope_rate_s_per_um):
-            moving, smoothing_s = (z, self.smoothing_s) if rate.source == "displacement" else (model.x_of(drive_V), 0.0)
-            z = forward(signals.rate(moving, run.sample_time_s, rate.window_s, rate.filter_s, smoothing_s))
-        return driven, z
+        bank = self._bank if model is self.model else _operating(model, run.sample_time_s)
+        bank.start(float(drive_V[0]), start_um)
+        return driven, bank.run(drive_V)[0]
 
     @cached_property
-    def _engine(self) -> firmware.Firmware:
+    def _bank(self) -> firmware.Bank:
         """The model's own operator; making one takes longer than running it."""
-        return chain.operator_from(self.model, self.recording, self.start_um)
+        return _operating(self.model, self.recording.sample_time_s)
 
     @cached_property
     def model_jacobian(self) -> np.ndarray:
@@ -128,6 +117,10 @@ class ModelRun:
         return np.hstack(parts, dtype=np.float32)
 
 
+def _operating(model: Model, sample_time_s: float) -> firmware.Bank:
+    return firmware.Bank([operating(model, sample_time_s)])
+
+
 def model_runs(model: Model, runs: Sequence[Recording], monitored: bool, paired: bool = False) -> list[ModelRun]:
     """Each recording beside the model, its memory as `rdpi simulate` takes it.
 
@@ -142,10 +135,9 @@ def model_runs(model: Model, runs: Sequence[Recording], monitored: bool, paired:
     inputs = [run if sure else replace(run, metadata={**run.metadata, "memory": "unknown"})
               for run, sure in zip(inputs, known)]
     kept = effects.entries(one for one in effects.acting(model) if not (monitored and one.effect.before_monitor))
-    plain = replace(model, effects=[])
-    return [ModelRun(run, plain, found.start_um, sure, sure and run.memory == "reset", found.rate_um_per_s,
-                     found.smoothing_s, monitored)
-            for run, sure, found in zip(runs, known, chain.simulate(replace(model, effects=kept), inputs))]
+    plain, known_model = replace(model, effects=[]), replace(model, effects=kept)
+    return [ModelRun(run, plain, found.start_um, sure, sure and run.memory == "reset", found.rate_um_per_s, monitored)
+            for run, sure, found in zip(runs, known, chain.simulate(known_model, inputs))]
 
 
 class Dataset:

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..identify import uneven
+from ..simulate import signals
 from . import thresholds
 from .candidates import Candidate
 from .dataset import BLOCKS, Dataset
@@ -51,7 +51,7 @@ class NormalEquations:
         edges = np.flatnonzero(np.diff(block, prepend=-1, append=-1))
         grams = np.zeros((len(self.dataset.run_of_block), *[sum(part.shape[1] for part in parts)] * 2))
         for start, stop in zip(edges[:-1], edges[1:]):
-            at = uneven(start, stop, step) if step > 1 else slice(start, stop)
+            at = signals.uneven(start, stop, step) if step > 1 else slice(start, stop)
             rows = np.hstack([part[at] for part in parts])
             grams[block[start]] += step * (rows.T @ rows)
         return grams

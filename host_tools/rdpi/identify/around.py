@@ -102,7 +102,7 @@ def _setting(plain: Operator, runs: Sequence[Recording], options: Options) -> tu
     # Corners everywhere: each hypothesis has dead zones of its own, and none is to make up for those of another.
     corners_um = plain.columns.grid_um[np.linspace(1, len(plain.columns.grid_um) - 2, CORNERS).round().astype(int)]
     setting = Setting(
-        runs, [run.states_um if run.recording.memory == "carried" or plain.sweep.share else None for run in plain.runs],
+        runs, [run.states_um if run.recording.memory != "reset" or plain.sweep.share else None for run in plain.runs],
         [_first(run) for run in plain.runs], plain.model, corners_um if options.deadzones else corners_um[:0],
         [run.rate_um_per_s for run in plain.runs], plain.model.rate.identified_um_per_s, plain.model.rate.filter_s)
     slopes = plain.without.rest
@@ -129,6 +129,20 @@ def behind(choice: Choice, amplifier: Amplifier, runs: Sequence[Recording]) -> C
     rest = [replace(one, stage_shown=True) if amplifier.shows(one.acting) else
             replace(one, acting=amplifier.unplaced(one.acting)) for one in choice.kept]
     return Choice(plain, found, (*ahead, *rest))
+
+
+def lacking(choice: Choice, one: Kept) -> Choice:
+    """The same without one of the effects, the others fitted anew."""
+    less, others = one.without, [other for other in choice.kept if other is not one]
+    kept = [replace(other, acting=acting, without=less.trying(less.hypothesis.lacking(acting)))
+            for other, acting in zip(others, less.hypothesis.acting)]
+    found = Choice(choice.plain, less, tuple(kept))
+    return with_intervals(found, [other.acting.effect for other in kept], less.hypothesis.rated)
+
+
+def nothing(choice: Choice) -> Choice:
+    """The same without any effect."""
+    return Choice(choice.plain, choice.plain, ())
 
 
 def by_command(choice: Choice, runs: Sequence[Recording], names: Sequence[str] | None) -> Judged:

@@ -33,10 +33,7 @@ class RateSlopes(NamedTuple):
 
 def rate_slopes(model: Model, runs: Sequence[Recording]) -> RateSlopes:
     """The slopes that each band of rate has when fitted alone, thresholds and saturation those of `model`."""
-    prepared = prepare(_of_operator(model, runs), model.gain_um_per_V, model.offset_V, model.thresholds_um,
-                       model.rate.source, model.rate.window_s, model.rate.filter_s, smoothing_times_s(runs),
-                       model.swept)
-    return slopes_of_bands(model, prepared)
+    return slopes_of_bands(model, prepare(_of_operator(model, runs), model, smoothing_times_s(runs), model.swept))
 
 
 def _of_operator(model: Model, runs: Sequence[Recording]) -> list[Recording]:
@@ -61,6 +58,7 @@ def slopes_of_bands(model: Model, runs: Sequence[Run]) -> RateSlopes:
     for run in runs:
         start = run.first
         for block in columns.blocks(run):
+            block = block[:, block.shape[1] - n - 2:]  # a slow creep is nothing that a band shows
             rate = run.rate_um_per_s[start:start + len(block)]
             start += len(block)
             block[:, -1] = operators.saturation_inverse(block[:, -1] - model.offset_um, model.deadzones_um,

@@ -61,8 +61,15 @@ class FitDocument(Document):
     runs: list[records.FittedRun] = json_key("the recordings, those held out last")
     noise_um: float = json_key("rms of the sensor's noise", "um", low=0)
     warnings: list[str] = json_key("remarks of the fit")
+    variants: list[records.Variant] = json_key("models that were compared, the one that is delivered first")
     model: str = json_key("path of the model file")
     gate_failed: bool = json_key("true: a run is predicted worse than --max-rms allows")
     rate_slopes: list[RateBand] = json_key("slopes in each band of rate")
     effects: list[IdentifiedEffect] = json_key("what stands around the operator, in the order of the chain")
     sweep: Sweep = json_key("where a decaying sweep leaves the plays")
+
+
+def name_of(variant: records.Variant) -> str:
+    """For people."""
+    alone = "" if variant.effects else "operator alone"
+    return ", ".join(filter(None, (alone, *variant.effects, "rate law" if variant.rate_law else "")))

@@ -11,13 +11,12 @@ import numpy as np
 from .. import firmware
 from ..data import Recording
 from ..model import Model
-from ..simulate import effects, signals
+from ..simulate import effects, memory, signals
 from ..simulate.effects import Acting
 from . import thresholds as tuned
 from .strokes import Strokes, covered, strokes_of
 
 ROWS = 12_000  # about so many samples count: more say no more
-GOLDEN = (5**0.5 - 1) / 2
 FASTEST = 1.25  # of the highest rate; faster samples count as so fast
 
 
@@ -77,20 +76,23 @@ class Setting:
         stride = max(1, sum(len(run) for run in self.runs) // ROWS)
         rows = []
         for run, first in zip(self.runs, self.first):
-            rows.append(uneven(first, len(run), stride))
+            rows.append(signals.uneven(first, len(run), stride))
         return rows
 
     @cached_property
     def asides(self) -> list[np.ndarray]:
-        """What each run shows that is no matter of the model, (counted samples, columns), orthonormal: its offset, and
-        what goes on creeping in it from before, where no sweep was before it.
+        """What each run shows that is no matter of the model, (counted samples, columns), orthonormal: its offset, what
+        goes on creeping in it from before, where no sweep was before it, and what depends on an unknown start of the plays.
         """
         found = []
-        for run, rows in zip(self.runs, self.rows):
+        for run, start, rows in zip(self.runs, self.states_um, self.rows):
             columns = [np.ones(len(rows))]
             if run.memory != "reset":
                 columns.append(signals.goes_on(len(run))[rows])
-            found.append(np.linalg.qr(np.column_stack(columns))[0])
+            if run.memory == "unknown" and start is not None:
+                moved = memory.first_moved(self.model.x_of(run.command_V), self.model.thresholds_um, start)
+                columns.append(rows[:, None] < moved)
+            found.append(_orthonormal(np.column_stack(columns)))
         return found
 
     @cached_property
@@ -178,10 +180,10 @@ class Setting:
         return np.interp(v_um, levels, corners) + below + above
 
 
-def uneven(first: int, end: int, stride: int) -> np.ndarray:
-    """One sample of every `stride`, not at even steps, which would always meet a periodic drive at the same places."""
-    steps = np.arange(first, end, stride)
-    return np.minimum(steps + (stride * (np.arange(len(steps)) * GOLDEN % 1)).astype(int), end - 1)
+def _orthonormal(columns: np.ndarray) -> np.ndarray:
+    """A basis of what the columns span."""
+    basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    return basis[:, sizes > 1e-9 * sizes[0]]
 
 
 def _differences(outputs: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from ..data import RUN_COLUMNS, Recording, arguments, taken
 from ..errors import BadInput
 from ..model import (LARGEST, MAX_DAC_BITS, MAX_PLAYS, MIN_SLOPE_RATIO, SOURCES, Drive, Memory, Model, Rate, Passport,
                      guarded, operators, records)
-from ..simulate import chain, effects, signals
+from ..simulate import Plant, chain, doubted, effects, signals, started
 from . import around, localise, passport, stick_slip
 from . import thresholds as tuned
 from .amplifier import Amplifier, seen_by_monitor
@@ -25,7 +25,7 @@ from .checks import (LARGEST_INPUT, check_drive, check_monitor, check_readings, 
 from .bands import RateSlopes, slopes_of_bands
 from .choice import Choice
 from .document import FitDocument
-from .regression import (Columns, Plant, Reduced, Run, joined, offset_of, parts_of, prepare, reduce, rerated,
+from .regression import (Columns, Reduced, Run, Solution, joined, offset_of, parts_of, prepare, reduce, rerated,
                          saturation_of, search, smoothing_times_s, solve, top_rate, without_rate)
 from .strokes import Strokes, covered
 from .sweep_start import SweepStart, sweep_start
@@ -33,6 +33,7 @@ from .sweep_start import SweepStart, sweep_start
 GRID = np.linspace(0.12, 0.88, 20)  # candidate dead zones, as shares of the displacement's range
 MAX_RATE_TIME_S = 1e3
 FOLDS = 8  # at most so many groups of runs are left out in turn for the passport
+ROUNDS = 3  # in which operator and unknown starts are estimated in turn
 THIN = 8  # of the samples, every how many are used to compare rate sources
 
 
@@ -76,6 +77,7 @@ class Fit:
     warnings: list[str] = field(default_factory=list)
     choice: Choice | None = None  # what stands around the operator; None: it was not asked
     plain: Model | None = None  # the operator alone, fitted as if nothing stood around it
+    variants: list[records.Variant] = field(default_factory=list)  # that were compared, the model first
 
     def record(self) -> records.FitRecord:
         """The key `fit` of the model file."""
@@ -84,12 +86,13 @@ class Fit:
                                     held_out=run.held_out, memory=run.memory, read_at=run.recording.metadata.get("read_at"),
                                     **run.score._asdict())
                   for run in self.scores],
-            noise_um=self.noise_um, warnings=list(self.warnings))
+            noise_um=self.noise_um, warnings=list(self.warnings), variants=list(self.variants))
 
     def document(self, path: str, gate_failed: bool) -> FitDocument:
         """The document of `rdpi fit --json`; `path` is that of the model file."""
         known = self.record()
-        return FitDocument(runs=known.runs, noise_um=known.noise_um, warnings=known.warnings, model=path,
+        return FitDocument(runs=known.runs, noise_um=known.noise_um, warnings=known.warnings, variants=known.variants,
+                           model=path,
                            gate_failed=gate_failed, rate_slopes=self.rate_slopes.bands(),
                            effects=around.sections(self.choice), sweep=self.sweep.record())
 
@@ -111,43 +114,21 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     noises = [signals.noise_um(run.displacement_um) for run in (*runs, *hold_out)]
     frame = Frame.of(runs, options, warnings)
 
-    plain = _operator(runs, frame, options, not options.rate_independent, lambda share: progress(0.3 * share))
-    found, chosen, chain_of_rig = plain, None, []
-    if options.effects != around.NONE:
-        amplifier, behind, driven = _behind_amplifier(plain, runs, frame, options, warnings)
-        inner = frame.of_others(around.without_ringing(behind, driven, options), options)
-        if inner.stroke_um < tuned.RINGS_FAR * frame.stroke_um:
-            behind = _operator(driven, inner, options, not options.rate_independent)
-        chosen = around.identify(behind, driven, options, lambda share: progress(0.3 + 0.3 * share), amplifier)
-        if amplifier is not None:
-            chosen = around.behind(chosen, amplifier, runs)
-            free = around.by_command(chosen, runs, around.wanted(options.effects))
-            if chosen.found.rms_um > tuned.MONITOR_WORSE * free.rms_um:
-                warnings.append(f"monitor_V is not used: driven by it, the model misses {chosen.found.rms_um:.3g} um rms of "
-                                f"what was not fitted, instead of {free.rms_um:.3g} driven by the command; check that the "
-                                "column holds what drives the actuator, sampled at the same time, without glitches and hum")
-                chosen = around.identify(plain, runs, options, lambda share: progress(0.6 + 0.1 * share))
-        chain_of_rig = around.entries(chosen)
-        if chosen.kept and chosen.found.rms_um > chosen.plain.rms_um:
-            warnings.append(f"with {', '.join(one.acting.effect.name for one in chosen.kept)} the model misses more of "
-                            "what was not fitted than the operator alone; leave out what is not there, or use "
-                            "--effects auto")
-        if (more := chosen.may_be_there):
-            all_of_them = [*(one.effect.name for one in chosen.found.hypothesis.acting), *more]
-            warnings.append(f"{' and '.join(more)} may stand around the operator as well: parts of "
-                            f"these recordings, each predicted from the others, would be missed by "
-                            f"{chosen.percent(chosen.perhaps.rms_um):.2g} % of the stroke instead of "
-                            f"{chosen.percent(chosen.found.rms_um):.2g} %, but too few parts show it; record more, or take "
-                            f"them with --effects {','.join(all_of_them)}")
-        filter_s = chosen.found.state.setting.rate_filter_s
-        if chain_of_rig or filter_s != plain.model.rate.filter_s:
-            rated = chosen.found.hypothesis.rated and not options.rate_independent
-            seen = chosen.found.state.seen()
-            found = _operator(seen, frame.of_others(seen, options), replace(options, rate_filter_s=filter_s), rated)
+    rounds = 2 if options.effects != around.NONE and any(run.memory == "unknown" for run in runs) else 1
+    remarks: list[str] = []
+    begun = runs
+    whole = _identified(begun, frame, options, remarks, lambda share: progress(0.6 * share / rounds))
+    for k in range(1, rounds):  # what was before a recording is estimated anew beside what stands around the operator
+        begun, remarks = started(whole.model, runs), []
+        whole = _identified(begun, frame, options, remarks, lambda share: progress(0.6 * (k + share) / rounds))
+    warnings += remarks
+    tried = _compared(whole, begun, [*runs, *hold_out], frame, options)
+    if around.wanted(options.effects) is None:
+        tried.sort(key=lambda one: one.missed_um)  # the chain that was chosen, or what misses less with less
+    (plain, found, chosen, model), predictions, left_out, _ = tried[0]
     seen = [run.recording for run in found.runs]
     if found.columns.top_um_per_s:
         _compare_sources(seen, found, options, warnings)
-    model = replace(found.model, effects=chain_of_rig, operator_alone=plain.model.alone() if chain_of_rig else None)
     if options.dac_bits is not None and None in (options.min_V, options.max_V):
         warnings.append(f"the DAC's codes are assumed to span {model.drive.min_V:g} to {model.drive.max_V:g} V, the "
                         "recorded range; give --min-V and --max-V, the drives of the first and of the last code")
@@ -163,21 +144,124 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     if several_rates and not (chosen is not None and chosen.found.hypothesis.comes_late):
         _check_order(found.model, warnings)
     progress(0.7)
-    predictions = chain.simulate(model, [*runs, *hold_out])
     scores = _scores(runs, hold_out, predictions, warnings)
-    _remark(found.plant, scores, model.stroke_um, warnings)
-    if len(found.plant.picks) < options.deadzones:
-        warnings.append(f"only {len(found.plant.picks)} of {options.deadzones} dead zones are fitted, because more "
+    _remark(found.solution, scores, model.stroke_um, warnings)
+    if len(found.solution.picks) < options.deadzones:
+        warnings.append(f"only {len(found.solution.picks)} of {options.deadzones} dead zones are fitted, because more "
                         "would lie at or below zero; check for ringing and delay, and that the range is covered")
-    left_out = _leave_out(found, runs, effects.acting(model), predictions)
     drift_um = _half_loop_um(model) if found.sweep.drifts else 0.0
     model.passport = _passport(runs, hold_out, predictions, left_out, noises, drift_um, warnings).to_json()
     bands = slopes_of_bands(found.model, found.runs)
     progress(1.0)
-    result = Fit(model, (found.plant.residual, found.without.residual), scores, bands,
-                 float(np.median(noises[:len(runs)])), found.sweep, warnings, chosen, plain.model)
+    result = Fit(model, (found.solution.residual, found.without.residual), scores, bands,
+                 float(np.median(noises[:len(runs)])), found.sweep, warnings, chosen, plain.model,
+                 [one.variant(frame.stroke_um) for one in tried])
     model.fit = result.record().to_json()
     return result
+
+
+class _Whole(NamedTuple):
+    """What was identified from recordings whose starts were stated, guessed or estimated."""
+
+    plain: Operator  # as if nothing stood around it
+    found: Operator
+    chosen: Choice | None
+    model: Model
+
+
+def _identified(runs: Sequence[Recording], frame: Frame, options: Options, warnings: list[str],
+                progress: Callable[[float], None]) -> _Whole:
+    plain = _operator(runs, frame, options, not options.rate_independent, lambda share: progress(0.4 * share))
+    if options.effects != around.NONE:
+        amplifier, behind, driven = _behind_amplifier(plain, runs, frame, options, warnings)
+        inner = frame.of_others(around.without_ringing(behind, driven, options), options)
+        if inner.stroke_um < tuned.RINGS_FAR * frame.stroke_um:
+            behind = _operator(driven, inner, options, not options.rate_independent)
+        chosen = around.identify(behind, driven, options, lambda share: progress(0.4 + 0.5 * share), amplifier)
+        if amplifier is not None:
+            chosen = around.behind(chosen, amplifier, runs)
+            free = around.by_command(chosen, runs, around.wanted(options.effects))
+            if chosen.found.rms_um > tuned.MONITOR_WORSE * free.rms_um:
+                warnings.append(f"monitor_V is not used: driven by it, the model misses {chosen.found.rms_um:.3g} um rms of "
+                                f"what was not fitted, instead of {free.rms_um:.3g} driven by the command; check that the "
+                                "column holds what drives the actuator, sampled at the same time, without glitches and hum")
+                chosen = around.identify(plain, runs, options, lambda share: progress(0.9 + 0.1 * share))
+        if chosen.kept and chosen.found.rms_um > chosen.plain.rms_um:
+            warnings.append(f"with {', '.join(one.acting.effect.name for one in chosen.kept)} the model misses more of "
+                            "what was not fitted than the operator alone; leave out what is not there, or use "
+                            "--effects auto")
+        if (more := chosen.may_be_there):
+            all_of_them = [*(one.effect.name for one in chosen.found.hypothesis.acting), *more]
+            warnings.append(f"{' and '.join(more)} may stand around the operator as well: parts of "
+                            f"these recordings, each predicted from the others, would be missed by "
+                            f"{chosen.percent(chosen.perhaps.rms_um):.2g} % of the stroke instead of "
+                            f"{chosen.percent(chosen.found.rms_um):.2g} %, but too few parts show it; record more, or take "
+                            f"them with --effects {','.join(all_of_them)}")
+        return _around(plain, chosen, frame, options)
+    return _Whole(plain, plain, None, plain.model)
+
+
+def _around(plain: Operator, chosen: Choice, frame: Frame, options: Options, sweep: SweepStart | None = None) -> _Whole:
+    """The operator fitted to what it alone made of the recordings, and what was chosen around it."""
+    found, chain_of_rig = plain, around.entries(chosen)
+    filter_s = chosen.found.state.setting.rate_filter_s
+    if chain_of_rig or filter_s != plain.model.rate.filter_s:
+        rated = chosen.found.hypothesis.rated and not options.rate_independent
+        seen = chosen.found.state.seen()
+        found = _operator(seen, frame.of_others(seen, options), replace(options, rate_filter_s=filter_s), rated, sweep=sweep)
+    model = replace(found.model, effects=chain_of_rig, operator_alone=plain.model.alone() if chain_of_rig else None)
+    return _Whole(plain, found, chosen, model)
+
+
+class _Tried(NamedTuple):
+    """A model, and what it misses of whole recordings."""
+
+    whole: _Whole
+    predictions: list[chain.Prediction]
+    left_out: list[np.ndarray | None]  # of each run, (samples,); see _leave_out
+    missed_um: float  # rms of that, each run's offset apart; every recording counts alike
+
+    def variant(self, stroke_um: float) -> records.Variant:
+        """For the model file and the document."""
+        model, acting = self.whole.model, effects.acting(self.whole.model)
+        rated = bool(np.any(model.slope_rate_s_per_um))
+        parameters = len(model.slopes) * (1 + rated) + len(model.deadzones_um) + sum(len(one.effect.fitted) for one in acting)
+        return records.Variant(effects=[one.effect.name for one in acting], rate_law=rated, parameters=parameters,
+                               left_out_percent=100 * self.missed_um / stroke_um)
+
+
+def _tried(whole: _Whole, runs: Sequence[Recording]) -> _Tried:
+    """... of `runs`, the first of which were fitted, each from a start as chain.simulate has it."""
+    predictions = chain.simulate(whole.model, runs)
+    fitted = runs[:len(whole.found.runs)]
+    left_out = _leave_out(whole.found, fitted, effects.acting(whole.model), predictions)
+    missed = [run.displacement_um - one.predicted_um if left is None else left
+              for run, one, left in zip(fitted, predictions, left_out)]
+    return _Tried(whole, predictions, left_out, float(np.sqrt(np.mean([np.var(one) for one in missed]))))
+
+
+def _compared(whole: _Whole, begun: Sequence[Recording], runs: Sequence[Recording], frame: Frame, options: Options
+              ) -> list[_Tried]:
+    """A model, and what has less: chains that lack one effect of it, or of the best of these, the operator alone, the
+    operator without a rate law. `begun`: what is fitted, with starts that were estimated; `runs`: as recorded.
+    """
+    best = _tried(whole, runs)
+    tried, plain, sweep = [best], whole.plain, whole.found.sweep
+    # What monitor_V shows is there, whatever it brings.
+    while whole.chosen is not None and len((now := best.whole.chosen).kept) > 1 and not any(one.stage_shown for one in now.kept):
+        less = [_tried(_around(plain, around.lacking(now, one), frame, options, sweep), runs) for one in now.kept]
+        tried += less
+        better = min(less, key=lambda one: one.missed_um)
+        if better.missed_um > best.missed_um:
+            break
+        best = better
+    nothing = None if whole.chosen is None else around.nothing(whole.chosen)
+    if whole.found is not plain:
+        tried.append(_tried(_Whole(plain, plain, nothing, plain.model), runs))
+    if np.any(plain.model.slope_rate_s_per_um):
+        still = _operator(begun, frame, options, False, sweep=plain.sweep)
+        tried.append(_tried(_Whole(plain, still, nothing, still.model), runs))
+    return tried
 
 
 @dataclass(frozen=True)
@@ -220,8 +304,8 @@ class Operator:
     """The operator identified from recordings as it made them, and the regression behind it."""
 
     model: Model  # without effects
-    plant: Plant
-    without: Plant  # the same without a rate law
+    solution: Solution
+    without: Solution  # the same without a rate law
     runs: list[Run]
     reduced: list[Reduced]
     columns: Columns
@@ -229,15 +313,40 @@ class Operator:
 
 
 def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: bool,
-              progress: Callable[[float], None] = lambda fraction: None) -> Operator:
+              progress: Callable[[float], None] = lambda fraction: None, sweep: SweepStart | None = None) -> Operator:
+    """`sweep`: where a sweep leaves the plays, if that is known already."""
     low_V, high_V = frame.range_V
     ends_V = (low_V if options.min_V is None else options.min_V, high_V if options.max_V is None else options.max_V)
     if not ends_V[1] > ends_V[0]:
         raise BadInput(f"`max_V` {ends_V[1]:g}: must be above the lowest drive, {ends_V[0]:g} V; give `min_V` "
                        "and `max_V`")
-    sweep = sweep_start(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, ends_V)
-    prepared = prepare(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, options.rate_source,
-                       options.rate_window_s, options.rate_filter_s or 0.0, frame.smoothing_s, sweep.states_um)
+    sweep = sweep or sweep_start(runs, frame.gain_um_per_V, frame.offset_V, frame.thresholds_um, ends_V)
+    plays = len(frame.thresholds_um)
+    bare = Model(  # until one is fitted
+        gain_um_per_V=frame.gain_um_per_V, offset_V=frame.offset_V, offset_um=0.0, stroke_um=frame.stroke_um,
+        thresholds_um=frame.thresholds_um, slopes=np.ones(plays), slope_rate_s_per_um=np.zeros(plays),
+        deadzones_um=np.zeros(1), deadzone_weights=np.ones(1),
+        rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s or 0.0,
+                  min_slope_ratio=options.min_slope_ratio, smoothing_s=min(frame.smoothing_s)),
+        drive=Drive(*ends_V, options.slew_V_per_s, options.dac_bits, sweep_end_V=_sweep_end(runs[0], ends_V)),
+        memory=Memory(sweep_share=sweep.share),
+        actuator=options.actuator if options.actuator is not None else runs[0].metadata.get("actuator", ""),
+    )
+    found = _fitted(runs, bare, frame, options, rated, sweep, progress)
+    guessed = [k for k, run in enumerate(runs) if run.memory == "unknown" and run.past is None]
+    for _ in range(ROUNDS if guessed else 0):
+        runs = list(runs)
+        for k in guessed:
+            runs[k] = replace(runs[k], past=None)
+        runs = started(found.model, runs)
+        found = _fitted(runs, bare, frame, options, rated, sweep, lambda fraction: None)
+    return found
+
+
+def _fitted(runs: Sequence[Recording], bare: Model, frame: Frame, options: Options, rated: bool, sweep: SweepStart,
+            progress: Callable[[float], None]) -> Operator:
+    """The operator, where the recordings start as they state or as it was estimated."""
+    prepared = prepare(runs, bare, frame.smoothing_s, sweep.states_um)
     top = top_rate(prepared)
     if top <= 0:
         raise BadInput(f"{runs[0].path}: the displacement never moves after warm-up; "
@@ -250,28 +359,16 @@ def _operator(runs: Sequence[Recording], frame: Frame, options: Options, rated: 
         raise BadInput(f"{runs[0].path}: the fit has {unknowns} unknowns, but only {samples} samples after "
                        "warm-up; record longer, state the memory, or use fewer `operators`")
     first = prepared[0]
-    bare = Model(  # until a plant is fitted
-        gain_um_per_V=frame.gain_um_per_V, offset_V=frame.offset_V, offset_um=0.0, stroke_um=frame.stroke_um,
-        thresholds_um=frame.thresholds_um, slopes=np.ones(columns.plays), slope_rate_s_per_um=np.zeros(columns.plays),
-        deadzones_um=np.zeros(1), deadzone_weights=np.ones(1),
-        rate=Rate(options.rate_source, options.rate_window_s, options.rate_filter_s or 0.0,
-                  min_slope_ratio=options.min_slope_ratio, smoothing_s=min(frame.smoothing_s),
-                  identified_um_per_s=top),
-        drive=Drive(*ends_V, options.slew_V_per_s, options.dac_bits, sweep_end_V=_sweep_end(first.recording, ends_V)),
-        memory=Memory(float(first.x_um[0]), first.states_um, sweep.share),
-        actuator=options.actuator if options.actuator is not None else runs[0].metadata.get("actuator", ""),
-    )
+    bare = replace(bare, rate=replace(bare.rate, identified_um_per_s=top),
+                   memory=replace(bare.memory, x_um=float(first.x_um[0]), plays_um=first.states_um))
     for deadzones in range(options.deadzones, -1, -1):
-        plant = search(factor, columns, deadzones, samples)
-        model = _of_plant(bare, plant, columns, prepared, reduced)
+        solution = search(factor, columns, deadzones, samples)
+        model = _of_solution(bare, solution, columns, prepared, reduced)
         if model is not None:
             break
-    without = search(*without_rate(factor, columns), deadzones, samples) if rated else plant
-    if first.recording.memory == "unknown":
-        states = chain.estimate_states(model, first.recording)
-        model.memory = replace(model.memory, x_um=float(states[0]), plays_um=states)
+    without = search(*without_rate(factor, columns), deadzones, samples) if rated else solution
     model.memory = chain.within_drive(model)
-    return Operator(model, plant, without, prepared, reduced, columns, sweep)
+    return Operator(model, solution, without, prepared, reduced, columns, sweep)
 
 
 def _sweep_end(first: Recording, ends_V: tuple[float, float]) -> float | None:
@@ -324,15 +421,15 @@ def _late(chosen: Choice, model: Model) -> str:
 def _compare_sources(runs: Sequence[Recording], found: Operator, options: Options, warnings: list[str]) -> None:
     """Say so if the other source of the rate explains the recordings much better."""
     other = next(source for source in SOURCES if source != options.rate_source)
-    columns, plant = found.columns, found.plant
+    columns, solution = found.columns, found.solution
     swapped = rerated(found.runs, other, options.rate_window_s, found.model.rate.filter_s, smoothing_times_s(runs))
     factor, samples = joined(reduce(swapped, columns, found.model.stroke_um, every=THIN))
-    residual = plant.residual
+    residual = solution.residual
     for _ in range(3):  # the prior follows the residual
-        residual = solve(factor, columns, plant.picks, samples, residual).residual
-    if residual < tuned.OTHER_SOURCE * plant.residual:
+        residual = solve(factor, columns, solution.picks, samples, residual).residual
+    if residual < tuned.OTHER_SOURCE * solution.residual:
         warnings.append(f"the rate of the {other} explains these recordings better ({100 * residual:.2g} % rms of the "
-                        f"stroke against {100 * plant.residual:.2g} %): try --rate-source {other}")
+                        f"stroke against {100 * solution.residual:.2g} %): try --rate-source {other}")
 
 
 def _check_reset(model: Model, runs: Sequence[Run], warnings: list[str]) -> None:
@@ -340,7 +437,7 @@ def _check_reset(model: Model, runs: Sequence[Run], warnings: list[str]) -> None
     for prepared in runs:
         run = prepared.recording
         if run.memory == "reset":
-            _, at_rest, best = chain.start_states(model, run, rate_um_per_s=prepared.rate_um_per_s)
+            at_rest, best = doubted(Plant(model, run.sample_time_s), run)
             if best < tuned.RESET_DOUBT * at_rest and at_rest - best > 0.003 * model.stroke_um:
                 warnings.append(f"{run.path}: marked memory: reset, but another state explains its beginning better "
                                 f"({best:.2g} um rms against {at_rest:.2g}); check that the sweep decayed from both "
@@ -412,24 +509,24 @@ def _thresholds(options: Options, excursion_um: float, warnings: list[str]) -> n
     return wanted[wanted <= 0.98 * reach]
 
 
-def _of_plant(model: Model, plant: Plant, columns: Columns, runs: Sequence[Run],
+def _of_solution(model: Model, solution: Solution, columns: Columns, runs: Sequence[Run],
               reduced: Sequence[Reduced]) -> Model | None:
-    """The model with slopes, saturation, guard and offset of a plant fitted to these runs.
+    """The model with slopes, saturation, guard and offset of a solution for these runs.
 
     None: a dead zone lies at or below zero, where it has no meaning. There is none without dead zones.
     """
-    offsets = np.array([offset_of(run.means, columns, plant) for run in reduced]) * model.stroke_um
+    offsets = np.array([offset_of(run.means, columns, solution) for run in reduced]) * model.stroke_um
     # The offset of a run whose unknown memory is never erased holds what its plays remember: only if there is no other.
-    erased = [run.first == 0 or np.ptp(run.x_um) >= 2 * model.thresholds_um[-1] for run in runs]
-    weights = [(len(run.x_um) - run.first) * (sure or not any(erased)) for run, sure in zip(runs, erased)]
+    known = [run.recording.memory != "unknown" or np.ptp(run.x_um) >= 2 * model.thresholds_um[-1] for run in runs]
+    weights = [len(run.x_um) * (sure or not any(known)) for run, sure in zip(runs, known)]
     offset_um = float(np.average(offsets, weights=weights))
-    corners_um = columns.grid_um[list(plant.picks)] - offset_um
+    corners_um = columns.grid_um[list(solution.picks)] - offset_um
     if np.any(corners_um <= 0):
         return None
-    deadzones, deadzone_weights = saturation_of(corners_um, plant.pieces)
+    deadzones, deadzone_weights = saturation_of(corners_um, solution.pieces)
     top = model.rate.identified_um_per_s
-    change = (plant.fast - plant.rest) / top
-    found = replace(model, offset_um=offset_um, slopes=plant.rest, slope_rate_s_per_um=change, deadzones_um=deadzones,
+    change = (solution.fast - solution.rest) / top
+    found = replace(model, offset_um=offset_um, slopes=solution.rest, slope_rate_s_per_um=change, deadzones_um=deadzones,
                     deadzone_weights=deadzone_weights)
     return guarded(found, tuned.RATE_HEADROOM * top, slack=1.0)
 
@@ -442,7 +539,7 @@ def _leave_out(found: Operator, recorded: Sequence[Recording], acting: Sequence[
     Effects, rate and memory are those of the model's own prediction: they hardly differ, and finding them anew takes
     long.
     """
-    columns, m = found.columns, len(found.plant.picks)
+    columns, m = found.columns, len(found.solution.picks)
     parts: list[tuple[int, slice]] = []
     runs: list[Run] = []
     for k, (run, whole) in enumerate(zip(found.runs, covered([run.recording for run in found.runs]))):
@@ -462,8 +559,8 @@ def _leave_out(found: Operator, recorded: Sequence[Recording], acting: Sequence[
         others = [reduced[k] for k in rest]
         try:
             factor, samples = joined(others)
-            plant = search(factor, columns, m, samples)
-            other = _of_plant(found.model, plant, columns, [runs[k] for k in rest], others)
+            solution = search(factor, columns, m, samples)
+            other = _of_solution(found.model, solution, columns, [runs[k] for k in rest], others)
             for k in group if other is not None else ():
                 at, part = parts[k]
                 driven, seen = found.runs[at].recording, predictions[at]
@@ -514,9 +611,6 @@ def _scores(runs: Sequence[Recording], hold_out: Sequence[Recording], prediction
             warnings: list[str]) -> list[RunScore]:
     scores = []
     for k, (run, prediction) in enumerate(zip([*runs, *hold_out], predictions)):
-        if not prediction.settled:
-            warnings.append(f"{run.path}: the prediction's own rate did not settle; treat its score with care, "
-                            "or fit with a longer --rate-window")
         score = chain.score(prediction.predicted_um, run.displacement_um, where=run.path)
         at = int(np.argmax(np.abs(run.displacement_um - prediction.predicted_um)))
         if score.max_um > tuned.FAR_OFF * score.rms_um and not _expected_there(run, at, prediction.memory):
@@ -548,8 +642,8 @@ def _check_order(model: Model, warnings: list[str]) -> None:
                         "were sampled at the same time (`rdpi import --drive` aligns them)")
 
 
-def _remark(plant: Plant, scores: Sequence[RunScore], stroke_um: float, warnings: list[str]) -> None:
-    slopes = np.r_[plant.rest, plant.fast]
+def _remark(solution: Solution, scores: Sequence[RunScore], stroke_um: float, warnings: list[str]) -> None:
+    slopes = np.r_[solution.rest, solution.fast]
     if np.any(slopes <= tuned.SLOPE_FLOOR * 1.0001):
         warnings.append(f"a slope is at its lower bound of {tuned.SLOPE_FLOOR:g}: the recordings do not determine it; "
                         "use fewer --operators or record more amplitudes and rates")
@@ -568,10 +662,9 @@ def _remark(plant: Plant, scores: Sequence[RunScore], stroke_um: float, warnings
     for run in scores:
         path, stays = run.recording.path, stays_at_an_end(run.recording)
         if run.memory == "estimated":
-            warnings.append(f"{path}: the memory at the start is unknown; the prediction starts from an estimate" + (
-                "" if run.held_out else ", and the fit leaves out what comes before the drive has erased it; record "
-                "right after a decaying sweep, and write # memory: reset above the columns, or cut the sweep off with "
-                "`rdpi import --drive`"))
+            warnings.append(f"{path}: the memory at the start is unknown and is estimated" + (
+                "" if run.held_out else "; where it is known, say so above the columns: # memory: reset right after a "
+                "decaying sweep, as `rdpi import --drive` cuts it off, # memory: low or high after a rest at that end"))
         rate_hz = run.recording.sample_rate_hz
         lasts_s = len(run.recording) / rate_hz
         if rate_hz < tuned.SLOW_HZ or lasts_s > tuned.LONG_S:

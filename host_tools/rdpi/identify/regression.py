@@ -21,9 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import firmware
-from ..data import Recording
-from ..errors import BadInput
-from ..simulate import chain, signals
+from ..data import ENDS, Recording
+from ..model import Model
+from ..simulate import memory, signals
 from . import thresholds as tuned
 from .checks import reversals
 
@@ -39,9 +39,15 @@ class Run:
     rate_um_per_s: np.ndarray
     states_um: np.ndarray
     first: int  # samples before this depend on unknown memory
+    steps: np.ndarray  # samples up to which a play adds a constant, where its start is an estimate, (steps,)
+
+    def asides(self, part: slice) -> np.ndarray:
+        """What is no matter of the model, (samples of the part, columns); the first is the offset."""
+        always = signals.asides(self.recording)[part]
+        return np.hstack([always, np.arange(part.start, part.start + len(always))[:, None] < self.steps])
 
 
-class Plant(NamedTuple):
+class Solution(NamedTuple):
     """A candidate: slopes at rest and at the highest rate, inverse saturation, and how well it fits."""
 
     rest: np.ndarray  # A_i
@@ -64,7 +70,9 @@ class Columns(NamedTuple):
         return len(self.thresholds_um) * (2 if self.top_um_per_s else 1)
 
     def blocks(self, run: Run, every: int = 1) -> Iterator[np.ndarray]:
-        """Blocks of at most CHUNK rows, one row for `every` samples, warm-up left out; first column 1."""
+        """Blocks of at most CHUNK rows, one row for `every` samples, warm-up left out; first the columns of
+        Run.asides.
+        """
         states = run.states_um
         z = run.recording.displacement_um
         for start in range(0, len(z), CHUNK):
@@ -75,7 +83,7 @@ class Columns(NamedTuple):
                 share = (run.rate_um_per_s[part] / self.top_um_per_s)[:, None]
                 outputs = np.hstack([outputs * (1 - share), outputs * share])
             zone = np.maximum(z[part, None] - self.grid_um, 0)
-            block = np.hstack([np.ones((len(outputs), 1)), outputs, zone, z[part, None]])
+            block = np.hstack([run.asides(part), outputs, zone, z[part, None]])
             block = block[max(0, run.first - start)::every]
             if len(block):
                 yield block
@@ -84,8 +92,8 @@ class Columns(NamedTuple):
 class Reduced(NamedTuple):
     """What the regression needs of one run; displacements in units of the stroke."""
 
-    factor: np.ndarray  # triangular, of all columns with the run's mean removed: each run has its own offset
-    means: np.ndarray  # of the columns
+    factor: np.ndarray  # triangular, of all columns without what is no matter of the model: each run has its own offset
+    means: np.ndarray  # of the columns, beside what goes on creeping
     samples: int
 
 
@@ -94,15 +102,16 @@ def reduce(runs: Sequence[Run], columns: Columns, stroke: float,
     reduced: list[Reduced] = []
     everything, done = sum(len(run.x_um) for run in runs), 0
     for run in runs:
-        factor, samples = np.zeros((0, columns.plays + len(columns.grid_um) + 2)), 0
+        aside = run.asides(slice(0, 1)).shape[1]
+        factor, samples = np.zeros((0, aside + columns.plays + len(columns.grid_um) + 1)), 0
         for block in columns.blocks(run, every):
-            block[:, 1:] /= stroke
+            block[:, aside:] /= stroke
             factor = np.linalg.qr(np.vstack([factor, block]), mode="r")
             samples += len(block)
             progress(min(1.0, (done + samples) * every / everything))
         done += samples
-        means = factor[0, 1:] / factor[0, 0]  # of a factor with a leading column of ones
-        reduced.append(Reduced(factor[1:, 1:], means, samples))
+        means = np.linalg.lstsq(factor[:aside, :aside], factor[:aside, aside:], rcond=None)[0][0]
+        reduced.append(Reduced(factor[aside:, aside:], means, samples))
     return reduced
 
 
@@ -145,7 +154,7 @@ def _prior(n: int, plays: int, m: int, curve_bend: float, rate_bend: float, rate
     return np.vstack(rows), np.r_[none(sum(map(len, rows)) - m), straight.sum(axis=1)]
 
 
-def solve(factor: np.ndarray, columns: Columns, picks: tuple[int, ...], samples: int, residual: float) -> Plant:
+def solve(factor: np.ndarray, columns: Columns, picks: tuple[int, ...], samples: int, residual: float) -> Solution:
     """Slopes and pieces for given dead zones; `residual` is the relative error that the prior is weighed against."""
     from scipy.optimize import lsq_linear
 
@@ -162,26 +171,26 @@ def solve(factor: np.ndarray, columns: Columns, picks: tuple[int, ...], samples:
     cost = np.sum((both[0] @ found - both[1]) ** 2)
     rest = found[:n]
     fast = found[n:2 * n] if columns.top_um_per_s else rest
-    return Plant(rest, fast, picks, np.r_[1.0, found[columns.plays:]], float(cost), float(np.sqrt(left / samples)))
+    return Solution(rest, fast, picks, np.r_[1.0, found[columns.plays:]], float(cost), float(np.sqrt(left / samples)))
 
 
-def search(factor: np.ndarray, columns: Columns, m: int, samples: int) -> Plant:
+def search(factor: np.ndarray, columns: Columns, m: int, samples: int) -> Solution:
     """Outer search over the dead zones, one at a time until none moves; the prior follows the residual."""
     spread = np.linspace(0, len(columns.grid_um) - 1, m + 2)[1:-1]
-    plant = solve(factor, columns, tuple(int(round(j)) for j in spread), samples, 1e-3)
+    solution = solve(factor, columns, tuple(int(round(j)) for j in spread), samples, 1e-3)
     for _ in range(4):
-        residual = plant.residual
-        plant = solve(factor, columns, plant.picks, samples, residual)
-        before = plant.picks
+        residual = solution.residual
+        solution = solve(factor, columns, solution.picks, samples, residual)
+        before = solution.picks
         for j in range(m):
-            lowest = plant.picks[j - 1] + tuned.GRID_GAP if j else 0
-            highest = plant.picks[j + 1] - tuned.GRID_GAP if j + 1 < m else len(columns.grid_um) - 1
+            lowest = solution.picks[j - 1] + tuned.GRID_GAP if j else 0
+            highest = solution.picks[j + 1] - tuned.GRID_GAP if j + 1 < m else len(columns.grid_um) - 1
             for place in range(lowest, highest + 1):
-                picks = (*plant.picks[:j], place, *plant.picks[j + 1:])
-                plant = min(plant, solve(factor, columns, picks, samples, residual), key=lambda p: p.cost)
-        if plant.picks == before:
+                picks = (*solution.picks[:j], place, *solution.picks[j + 1:])
+                solution = min(solution, solve(factor, columns, picks, samples, residual), key=lambda p: p.cost)
+        if solution.picks == before:
             break
-    return plant
+    return solution
 
 
 def without_rate(factor: np.ndarray, columns: Columns) -> tuple[np.ndarray, Columns]:
@@ -190,11 +199,11 @@ def without_rate(factor: np.ndarray, columns: Columns) -> tuple[np.ndarray, Colu
     return np.hstack([factor[:, :n] + factor[:, n:2 * n], factor[:, 2 * n:]]), columns._replace(top_um_per_s=0.0)
 
 
-def offset_of(means: np.ndarray, columns: Columns, plant: Plant) -> float:
+def offset_of(means: np.ndarray, columns: Columns, solution: Solution) -> float:
     """Offset of one run, in units of the stroke: what its means leave."""
-    design, target = assemble(means[None, :], columns, plant.picks)
-    slopes = np.r_[plant.rest, plant.fast] if columns.top_um_per_s else plant.rest
-    return float((target - design @ np.r_[slopes, plant.pieces[1:]])[0])
+    design, target = assemble(means[None, :], columns, solution.picks)
+    slopes = np.r_[solution.rest, solution.fast] if columns.top_um_per_s else solution.rest
+    return float((target - design @ np.r_[slopes, solution.pieces[1:]])[0])
 
 
 def saturation_of(corners_um: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -209,25 +218,44 @@ def smoothing_times_s(runs: Sequence[Recording]) -> list[float]:
     return [signals.smoothing_time_s(run.displacement_um, run.sample_time_s) for run in runs]
 
 
-def prepare(runs: Sequence[Recording], gain: float, offset_V: float, thresholds: np.ndarray, source: str,
-             window_s: float, filter_s: float, smoothing_s: Sequence[float],
-             swept: Callable[[float], np.ndarray]) -> list[Run]:
-    """`swept` gives the states of the plays after a sweep that ended at a control input."""
+def prepare(runs: Sequence[Recording], bare: Model, smoothing_s: Sequence[float], swept: Callable[[float], np.ndarray]
+            ) -> list[Run]:
+    """`bare` has gain, offset, thresholds and rate estimator; `swept` gives the states of the plays after a sweep that
+    ended at a control input.
+    """
+    law = bare.rate
     prepared: list[Run] = []
     end: np.ndarray | None = None
     for run, smoothing in zip(runs, smoothing_s):
-        x = gain * (run.command_V - offset_V)
-        rate = rate_of(run, x, source, window_s, filter_s, smoothing)
-        known = run.memory == "reset" or (run.memory == "carried" and end is not None)
-        carried = run.memory == "carried" and end is not None
-        states = np.array(end) if carried else swept(float(x[0]))
-        first = 0 if known else chain.warm_up(x, thresholds[-1])
-        if first and reversals(x, 0.1, first) == 0:
-            raise BadInput(f"{run.path}: its memory is unknown, and the drive has no reversal after it has erased "
-                           "the memory; state the memory (reset, carried), record longer, or leave the recording out")
-        prepared.append(Run(run, x, rate, states, first))
-        end = firmware.plays(x, thresholds, states)[1]
+        x = bare.gain_um_per_V * (run.command_V - bare.offset_V)
+        rate = rate_of(run, x, law.source, law.window_s, law.filter_s, smoothing)
+        states, first = start_of(run, x, bare, swept, end)
+        steps = np.zeros(0, int)
+        if run.past is not None:
+            moved = np.unique(memory.first_moved(x, bare.thresholds_um, states))
+            steps = moved[(moved > 0) & (moved < len(x))]
+        prepared.append(Run(run, x, rate, states, first, steps))
+        end = firmware.plays(x, bare.thresholds_um, states)[1]
     return prepared
+
+
+def start_of(run: Recording, x_um: np.ndarray, bare: Model, swept: Callable[[float], np.ndarray], end: np.ndarray | None
+             ) -> tuple[np.ndarray, int]:
+    """The plays before a run, (n + 1,), and the first sample that does not depend on them where they are not known.
+
+    Where such a run never erases them, it counts all the same, as if a sweep had ended there, until they are estimated.
+    """
+    if run.past is not None:
+        return memory.plays_of(run.past, bare), 0
+    if run.memory == "carried" and end is not None:
+        return np.array(end), 0
+    if run.memory in ENDS:
+        return memory.entered_plays(bare, float(x_um[0]), run.memory), 0
+    states, first = swept(float(x_um[0])), 0
+    if run.memory != "reset":
+        first = memory.warm_up(x_um, bare.thresholds_um[-1])
+        first = first if reversals(x_um, 0.1, first) else 0
+    return states, first
 
 
 def parts_of(run: Run, thresholds_um: np.ndarray, parts: Sequence[slice]) -> Iterator[Run]:
@@ -237,7 +265,8 @@ def parts_of(run: Run, thresholds_um: np.ndarray, parts: Sequence[slice]) -> Ite
         recording = replace(run.recording, columns={name: column[part] for name, column in
                                                     run.recording.columns.items()})
         yield replace(run, recording=recording, x_um=run.x_um[part], rate_um_per_s=run.rate_um_per_s[part],
-                      states_um=states, first=max(0, run.first - part.start))
+                      states_um=states, first=max(0, run.first - part.start),
+                      steps=run.steps[(run.steps > part.start) & (run.steps < part.stop)] - part.start)
         states = firmware.plays(run.x_um[part], thresholds_um, states)[1]
 
 

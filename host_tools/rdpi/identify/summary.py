@@ -12,7 +12,7 @@ import numpy as np
 from ..data import Recording, atomic_write, make_folder
 from ..simulate import chain, scoring
 from . import around, report
-from .document import FitDocument
+from .document import FitDocument, name_of
 from .identify import Fit
 
 PAGE, PICTURE, DOCUMENT = "fit.html", "fit.png", "fit.json"  # of a report
@@ -38,8 +38,10 @@ def write_report(folder: str | os.PathLike[str], result: Fit, runs: Sequence[Rec
     atomic_write(Path(folder) / DOCUMENT, json.dumps(document.to_json(), indent=2, allow_nan=False) + "\n")
 
 
-def lines(result: Fit) -> list[str]:
-    """An identification for people: size, scores, slopes against rate, reach, guard, and what to know."""
+def lines(result: Fit, verbose: bool = False) -> list[str]:
+    """An identification for people: size, scores, slopes against rate, reach, guard, and what to know; `verbose`: and the
+    models that were compared.
+    """
     model, rate = result.model, result.model.rate
     low, high = chain.reachable_um(model)
     top = rate.identified_um_per_s
@@ -48,6 +50,7 @@ def lines(result: Fit) -> list[str]:
             *scoring.table([(run.recording.path, run.score, ("held out" if run.held_out else "fitted") + _aside(run.score))
                             for run in result.scores]),
             *(around.lines(result.choice, model) if result.choice else ()),
+            *(_variants(result) if verbose else ()),
             *_slopes(result)]
     dependent, independent = (100 * residual for residual in result.residual)
     if dependent != independent:
@@ -69,6 +72,13 @@ def _aside(score: chain.Score) -> str:
     if not score.mostly_offset:
         return ""
     return f"; {score.rms_percent * score.beside_offset_um / score.rms_um:.3g} % beside an offset of {score.offset_um:.3g} um"
+
+
+def _variants(result: Fit) -> list[str]:
+    return ["models that were compared, the one that is delivered first: missed of whole recordings, or parts of the only "
+            "one, left out in turn, offsets apart",
+            f"  {'% of stroke':>11} {'parameters':>10}   around the operator",
+            *(f"  {one.left_out_percent:11.3g} {one.parameters:10}   {name_of(one)}" for one in result.variants)]
 
 
 def _slopes(result: Fit) -> list[str]:

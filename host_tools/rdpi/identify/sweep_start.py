@@ -21,7 +21,7 @@ import numpy as np
 from .. import firmware
 from ..data import Recording
 from ..model import swept_states
-from ..simulate import chain
+from ..simulate import memory
 from . import thresholds as tuned
 from .document import ShownBy, Sweep
 from .strokes import along_path
@@ -118,7 +118,7 @@ def _part(run: Recording, x: np.ndarray, z: np.ndarray, reach: float, most: int)
     used = along_path(x, PATH)[:most]
     swept = run.memory == "reset"
     start = float(x[0]) if swept else 0.0
-    depend = int(np.searchsorted(used, chain.warm_up(x, reach)))
+    depend = int(np.searchsorted(used, memory.warm_up(x, reach)))
     rate = np.abs(np.gradient(x)) / run.sample_time_s
     return _Part(x, z, start, rate, used, 0 if swept else depend, depend if abs(start) > ASIDE else 0,
                  run.sample_time_s)

@@ -79,12 +79,24 @@ class FittedRun(Document):
 
 
 @dataclass(kw_only=True)
+class Variant(Document):
+    """A model that was compared: the operator alone, or a chain around it."""
+
+    effects: list[str] = json_key("names of the effects around the operator, in the order of the chain")
+    rate_law: bool = json_key("whether the operator's slopes depend on the rate")
+    parameters: int = json_key("number of its parameters", low=0)
+    left_out_percent: float = json_key("rms of what it misses of recordings, or parts of one, that were left out in turn, "
+                                       "each one's offset apart, of the stroke", "%", low=0)
+
+
+@dataclass(kw_only=True)
 class FitRecord(Document):
     """The recordings of the fit; empty for a model that was made in another way."""
 
     runs: list[FittedRun] = json_key("the recordings, those held out last", needed=False)
     noise_um: float = json_key("rms of the sensor's noise", "um", low=0, needed=False)
     warnings: list[str] = json_key("remarks of the fit", needed=False)
+    variants: list[Variant] = json_key("models that were compared, this one first", needed=False)
 
 
 @dataclass(kw_only=True)

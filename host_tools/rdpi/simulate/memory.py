@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from .. import firmware
+from ..data import ENDS, Past, Recording
 from ..firmware import Chain, Firmware
 from ..model import Memory, Model, operators
 
@@ -28,6 +29,39 @@ def swept_ticks(sample_time_s: float) -> int:
 def since_sweep_s(sample_time_s: float) -> float:
     """Time at the first sample since the sweep came to its end, in a move that took one sample."""
     return (swept_ticks(sample_time_s) + 0.5) * sample_time_s
+
+
+def past_of(run: Recording, model: Model) -> Past:
+    """What was before a recording, as it was estimated, or as it states: after a sweep, or where its drive rested at an
+    end for a stated time, the actuator came from the middle of the range.
+    """
+    if run.past is not None:
+        return run.past
+    rested_s = run.metadata.get("rested_s")
+    x_um = float(model.x_of(run.command_V[0]))
+    if run.memory == "reset":
+        return from_middle(model, x_um, since_sweep_s(run.sample_time_s))
+    if run.memory in ENDS and rested_s is not None:
+        return from_middle(model, x_um, max(float(rested_s), run.sample_time_s))
+    return Past()
+
+
+def from_middle(model: Model, x_um: float, since_s: float) -> Past:
+    """A move from the middle of the range, where creep had settled, so long ago."""
+    away_um = from_middle_um(model, x_um)
+    return Past(np.array([away_um]), np.array([since_s]), away_um)
+
+
+def plays_of(past: Past, model: Model) -> np.ndarray:
+    """The memory of the plays that an estimate found, at the thresholds of this model, um, (n + 1,)."""
+    plays_V = np.interp(model.thresholds_um / abs(model.gain_um_per_V), past.thresholds_V, past.plays_V)
+    return model.gain_um_per_V * (plays_V - model.offset_V)
+
+
+def entered_plays(model: Model, x_um: float, end: str) -> np.ndarray:
+    """States of the plays, (n + 1,), where the drive came to its "low" or "high" end from far away."""
+    above = (end == "low") == (model.gain_um_per_V > 0)
+    return x_um + model.thresholds_um * (1 if above else -1)
 
 
 def middle_um(model: Model) -> float:
@@ -92,3 +126,27 @@ def reachable_um(model: Model) -> tuple[float, float]:
     engine = Firmware(replace(model, memory=within_drive(model)), 1.0, "f64", any_sample_time=True)
     low, high = engine.forward(ends, np.zeros(4))[2:]
     return float(min(low, high)), float(max(low, high))
+
+
+def states_after(position_um: float, x0_um: float, thresholds_um: np.ndarray) -> np.ndarray:
+    """States of the plays that rested at `position_um` and moved straight to `x0_um`; shape (n + 1,)."""
+    return np.clip(position_um, x0_um - thresholds_um, x0_um + thresholds_um)
+
+
+def warm_up(x_um: np.ndarray, largest_threshold_um: float) -> int:
+    """First sample at which no play can still remember what came before the run.
+
+    A play of threshold r forgets once the input has spanned 2 r. One that never does keeps its state once the run has
+    spanned all it ever spans; a constant, which an offset takes up.
+    """
+    spanned = np.maximum.accumulate(x_um) - np.minimum.accumulate(x_um)
+    return int(np.argmax(spanned >= min(2 * largest_threshold_um, 0.999 * spanned[-1])))
+
+
+def first_moved(x_um: np.ndarray, thresholds_um: np.ndarray, states_um: np.ndarray) -> np.ndarray:
+    """The sample in which each play has first moved from its state, the number of samples if none, (n + 1,). Until there
+    a play that started elsewhere adds another constant, as long as it would have been moved then as well.
+    """
+    outputs = firmware.plays(x_um, thresholds_um, states_um)[0]
+    stays = outputs == states_um
+    return np.where(np.all(stays, axis=0), len(x_um), np.argmin(stays, axis=0))

@@ -10,7 +10,7 @@ import numpy as np
 from ..data import Recording
 from ..model import Model
 from . import effects
-from .chain import Prediction, Score, reachable_um
+from .chain import ALONE, Prediction, Score, reachable_um
 from .inverse import Inverse
 from .memory import swept_um
 from .tracking import Tracked
@@ -100,10 +100,11 @@ def _at_odds(run: Recording, prediction: Prediction) -> list[str]:
 
 
 def notes(model: Model, run: Recording, prediction: Prediction) -> list[str]:
-    """Why the prediction of a run may be worse than the model: its drive, its rate, a rate that did not settle, a
-    column that it lacks.
+    """Why the prediction of a run may be worse than the model: its drive, its rate, a column that it lacks.
     """
     found = lacking(model, run) + _at_odds(run, prediction)
+    if run.memory == "carried" and prediction.memory == "estimated":
+        found.append(f"{run.path}: {ALONE}; the prediction starts from an estimate")
     low_V, high_V = model.drive.min_V, model.drive.max_V
     beyond = max(low_V - run.command_V.min(), run.command_V.max() - high_V)
     if beyond > WORTH_A_NOTE * (high_V - low_V):
@@ -113,7 +114,4 @@ def notes(model: Model, run: Recording, prediction: Prediction) -> list[str]:
     if guarded > WORTH_A_NOTE:
         found.append(f"{run.path}: in {100 * guarded:.3g} % of the samples the rate exceeded the guard, "
                      f"{model.rate.max_um_per_s:.4g} um/s, and was clamped")
-    if not prediction.settled:
-        found.append(f"{run.path}: the rate of the prediction did not settle: the prediction may be wrong. "
-                     "Fit with a longer --rate-window")
     return found

@@ -13,6 +13,7 @@ RATE_NOISE = 0.02  # noise allowed in a smoothed rate, as a share of the peak ra
 PROBE = 9  # samples of the cubic that separates noise from movement
 SLOW_SENSOR = 0.8  # of all readings, repeated equally often; judged
 GRID_TOLERANCE = 0.05  # of a grid's step: values written with few digits
+GOLDEN = (5**0.5 - 1) / 2
 PAST_DECAY = 0.3  # [recording] time constant of what goes on creeping in it from before; judged
 
 
@@ -92,24 +93,28 @@ def repeats(z_um: np.ndarray) -> int:
 
 
 def limited(signal: np.ndarray, limit: float) -> np.ndarray:
-    """The signal following with at most `limit` per sample; only where it is too fast is it gone through in turn."""
-    result = signal.copy()
-    fast = np.flatnonzero(np.abs(np.diff(signal)) > limit) + 1
-    k = 0
-    while k < len(fast):
-        i = int(fast[k])
-        value = float(result[i - 1])
-        while i < len(signal):
-            target = float(signal[i])
-            if abs(target - value) <= limit:
-                break
-            value += limit if target > value else -limit
-            result[i] = value
-            i += 1
-        k = max(k + 1, int(np.searchsorted(fast, i + 1)))
-    return result
+    """The signal following with at most `limit` per sample, (samples,)."""
+    bank = firmware.Bank([firmware.Block(firmware.SLEW, (limit,))])
+    bank.start(float(signal[0]))
+    return bank.run(signal)[0]
 
 
 def goes_on(samples: int) -> np.ndarray:
     """What goes on creeping in a recording from before it, where no sweep was before it; 1 at first, (samples,)."""
     return np.exp(-np.arange(samples) / (PAST_DECAY * samples))
+
+
+def asides(run: Recording) -> np.ndarray:
+    """What a recording shows that is no matter of the model, (samples, columns): its offset and, where nothing is known
+    of what was before it, what goes on creeping in it from there.
+    """
+    columns = [np.ones(len(run))]
+    if run.memory == "unknown":
+        columns.append(goes_on(len(run)))
+    return np.column_stack(columns)
+
+
+def uneven(first: int, end: int, stride: int) -> np.ndarray:
+    """One sample of every `stride`, not at even steps, which would always meet a periodic drive at the same places."""
+    steps = np.arange(first, end, stride)
+    return np.minimum(steps + (stride * (np.arange(len(steps)) * GOLDEN % 1)).astype(int), end - 1)

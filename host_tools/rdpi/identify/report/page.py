@@ -14,7 +14,7 @@ from ...simulate import Prediction, chain
 from ...simulate.effects import CATALOGUE
 from .. import localise
 from ..bands import RateSlopes, rate_slopes
-from ..document import FitDocument
+from ..document import FitDocument, name_of
 from . import drawing, figure
 from .numbers import NONE, base, bracketed, given, interval, number, plain, sentence_of, sized, um
 from .templating import environment
@@ -50,6 +50,8 @@ def page_of(result: Fit, runs: Sequence[Recording], document: FitDocument) -> st
         return TEMPLATES.get_template("fit.html.j2").render(
             heading=plain(result.model.actuator or "actuator", 100), sentence=_sentence(document, sides),
             tiles=_tiles(result, document), effects=_effects(result), brought=_brought(result.choice),
+            variants=[{"name": name_of(one), "parameters": one.parameters, "missed": f"{number(one.left_out_percent, 3)} %"}
+                      for one in document.variants],
             sweep=sentence_of(result.sweep.line()),
             rows=_rows(document, sides), compared=len(sides) > 1, sections=_sections(result, runs, sides),
             warnings=[sentence_of(plain(warning, 1000)) for warning in document.warnings],

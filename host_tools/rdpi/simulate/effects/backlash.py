@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ... import firmware
-from ...data import Recording
+from ...firmware import Block
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
 from .treatment import Treatment
@@ -25,8 +25,8 @@ class Backlash(Effect):
     stands_still = True
     parameters = (Parameter("width_um", "um", 0.0, np.inf),)
 
-    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        return firmware.plays(z_um, np.array([0.0, values["width_um"] / 2]), np.full(2, z_um[0]))[0][:, 1]
+    def block(self, values: Values, model: Model, sample_time_s: float) -> Block | None:
+        return Block(firmware.PLAY, (values["width_um"] / 2,)) if values["width_um"] else None
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         return Treatment("compensated", "by a jump of its width at each reversal of the reference, which the application "

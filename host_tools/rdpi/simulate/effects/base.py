@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 
 from ... import firmware
-from ...data import Recording
+from ...data import Past, Recording
+from ...firmware import Block
 from ...model import LARGEST, Model
-from ..memory import from_middle_um, since_sweep_s
+from ..memory import past_of
 from .spectra import Spectra
 from .treatment import Sensor, Treatment
 
@@ -65,7 +66,7 @@ class Residuals:
 
 
 class Effect:
-    """One effect at one stage; stateless: what a run remembers starts settled at its first sample, or as a sweep before it left it."""
+    """One effect at one stage; stateless: its block says what it remembers."""
 
     name: ClassVar[str]
     title: ClassVar[str]  # in plain words
@@ -207,11 +208,21 @@ class Effect:
         """What is wrong with parameters that are each within bounds; None: nothing."""
         return None
 
+    def block(self, values: Values, model: Model, sample_time_s: float) -> Block | None:
+        """What it does to the drive in V, if it acts on it, or to the displacement in um; None: nothing."""
+        return None
+
     def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         """The signal (samples,) that leaves this stage: the drive in V if the effect acts on it, else the displacement
         in um, and run.command_V then is what drove the actuator.
         """
-        return signal
+        block = self.block(values, model, run.sample_time_s)
+        if block is None or not len(signal):
+            return signal
+        past = past_of(run, model) if block.of_actuator else Past()
+        bank = firmware.Bank([block])
+        bank.start(float(signal[0]), past=past)
+        return bank.run(signal, driven_V=run.command_V)[0]
 
     def drive(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         """The drive in V (samples,) that leaves this stage."""
@@ -270,14 +281,3 @@ def low_pass(signal: np.ndarray, sample_time_s: float, time_constant_s: float) -
     """First-order lag of unit gain, settled at first, exact for a signal that is straight between samples."""
     return signal + firmware.lags(signal, sample_time_s, [time_constant_s], [0.0])
 
-
-def swept_away_um(run: Recording, model: Model) -> float:
-    """How far from where the recording starts the displacement was before a sweep led it there; 0 if none did."""
-    if run.memory != "reset":
-        return 0.0
-    return from_middle_um(model, float(model.x_of(run.command_V[0])))
-
-
-def left_of_sweep(sample_time_s: float, time_constant_s: float | np.ndarray) -> float | np.ndarray:
-    """Share of that way that a lag has still to go at the first sample; shape of time_constant_s."""
-    return np.exp(-since_sweep_s(sample_time_s) / time_constant_s)

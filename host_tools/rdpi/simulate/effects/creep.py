@@ -6,8 +6,9 @@ import numpy as np
 
 from ... import firmware
 from ...data import Recording
+from ...firmware import Block
 from ...model import Model
-from .base import Effect, Parameter, Residuals, Values, left_of_sweep, swept_away_um
+from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown, time_text
 from .treatment import Treatment
 
@@ -41,13 +42,11 @@ class Creep(Effect):
     tells_zero = True
     chance_gain = 0.15, 0.0  # what a rig's own creep brings, of which short commissioning recordings show little
 
-    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        share = values["percent_per_decade"] / 100
+    def block(self, values: Values, model: Model, sample_time_s: float) -> Block | None:
+        share = values["percent_per_decade"] / 100 / PER_DECADE
         if share == 0:
-            return z_um
-        step_s, away_um = run.sample_time_s, swept_away_um(run, model)
-        ahead_um = firmware.lags(z_um, step_s, TIMES_S, away_um * left_of_sweep(step_s, TIMES_S))
-        return z_um + share / PER_DECADE * (ahead_um + len(TIMES_S) * (z_um - z_um[0] - away_um))
+            return None
+        return firmware.lags_block(sample_time_s, TIMES_S, np.full(len(TIMES_S), share), len(TIMES_S) * share, of_actuator=True)
 
     def past_um(self, values: Values, run: Recording, model: Model) -> float:
         decades = np.log10(1 + len(run) * run.sample_time_s / TIMES_S[0])

@@ -50,7 +50,12 @@ class CrossCoupling(Effect):
 
     def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
         other = run.columns.get(self.column)
-        return z_um if other is None else z_um + values["um_per_V"] * other
+        return z_um if other is None else self.added(z_um, other, values)
+
+    @staticmethod
+    def added(z_um: np.ndarray, other_V: np.ndarray, values: Values) -> np.ndarray:
+        """With what the other axis adds; all (samples,)."""
+        return z_um + values["um_per_V"] * other_V
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         return Treatment("compensated", f"by the application, which subtracts {values['um_per_V']:.4g} um per V of "

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...data import Recording
+from ... import firmware
+from ...firmware import Block
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown, time_text
@@ -27,11 +28,8 @@ class Delay(Effect):
     late_by = "delay_s"
     parameters = (Parameter("delay_s", "s", 0.0, 1.0),)
 
-    def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        late = min(values["delay_s"] / run.sample_time_s, len(signal))
-        whole = int(late)
-        before = np.concatenate([np.full(whole + 1, signal[0]), signal])[:len(signal) + 1]
-        return before[1:] + (late - whole) * (before[:-1] - before[1:])
+    def block(self, values: Values, model: Model, sample_time_s: float) -> Block | None:
+        return firmware.delay_block(values["delay_s"] / sample_time_s) if values["delay_s"] > 0 else None
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         delay_s = values["delay_s"]

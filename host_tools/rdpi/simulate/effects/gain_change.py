@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ... import firmware
 from ...data import Recording
+from ...firmware import Block
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
 from .treatment import Treatment, folded
@@ -31,8 +33,8 @@ class GainChange(Effect):
     def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
         return [cls()]  # a sensor's scale looks like the actuator's
 
-    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        return model.offset_um + values["factor"] * (z_um - model.offset_um)
+    def block(self, values: Values, model: Model, sample_time_s: float) -> Block | None:
+        return Block(firmware.LINE, (model.offset_um * (1 - values["factor"]), values["factor"]))
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         factor, law = values["factor"], folded_into.rate

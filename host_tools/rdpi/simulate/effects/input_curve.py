@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...data import Recording
+from ... import firmware
+from ...firmware import Block
 from ...model import LARGEST, MAX_CURVE_PIECES, Model, along
 from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown
@@ -62,19 +63,15 @@ class InputCurve(Effect):
         return None if least > LEAST_SLOPE else (f"the least slope of the curve is {least:.3g} of its mean slope; "
                                                  f"must be more than {LEAST_SLOPE:g}")
 
-    def act(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        return self.bent(drive_V, values)
+    def block(self, values: Values, model: Model | None = None, sample_time_s: float = 0.0) -> Block | None:
+        if not (values["quadratic"] or values["cubic"]):
+            return None
+        return Block(firmware.BENT, tuple(values[parameter.name] for parameter in self.parameters))
 
     def bent(self, drive_V: np.ndarray, values: Values) -> np.ndarray:
         """What the plays get of drives, both in V."""
-        quadratic, cubic, low_V, high_V = (values[parameter.name] for parameter in self.parameters)
-        if not (quadratic or cubic):
-            return drive_V
-        within_V = np.clip(drive_V, low_V, high_V)
-        u = (within_V - low_V) / (high_V - low_V)
-        bow = u * (1 - u) * (quadratic + cubic * (1 - 2 * u))
-        end_slope = cubic + np.where(drive_V < low_V, quadratic, -quadratic)
-        return drive_V + (high_V - low_V) * bow + end_slope * (drive_V - within_V)
+        block = self.block(values)
+        return drive_V if block is None else firmware.Bank([block]).run(drive_V)[0]
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         drive = folded_into.drive

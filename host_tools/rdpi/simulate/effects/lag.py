@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...data import Recording
+from ... import firmware
+from ...firmware import Block
 from ...model import Model
-from .base import Effect, Parameter, Residuals, Values, low_pass
+from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown, time_text
 from .treatment import Sensor, Treatment
 
@@ -27,9 +28,9 @@ class Lag(Effect):
     late_by = "time_constant_s"
     parameters = (Parameter("time_constant_s", "s", 0.0, 1.0),)
 
-    def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+    def block(self, values: Values, model: Model, sample_time_s: float) -> Block | None:
         time_constant_s = values["time_constant_s"]
-        return low_pass(signal, run.sample_time_s, time_constant_s) if time_constant_s > 0 else signal
+        return firmware.lags_block(sample_time_s, [time_constant_s], [1.0]) if time_constant_s > 0 else None
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         lag_s = values["time_constant_s"]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...data import Recording
+from ... import firmware
+from ...firmware import Block
 from ...model import Model
 from ..signals import grid_step
 from .base import Effect, Parameter, Residuals, Values
@@ -48,13 +49,13 @@ class Quantisation(Effect):
     def reading_step_um(self, values: Values) -> float:
         return values["step"] if self.stage == "sensor" else 0.0
 
-    def act(self, signal: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+    def block(self, values: Values, model: Model, sample_time_s: float) -> Block | None:
         step = values["step"]
         if step < LEAST_STEP:
-            return signal
+            return None
         if self.stage == "sensor":
-            return _staircase(signal, step, values["dither"])
-        return _rounded(signal, values)
+            return _staircase(step, values["dither"])
+        return Block(firmware.ROUND, (values["origin"], step))
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         if self.stage == "DAC" and folded_into.drive.noise_shaping:
@@ -95,19 +96,16 @@ def _explained(values: Values, residuals: Residuals) -> float:
     """Squares that the rounding takes away, if the displacement follows it by any gain."""
     across = energy = 0.0
     for run, residual in zip(residuals.runs, residuals.drive_residual_um):
-        rounding_V = _rounded(run.command_V, values) - run.command_V
+        rounding_V = firmware.Bank([Block(firmware.ROUND, (values["origin"], values["step"]))]).run(
+            run.command_V)[0] - run.command_V
         across, energy = across + float(rounding_V @ residual), energy + float(rounding_V @ rounding_V)
     return max(across * np.sign(residuals.model.gain_um_per_V), 0.0) ** 2 / energy if energy > 0 else 0.0
 
 
-def _rounded(drive_V: np.ndarray, values: Values) -> np.ndarray:
-    return values["origin"] + values["step"] * np.round((drive_V - values["origin"]) / values["step"])
-
-
-def _staircase(x: np.ndarray, step: float, dither: float) -> np.ndarray:
+def _staircase(step: float, dither: float) -> Block:
     if dither < 0.05 * step:
-        return step * np.round(x / step)
+        return Block(firmware.ROUND, (0.0, step))
     k = np.arange(1, HARMONICS + 1)
     heights = step / np.pi * (-1.0) ** k / k * np.exp(-2 * (np.pi * k * dither / step) ** 2)
-    phase = 2 * np.pi / step * x
-    return x + sum(height * np.sin(j * phase) for j, height in zip(k, heights) if abs(height) > 1e-6 * step)
+    heights = heights[np.abs(heights) > 1e-6 * step]  # they fall
+    return Block(firmware.STAIRCASE, (2 * np.pi / step,), heights, count=len(heights))

@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ... import firmware
 from ...data import Recording
+from ...firmware import Block
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
 from .treatment import Treatment, folded, left_out
@@ -30,8 +32,8 @@ class RailSaturation(Effect):
     def refusal(values: Values) -> str | None:
         return None if values["V_min"] < values["V_max"] else "V_min must lie below V_max"
 
-    def act(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        return np.clip(drive_V, values["V_min"], values["V_max"])
+    def block(self, values: Values, model: Model, sample_time_s: float) -> Block | None:
+        return Block(firmware.CLAMP, (values["V_min"], values["V_max"]))
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         drive = folded_into.drive

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...data import Recording
+from ... import firmware
+from ...firmware import Block
 from ...model import Model, loop_ends_um, operators
-from .. import signals
 from .base import Effect, Parameter, Residuals, Values
 from .treatment import Treatment, left_out
 
@@ -33,16 +33,16 @@ class RateDependence(Effect):
     changes_loops = True
     grows_with_rate = True
 
-    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
+    def block(self, values: Values, model: Model, sample_time_s: float) -> Block | None:
         if values["widening"] == 0 and values["change"] == 0:
-            return z_um
+            return None
         law = model.rate
         top = law.identified_um_per_s or law.max_um_per_s
-        rate = signals.rate(z_um, run.sample_time_s, law.window_s, law.filter_s, law.smoothing_s)
         (low_V, low_um), (high_V, high_um) = _ends(model)
-        line = low_um + (high_um - low_um) * (run.command_V - low_V) / (high_V - low_V)
-        growth = values["widening"] * (z_um - line) + values["change"] * (z_um - (low_um + high_um) / 2)
-        return z_um + np.minimum(rate / top, 2.0) ** values["exponent"] * growth
+        slope = (high_um - low_um) / (high_V - low_V)
+        return Block(firmware.WIDEN, (top, values["exponent"], values["widening"], values["change"],
+                                      low_um - slope * low_V, slope, (low_um + high_um) / 2),
+                     rate=(law.window_s, law.filter_s, sample_time_s))
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         # Slopes that change with the rate do so about the control input 0, the effect about the middle of the range.

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ... import firmware
-from ...data import Recording
+from ...firmware import Block
 from ...model import Model
-from .base import Effect, Parameter, Residuals, Values, left_of_sweep, swept_away_um
+from .base import Effect, Parameter, Residuals, Values
 from .gain_change import GainChange
 from .planned import PlannedDrive, Shown, time_text
 from .treatment import Treatment
@@ -17,7 +17,6 @@ SLOWEST_S = 0.05  # that `fit` and `gap` look for: slower is how creep begins, b
 PER_DECADE = 3  # time constants that are tried
 PROMISING = 3  # of them, from which a fit starts
 SHARES_SHOWN = 0.02, 0.08  # for which `rdpi excite` says the time constants that a drive shows
-FORGOTTEN = 1e-12  # of what was before a sweep: less is none
 RESOLVED = 0.5, 0.25  # time constants that recordings resolve: from half a sample to a quarter of the longest
 
 
@@ -44,14 +43,9 @@ class Relaxation(Effect):
     on_rig = {"share": (0.0, 0.12), "time_constant_s": (SHORTEST_S, SLOWEST_S)}
     contains = GainChange  # slower than the recordings, its share is missing from every move
 
-    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        share, time_s = values["share"], values["time_constant_s"]
-        if share == 0:
-            return z_um
-        step_s = run.sample_time_s
-        left = left_of_sweep(step_s, time_s)
-        ahead_um = left * swept_away_um(run, model) if left > FORGOTTEN else 0.0  # which takes as long as the lag does
-        return z_um + share * firmware.lags(z_um, step_s, [time_s], [ahead_um])
+    def block(self, values: Values, model: Model, sample_time_s: float) -> Block | None:
+        share = values["share"]
+        return firmware.lags_block(sample_time_s, [values["time_constant_s"]], [share], of_actuator=True) if share else None
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         share, time_s = values["share"], values["time_constant_s"]

@@ -6,7 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from ... import firmware
 from ...data import Recording
+from ...firmware import Block
 from ...model import Model
 from .base import Effect, Parameter, Residuals, Values
 from .planned import PlannedDrive, Shown, time_text
@@ -47,9 +49,10 @@ class Resonance(Effect):
     def least_gain(self, values: Values) -> float:
         return LEAST_GAIN * min(1.0, values["damping"] / BROAD)
 
-    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        turn = values["f0_hz"] * run.sample_time_s  # per sample
-        return _ring(z_um, 2 * np.pi * turn, values["damping"]) if turn < 0.5 else z_um
+    def block(self, values: Values, model: Model, sample_time_s: float) -> Block | None:
+        """Exact for a signal that is straight between samples (first-order hold)."""
+        turn = values["f0_hz"] * sample_time_s  # per sample
+        return firmware.ring_block(*_filter(2 * np.pi * turn, values["damping"])) if turn < 0.5 else None
 
     def missing_in(self, run: Recording, values: Values) -> str:
         turn = values["f0_hz"] * run.sample_time_s
@@ -186,15 +189,9 @@ def _promising(residuals: Residuals, grid: list[tuple[float, float]]) -> list[tu
     return [grid[k] for k in dict.fromkeys(best)]
 
 
-def _ring(z: np.ndarray, w: float, damping: float) -> np.ndarray:
-    """Exact for a signal that is straight between samples (first-order hold), w in radians per sample."""
-    from scipy.signal import lfilter
-
-    return z[0] + lfilter(*_filter(w, damping), z - z[0])
-
-
 @lru_cache(maxsize=256)
 def _filter(w: float, damping: float) -> tuple[np.ndarray, np.ndarray]:
+    """Numerator and denominator; w in radians per sample."""
     from scipy.signal import cont2discrete
 
     numerator, denominator, _ = cont2discrete(([w * w], [1, 2 * damping * w, w * w]), 1.0, method="foh")

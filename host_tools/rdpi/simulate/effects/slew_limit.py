@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...data import Recording
+from ... import firmware
+from ...firmware import Block
 from ...model import Model
 from .. import signals
 from .base import Effect, Parameter, Residuals, Values
@@ -28,9 +29,9 @@ class SlewLimit(Effect):
     grows_with_rate = True
     parameters = (Parameter("V_per_s", "V/s", 1e-9, np.inf, np.inf),)
 
-    def act(self, drive_V: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        limit = values["V_per_s"] * run.sample_time_s
-        return signals.limited(drive_V, limit) if np.isfinite(limit) else drive_V
+    def block(self, values: Values, model: Model, sample_time_s: float) -> Block | None:
+        limit = values["V_per_s"] * sample_time_s
+        return Block(firmware.SLEW, (limit,)) if np.isfinite(limit) else None
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         drive, limit = folded_into.drive, values["V_per_s"]

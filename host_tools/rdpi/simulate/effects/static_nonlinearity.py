@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ... import firmware
 from ...data import Recording
+from ...firmware import Block
 from ...model import Model, loop_ends_um, operators
 from .base import Effect, Parameter, Residuals, Values
 from .gain_change import GainChange
@@ -40,20 +42,15 @@ class StaticNonlinearity(Effect):
     def variants(cls, runs: Sequence[Recording]) -> list[Effect]:
         return [cls()]  # a curve of the actuator looks like one of the sensor
 
-    def act(self, z_um: np.ndarray, run: Recording, values: Values, model: Model) -> np.ndarray:
-        return self._curve(z_um, values, model)
-
-    @staticmethod
-    def _curve(z_um: np.ndarray, values: Values, model: Model) -> np.ndarray:
-        half = model.stroke_um / 2
-        p = (z_um - model.offset_um) / half - 1
-        return z_um + half * p * (values["linear"] + p * (values["quadratic"] + p * values["cubic"]))
+    def block(self, values: Values, model: Model, sample_time_s: float = 0.0) -> Block:
+        return Block(firmware.CUBIC, (model.offset_um, model.stroke_um / 2, values["linear"], values["quadratic"],
+                                      values["cubic"]))
 
     def treated(self, values: Values, model: Model, folded_into: Model) -> Treatment:
         d, weights, offset_um = folded_into.deadzones_um, folded_into.deadzone_weights, folded_into.offset_um
         low, high = loop_ends_um(folded_into)
         v = np.unique(np.concatenate([np.linspace(min(low, 0.0), max(high, d[-1]), POINTS), d]))
-        z = self._curve(operators.saturation(v, d, weights) + offset_um, values, model)
+        z = firmware.Bank([self.block(values, model)]).run(operators.saturation(v, d, weights) + offset_um)[0]
         corners = _corners(v[v >= 0], z[v >= 0])
         at = np.interp(corners, v, z)
         slopes = np.diff(at) / np.diff(corners)
