@@ -77,7 +77,7 @@ static rdpi_real_t rate_with(const rdpi_block_t *block, uint32_t back, rdpi_real
     const rdpi_real_t *state = block->state;
     uint32_t at = (uint32_t)state[0];
     if (state[1] <= 0) {
-        return 0; /* the first sample */
+        return state[2]; /* the first sample */
     }
     rdpi_real_t before_um = state[3u + (at >= back ? at - back : at + block->count - back)];
     rdpi_real_t raw_um_per_s = fabs(z_um - before_um) * law->per_window_s * (law->window / (rdpi_real_t)back);

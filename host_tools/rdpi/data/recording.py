@@ -48,6 +48,7 @@ class Past(NamedTuple):
     rest_um: float = 0.0  # from the first sample to where the actuator had rested for long
     thresholds_V: np.ndarray = np.zeros(0)  # (plays,); none: as the metadata state it
     plays_V: np.ndarray = np.zeros(0)  # the drive at which each play rests, (plays,)
+    rate_um_per_s: float = 0.0  # behind the low-pass of the rate, where there is one
 
 
 @dataclass(frozen=True, eq=False)

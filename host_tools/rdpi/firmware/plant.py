@@ -47,7 +47,7 @@ class Block:
         if self.kind == DELAY:
             return np.r_[0.0, np.full(self.count - 1, first)]
         if self.kind == OPERATOR:
-            return np.zeros(3 + self.count)
+            return np.r_[0.0, 0.0, past.rate_um_per_s, np.zeros(self.count)]
         if self.kind == RING:
             return np.array([0.0, 0.0, first])
         if self.kind == LAGS:

@@ -275,7 +275,10 @@ def rate_of(run: Recording, x_um: np.ndarray, source: str, window_s: float, filt
     """The rate that modulates the slopes; the command is free of noise and is not smoothed."""
     if source == "control":
         return signals.rate(x_um, run.sample_time_s, window_s, filter_s, 0.0)
-    return signals.rate(run.displacement_um, run.sample_time_s, window_s, filter_s, smoothing_s)
+    rate = signals.rate(run.displacement_um, run.sample_time_s, window_s, filter_s, smoothing_s)
+    if run.past is not None and filter_s > 0:
+        rate += run.past.rate_um_per_s * np.exp(-np.arange(len(rate)) * run.sample_time_s / filter_s)
+    return rate
 
 
 def rerated(runs: Sequence[Run], source: str, window_s: float, filter_s: float, smoothing_s: Sequence[float]

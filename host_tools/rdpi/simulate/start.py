@@ -1,9 +1,10 @@
 """Where a recording of unknown memory began, estimated from how it goes on.
 
-Two things are not known: the plays, and what relaxation and creep still owe of a move before the first sample. The plays
+Not known are the plays, what relaxation and creep still owe of a move before the first sample, and, where the rate passes a
+low-pass, the rate before. The plays
 that a history leaves are a function of the threshold whose slope lies between -1 and 1, so that as many slopes are
 sought, within these bounds. What the poles owe follows from where the actuator had been and when it left, of which any
-time is as likely as ten times it. Both are linear near by: the estimate is the maximum of their posterior (Gauss and
+time is as likely as ten times it. All are linear near by: the estimate is the maximum of their posterior (Gauss and
 Newton), beside a constant. What the model misses anyway is correlated from sample to sample, and so many samples count
 as are independent.
 """
@@ -76,7 +77,9 @@ def _unexplained(missed: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
 
 
 class _Search:
-    """One recording beside a plant. Unknowns: slopes of the plays' memory, what the poles owe, a constant."""
+    """One recording beside a plant. Unknowns: slopes of the plays' memory, what the poles owe, and the rate as a share of the
+    highest.
+    """
 
     def __init__(self, plant: Plant, run: Recording) -> None:
         self.plant, self.run = plant, run
@@ -91,6 +94,9 @@ class _Search:
         x_um = model.x_of(effects.driven(plant.acting, run.command_V, run, plant.model))
         self.remembered = warm_up(x_um, model.thresholds_um[-1]) if len(self.gaps_um) else 0
         self.moves = len(LEFT_S) if len(self.smooth.poles_s) else 0
+        law = model.rate
+        self.rates = int(law.filter_s > 0 and bool(np.any(model.slope_rate_s_per_um)))
+        self.top_um_per_s = law.identified_um_per_s or law.max_um_per_s
         length = len(run) if self.moves else min(len(run), LAST * max(self.remembered, 1))
         self.used = slice(0, length)
         self.columns = {name: values[self.used] for name, values in run.columns.items()}
@@ -101,13 +107,13 @@ class _Search:
     def found(self) -> Estimate:
         reach = np.linspace(-1, 1, POSITIONS) * self.model.thresholds_um[-1]
         straight = [self._slopes(states_after(self.x0_um + far, self.x0_um, self.model.thresholds_um)) for far in reach]
-        count, moves = len(self.gaps_um), np.zeros(self.moves)
+        count, moves = len(self.gaps_um), np.zeros(self.moves + self.rates)
         tried = [np.r_[slopes, moves] for slopes in (np.zeros(count), *straight)] if count else [moves]
         misses = [self._missed(one)[0] for one in tried]
         noise_um = self._noise(min(misses, key=lambda one: float(one @ one)))
         at = min(zip(tried, misses, strict=True), key=lambda pair: self._cost(*pair, noise_um))[0]
         missed, ran = self._missed(at)
-        for _ in range(STEPS if self.remembered > 1 or self.moves else 0):
+        for _ in range(STEPS if self.remembered > 1 or self.moves or self.rates else 0):
             jacobian = self._jacobian(at, ran)
             noise_um = self._noise(_unexplained(missed, jacobian))
             before = self._cost(at, missed, noise_um)
@@ -146,12 +152,14 @@ class _Search:
     def _prior(self) -> np.ndarray:
         """Of each unknown, one over what it may be (standard deviation)."""
         moved_um = AWAY * self.model.stroke_um / len(LEFT_S) ** 0.5
-        return np.r_[np.full(len(self.gaps_um), 1 / SLOPE_SPREAD), np.full(self.moves, 1 / moved_um)]
+        return np.r_[np.full(len(self.gaps_um), 1 / SLOPE_SPREAD), np.full(self.moves, 1 / moved_um),
+                     np.full(self.rates, 1 / SLOPE_SPREAD)]
 
     def _past(self, at: np.ndarray) -> Past:
-        moves_um = at[len(self.gaps_um):]
+        moves_um = at[len(self.gaps_um):len(self.gaps_um) + self.moves]
         gain, plays_V = self.model.gain_um_per_V, self._plays(at) / self.model.gain_um_per_V + self.model.offset_V
-        beside = Past(thresholds_V=self.model.thresholds_um / abs(gain), plays_V=plays_V)
+        beside = Past(thresholds_V=self.model.thresholds_um / abs(gain), plays_V=plays_V,
+                      rate_um_per_s=float(at[-1]) * self.top_um_per_s if self.rates else 0.0)
         return beside._replace(away_um=moves_um, since_s=LEFT_S) if self.moves else beside
 
     def _state(self, at: np.ndarray) -> State:
@@ -194,6 +202,11 @@ class _Search:
             other = at.copy()
             other[len(self.gaps_um) + k] += near_um
             columns.append((behind(ran.operated_um, ran.driven_V, self._state(other)) - plain_um) / near_um * NEAR)
+        if self.rates:
+            other = at.copy()
+            other[-1] += NEAR if at[-1] < 0.5 else -NEAR
+            moved = self.smooth.run(self.columns["command_V"], self._state(other), self.columns).displacement_um
+            columns.append((moved - ran.displacement_um) / (other[-1] - at[-1]) * NEAR)
         return self._beside(np.column_stack([column[self.rows] for column in columns]) / NEAR)
 
     def _play_columns(self, at: np.ndarray, ran: Ran) -> np.ndarray:
@@ -211,7 +224,8 @@ class _Search:
         from scipy.optimize import lsq_linear
 
         count = len(self.gaps_um)
-        low, high = (np.r_[np.full(count, end) - at[:count], np.full(len(at) - count, end * np.inf)] for end in (-1.0, 1.0))
+        low, high = (np.r_[np.full(count, end), np.full(self.moves, end * np.inf), np.full(self.rates, (end + 1) / 2)] - at
+                     for end in (-1.0, 1.0))
         slack = 1e-9
         return lsq_linear(np.vstack([jacobian / noise_um, np.diag(self.prior)]), np.r_[missed / noise_um, -self.prior * at],
                           (low - slack, high + slack), method="bvls").x.clip(low, high)
