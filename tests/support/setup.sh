@@ -58,10 +58,12 @@ case ${1-} in
 demo) ;;
 board) needs+=$board ;;
 tests)
-    needs+="$board"'
+    # gcc-multilib excludes compilers for other machines; what is behind it does not.
+    gcc=$(gcc -dumpversion 2>/dev/null || awk -F. '{ print $1 < 13 ? 12 : 14 }' /etc/debian_version 2>/dev/null || echo 14)
+    needs+="$board
+    gcc-${gcc%%.*}-multilib  header   stdio.h gcc -m32"'
     ccache              command  ccache
     g++                 command  g++
-    gcc-multilib        header   stdio.h gcc -m32
     clang               command  clang
     libclang-rt-dev     runtime  fuzzer
     clang-tidy          command  clang-tidy
