@@ -140,9 +140,9 @@ def lacking(choice: Choice, one: Kept) -> Choice:
     return with_intervals(found, [other.acting.effect for other in kept], less.hypothesis.rated)
 
 
-def nothing(choice: Choice) -> Choice:
-    """The same without any effect."""
-    return Choice(choice.plain, choice.plain, ())
+def nothing(choice: Choice, rated: bool) -> Choice:
+    """The same without any effect, with a rate law or without."""
+    return Choice(choice.plain, choice.plain.trying(Hypothesis(rated=True)) if rated else choice.plain, ())
 
 
 def by_command(choice: Choice, runs: Sequence[Recording], names: Sequence[str] | None) -> Judged:

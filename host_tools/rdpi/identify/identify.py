@@ -255,12 +255,13 @@ def _compared(whole: _Whole, begun: Sequence[Recording], runs: Sequence[Recordin
         if better.missed_um > best.missed_um:
             break
         best = better
-    nothing = None if whole.chosen is None else around.nothing(whole.chosen)
-    if whole.found is not plain:
-        tried.append(_tried(_Whole(plain, plain, nothing, plain.model), runs))
-    if np.any(plain.model.slope_rate_s_per_um):
-        still = _operator(begun, frame, options, False, sweep=plain.sweep)
-        tried.append(_tried(_Whole(plain, still, nothing, still.model), runs))
+    rated = bool(np.any(plain.model.slope_rate_s_per_um))
+    alone = [plain] if whole.found is not plain else []
+    if rated:
+        alone.append(_operator(begun, frame, options, False, sweep=plain.sweep))
+    for one in alone:
+        nothing = None if whole.chosen is None else around.nothing(whole.chosen, rated and one is plain)
+        tried.append(_tried(_Whole(plain, one, nothing, one.model), runs))
     return tried
 
 
