@@ -7,6 +7,7 @@
     .venv/bin/python tests/rigs/chain.py monitored --rigs 2
     .venv/bin/python tests/rigs/chain.py law
     .venv/bin/python tests/rigs/chain.py picma
+    .venv/bin/python tests/rigs/chain.py cuts
 
 plain      Rigs without delay, lag, overshoot (a lag of second order) and relaxation, all else as the seed draws it:
            how many models get a delay or lag above a third of a sample, or a relaxation above 0.5 % of the movement.
@@ -29,6 +30,8 @@ law        The paper's law on tests/bench, without and behind 0.5 ms of delay: t
            rate coefficients beside those found without it.
 picma      The measured P-885.91 of ../shared/data (or $RDPI_DATA): predictions, and the drive for its displacement
            against the command that was recorded.
+cuts       The same record cut in two in twelve places, both parts of unknown memory: how well the model of each predicts
+           the other, beside its offset and with it.
 
 tests/benchmark/fit_speed.py tells time and memory. What stands after `--` goes to `rdpi fit`.
 """
@@ -381,6 +384,8 @@ def law_table(without: dict[str, Any], behind: dict[str, Any]) -> str:
 
 RUNS = {"fitted": ("Model_Vi_Do.dat", "400:4400", "unknown"), "next": ("Model_Vi_Do.dat", "4400:8000", "carried"),
         "other": ("Test_Vi_Do_Di.dat", "200:14100", "unknown")}
+CUTS, SHORTEST = 12, 600  # rows of the shortest part
+CUT = 400 + SHORTEST, 8027 - SHORTEST  # rows between which the record is cut
 MODELS: dict[str, list[str]] = {"defaults": [], "--deadzones 4": ["--deadzones", "4"],
                                 "--rate-window 0.04": ["--rate-window", "0.04"]}
 
@@ -446,6 +451,35 @@ def picma_table(results: Sequence[dict[str, Any]]) -> str:
     return "\n".join(["rms, % of the stroke; of the inverse, % of the command's range", *lines])
 
 
+def cuts(options: Sequence[str]) -> list[dict[str, Any]]:
+    """Errors in % of the stroke, beside the offset and with it, by the row of the cut; "later": the first part's model."""
+    with tempfile.TemporaryDirectory(prefix="rigs-") as name:
+        folder, results = Path(name), []
+        for cut in np.linspace(CUT[0], CUT[1], CUTS + 2).round().astype(int)[1:-1]:
+            parts = {"earlier": f"{CUT[0] - SHORTEST}:{cut}", "later": f"{cut}:{CUT[1] + SHORTEST}"}
+            for part, rows in parts.items():
+                measure.rdpi("import", data_folder() / RUNS["fitted"][0], "--command", 0, "--displacement", 4, "--rate", 200,
+                             "--rows", rows, "-o", folder / f"{part}.csv")
+            found: dict[str, Any] = {"row": int(cut)}
+            for fitted, part in (("earlier", "later"), ("later", "earlier")):
+                model = folder / "model.json"
+                measure.rdpi("fit", folder / f"{fitted}.csv", "-o", model, *options)
+                measure.rdpi("simulate", model, folder / f"{part}.csv", "--json", folder / "score.json")
+                score = measure.json.loads((folder / "score.json").read_text())["runs"][0]
+                beside = np.sqrt(max(score["rms_um"]**2 - score["offset_um"]**2, 0.0)) / score["rms_um"]
+                found[part] = [float(beside * score["rms_percent"]), score["rms_percent"]]
+            results.append(found)
+    return results
+
+
+def cuts_table(results: Sequence[dict[str, Any]]) -> str:
+    lines = [f"{one['row']:6}" + "".join(f"{value:9.3f}" for part in ("later", "earlier") for value in one[part])
+             for one in results]
+    worst = np.max([[*one["later"], *one["earlier"]] for one in results], axis=0)
+    return "\n".join(["rms, % of the stroke: of the later part by the earlier one's model, beside its offset and with it; "
+                      "of the earlier part", *lines, f"{'worst':>6}" + "".join(f"{value:9.3f}" for value in worst)])
+
+
 # --- command ---------------------------------------------------------------------------------------------------------
 
 def by_family(results: Sequence[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:
@@ -461,9 +495,9 @@ def failures(results: Sequence[dict[str, Any]]) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter,
-                                     usage="%(prog)s [options] {plain,recovered,tracked,monitored,law,picma} "
+                                     usage="%(prog)s [options] {plain,recovered,tracked,monitored,law,picma,cuts} "
                                            "[-- options of rdpi fit]")
-    parser.add_argument("what", choices=["plain", "recovered", "tracked", "monitored", "law", "picma"])
+    parser.add_argument("what", choices=["plain", "recovered", "tracked", "monitored", "law", "picma", "cuts"])
     parser.add_argument("--rigs", type=int, default=2, help="per family, and per number of effects (default 2)")
     parser.add_argument("--seed", type=int, default=1, help="of the first rig (default 1)")
     measure.add_families(parser)
@@ -488,9 +522,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     elif options.what == "law":
         results = [law(delay_s, of_fit) for delay_s in (0.0, DELAY_S)]
         print(law_table(*results))
-    else:
+    elif options.what == "picma":
         results = picma(of_fit)
         print(picma_table(results))
+    else:
+        results = cuts(of_fit)
+        print(cuts_table(results))
     if options.output:
         options.output.parent.mkdir(parents=True, exist_ok=True)
         options.output.write_text(measure.json.dumps(results, indent=1) + "\n")

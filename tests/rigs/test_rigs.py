@@ -557,7 +557,16 @@ def test_the_measured_record(capsys):
     assert chain.main(["picma"]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()[2:]]
     assert [row[0] for row in rows] == ["defaults", "--deadzones", "--rate-window"]
-    assert 0.3 < float(rows[0][1]) < 0.7 and 0.3 < float(rows[0][2]) < 1.2
+    assert 0.25 < float(rows[0][1]) < 0.4 and 0.3 < float(rows[0][2]) < 0.6
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not chain.data_folder().is_dir(), reason="no measured data")
+def test_the_measured_record_cut_anywhere(capsys):
+    """Within a sine, of which nothing is known before the cut."""
+    assert chain.main(["cuts"]) == 0
+    worst = [float(word) for word in capsys.readouterr().out.splitlines()[-1].split()[1:]]
+    assert max(worst[0], worst[2]) < 0.4 and max(worst[1], worst[3]) < 0.9
     assert 0.2 < float(rows[0][3]) < 3
 
 
