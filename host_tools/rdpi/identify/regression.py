@@ -243,7 +243,8 @@ def start_of(run: Recording, x_um: np.ndarray, bare: Model, swept: Callable[[flo
              ) -> tuple[np.ndarray, int]:
     """The plays before a run, (n + 1,), and the first sample that does not depend on them where they are not known.
 
-    Where such a run never erases them, it counts all the same, as if a sweep had ended there, until they are estimated.
+    Where such a run never erases them, or hardly goes on from there, it counts all the same, as if a sweep had ended
+    there, until they are estimated.
     """
     if run.past is not None:
         return memory.plays_of(run.past, bare), 0
@@ -254,7 +255,8 @@ def start_of(run: Recording, x_um: np.ndarray, bare: Model, swept: Callable[[flo
     states, first = swept(float(x_um[0])), 0
     if run.memory != "reset":
         first = memory.warm_up(x_um, bare.thresholds_um[-1])
-        first = first if reversals(x_um, 0.1, first) else 0
+        enough = len(x_um) - first >= 2 * tuned.MIN_SAMPLES_PER_UNKNOWN * len(bare.thresholds_um)  # two slopes per play
+        first = first if enough and reversals(x_um, 0.1, first) else 0
     return states, first
 
 
