@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from rdpi.data import Recording
 from rdpi.errors import BadInput
-from rdpi.identify import checks, passport
+from rdpi.identify import checks, identify, passport
 from rdpi.identify import thresholds as tuned
 from rdpi.identify.identify import FOLDS, Fit, Options, fit
 from rdpi.simulate import chain
@@ -397,3 +397,18 @@ def test_passport_of_a_single_run_whose_memory_is_erased_late() -> None:
     late = changed(run, time_s=np.arange(len(low)) * run.sample_time_s, command_V=low, displacement_um=z)
     known = fit([marked(late, memory="unknown")], STATIC).model.passport
     assert known["held_out"] == passport.LEFT_OUT and np.isfinite(known["spread"])
+
+
+def tried(*squares: float) -> list[identify._Tried]:
+    """Models that miss this in each of eight blocks, give or take a tenth."""
+    scatter = 1 + 0.1 * np.array([1, -1] * 4)
+    return [identify._Tried(None, [], [], square * np.roll(scatter, k)) for k, square in enumerate(squares)]
+
+
+def test_a_smaller_model_is_taken_where_it_misses_less_for_certain() -> None:
+    for squares, best in (((1.0, 2.0, 0.5), 2), ((1.0, 0.98, 2.0), 0), ((1.0, 0.5, 0.4), 2)):
+        models = tried(*squares)
+        found = identify._best_first(models)
+        assert found[0] is models[best] and set(map(id, found)) == set(map(id, models))
+        others = [one.missed_um for one in found[1:]]
+        assert others == sorted(others)

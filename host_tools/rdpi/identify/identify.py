@@ -33,6 +33,7 @@ from .sweep_start import SweepStart, sweep_start
 GRID = np.linspace(0.12, 0.88, 20)  # candidate dead zones, as shares of the displacement's range
 MAX_RATE_TIME_S = 1e3
 FOLDS = 8  # at most so many groups of runs are left out in turn for the passport
+BLOCKS = 8  # of a recording, in which models are compared
 ROUNDS = 3  # in which operator and unknown starts are estimated in turn
 THIN = 8  # of the samples, every how many are used to compare rate sources
 
@@ -124,7 +125,7 @@ def fit(runs: Sequence[Recording], options: Options = Options(), hold_out: Seque
     warnings += remarks
     tried = _compared(whole, begun, [*runs, *hold_out], frame, options)
     if around.wanted(options.effects) is None:
-        tried.sort(key=lambda one: one.missed_um)  # the chain that was chosen, or what misses less with less
+        tried = _best_first(tried)
     (plain, found, chosen, model), predictions, left_out, _ = tried[0]
     seen = [run.recording for run in found.runs]
     if found.columns.top_um_per_s:
@@ -219,7 +220,18 @@ class _Tried(NamedTuple):
     whole: _Whole
     predictions: list[chain.Prediction]
     left_out: list[np.ndarray | None]  # of each run, (samples,); see _leave_out
-    missed_um: float  # rms of that, each run's offset apart; every recording counts alike
+    squares: np.ndarray  # of that in each block, mean, each run's offset apart, um², (blocks,)
+
+    @property
+    def missed_um(self) -> float:
+        """rms; every recording counts alike."""
+        return float(np.sqrt(np.mean(self.squares)))
+
+    def beats(self, other: _Tried) -> bool:
+        """Whether it misses less, by more than the standard error of the gains over what is missed."""
+        gain = (other.squares - self.squares) / np.maximum(other.squares + self.squares, np.finfo(float).tiny)
+        return self.missed_um < other.missed_um and bool(
+            np.mean(gain) > np.std(gain, ddof=1) / np.sqrt(len(gain)))
 
     def variant(self, stroke_um: float) -> records.Variant:
         """For the model file and the document."""
@@ -237,7 +249,17 @@ def _tried(whole: _Whole, runs: Sequence[Recording]) -> _Tried:
     left_out = _leave_out(whole.found, fitted, effects.acting(whole.model), predictions)
     missed = [run.displacement_um - one.predicted_um if left is None else left
               for run, one, left in zip(fitted, predictions, left_out)]
-    return _Tried(whole, predictions, left_out, float(np.sqrt(np.mean([np.var(one) for one in missed]))))
+    squares = [np.mean(block**2) for one in missed for block in np.array_split(one - np.mean(one), BLOCKS)]
+    return _Tried(whole, predictions, left_out, np.array(squares))
+
+
+def _best_first(tried: Sequence[_Tried]) -> list[_Tried]:
+    """The first of them, or what beats it with less; then the others, from the best on."""
+    best = tried[0]
+    rest = sorted(tried[1:], key=lambda one: one.missed_um)
+    for one in rest:
+        best = one if one.beats(best) else best
+    return [best, *(one for one in sorted(tried, key=lambda one: one.missed_um) if one is not best)]
 
 
 def _compared(whole: _Whole, begun: Sequence[Recording], runs: Sequence[Recording], frame: Frame, options: Options
