@@ -65,7 +65,8 @@ def sine_um(board: Board) -> np.ndarray:
 
 @pytest.mark.parametrize("number", ["f32", pytest.param("q31", marks=pytest.mark.long)])
 def test_hand_over(number: str, board: Board, sine_um: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Closing leaves the code that the open loop has; opening leaves the code that there is.
+    """Closing leaves the code that the open loop has; opening leaves the code that there is, or the next one where the
+    reference lies between both.
 
     Without the sensor's noise: the controller passes it on, so that the codes differ by more from sample to sample.
     """
@@ -79,7 +80,7 @@ def test_hand_over(number: str, board: Board, sine_um: np.ndarray, monkeypatch: 
     assert (code[:CLOSE_AT + 1] == free[:CLOSE_AT + 1]).all()
     assert (code[CLOSE_AT + 1:] != free[CLOSE_AT + 1:]).mean() > 0.9
     assert (code[MOVING:OPEN_AT] != code[OPEN_AT - 1]).any(), "the controller works until then"
-    assert (code[OPEN_AT:] == code[OPEN_AT - 1]).all()
+    assert np.ptp(code[OPEN_AT:]) == 0 and abs(code[OPEN_AT] - code[OPEN_AT - 1]) <= 1
 
 
 @pytest.mark.long
